@@ -1,0 +1,154 @@
+"""The command line: parses arguments and calls what the widget calls."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+from napari_splinesketch.cli import report
+from napari_splinesketch.cli.parser import make_parser
+
+if TYPE_CHECKING:
+    from napari_splinesketch.cli.refining import Job
+
+BAR = "{percentage:3.0f}% |{bar}| frame {n:.1f} of {total:.0f}, {elapsed} gone, {remaining} to go"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code.
+
+    Parameters
+    ----------
+    arguments
+        As on the command line, without the program's name; None takes them from there.
+    """
+    options = make_parser().parse_args(arguments)
+    commands = {"demo": _demo, "refine": _refine, "convert": _convert, "compare": _compare}
+    try:
+        return commands[options.command](options)
+    except (ValueError, OSError) as error:
+        # What the user can mend is said in one sentence; anything else is our mistake and shows.
+        _say(f"napari-splinesketch {options.command}: {_sentence(error)}")
+        return report.NOTHING
+    except KeyboardInterrupt:
+        kept = options.command == "refine"
+        _say("interrupted; finished frames are kept: add --resume" if kept else "interrupted")
+        return report.INTERRUPTED
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import demo
+
+    reason = demo.why_no_window()
+    if options.output is None and reason is None:
+        from napari_splinesketch.plugin.demo import open_demo
+
+        open_demo()
+        return report.DONE
+    folder = options.output or demo.free_folder()
+    if options.output is None:
+        _say(f"No window: {reason}. Working without one; results go to {folder}.")
+    with demo.demo_job(folder, overwrite=options.overwrite) as job:
+        return _run(options, job)
+
+
+def _refine(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import refining
+
+    scale, units = _pixel_size(options)
+    given = {**vars(options), "scale": scale, "units": units}
+    return _run(options, refining.Job(**{name: given[name] for name in refining.OPTIONS}))
+
+
+def _run(options: argparse.Namespace, job: "Job") -> int:
+    from napari_splinesketch.cli import refining
+
+    with _progress() as progress:
+        outcome = refining.refine_job(job, progress)
+    for note in outcome.notes:
+        _say(note)
+    written = [str(path) for path in job.outputs()]
+    _show(
+        options,
+        report.as_json(outcome.frames, written=written, notes=outcome.notes),
+        report.as_text(outcome.frames),
+    )
+    return report.exit_code(outcome.frames)
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from napari_splinesketch.labels import read_labels, write_labels
+
+    labels = read_labels(options.source)
+    scale, units = _pixel_size(options)
+    if scale:
+        labels = replace(labels, scale=scale, units=units)
+    losses = write_labels(options.target, labels, overwrite=options.overwrite)
+    notes = [*labels.notes, *losses]
+    for note in notes:
+        _say(note)
+    count = len(labels.labels)
+    _show(
+        options,
+        {"written": str(options.target), "curves": count, "notes": notes},
+        f"{count} {'curve' if count == 1 else 'curves'} written to {options.target}",
+    )
+    return report.DONE
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import comparing
+    from napari_splinesketch.labels import read_labels
+
+    labels, truth = read_labels(options.labels), read_labels(options.truth)
+    result = comparing.compare(labels, truth, tolerance=options.tolerance)
+    if options.picture:
+        comparing.draw(
+            options.picture, labels, truth, image=options.image, overwrite=options.overwrite
+        )
+    for note in (*labels.notes, *truth.notes):
+        _say(note)
+    _show(options, asdict(result), comparing.as_text(result))
+    return report.DONE
+
+
+def _pixel_size(options: argparse.Namespace) -> tuple[tuple[float, float] | None, str | None]:
+    sizes = options.pixel_size
+    if sizes is None:
+        if options.units:
+            raise ValueError("--units are given without --pixel-size; give the size of a pixel too")
+        return None, None
+    if len(sizes) > 2:
+        raise ValueError(f"--pixel-size has {len(sizes)} numbers; give one, or two (y and x)")
+    return (sizes[0], sizes[-1]), options.units
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[float, int], None]]:
+    """Show a bar on a terminal, and nothing where a program reads the output."""
+    from tqdm import tqdm
+
+    with tqdm(disable=None, total=1, bar_format=BAR) as bar:
+
+        def show(done: float, total: int) -> None:
+            bar.total, bar.n = total, round(done, 2)
+            bar.refresh()
+
+        yield show
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def _show(options: argparse.Namespace, values: object, text: str) -> None:
+    print(json.dumps(values, ensure_ascii=False, indent=2) if options.json else text)

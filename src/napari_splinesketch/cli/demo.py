@@ -1,0 +1,63 @@
+"""The demo: sketches over swimming worms, refined in a window or into files."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from napari_splinesketch.cli.refining import Job
+
+IMAGE, SKETCHES = "worms_dense.png", "worms_dense_sketches.csv"
+FOLDER = "splinesketch-demo"
+PROBE = "from qtpy.QtWidgets import QApplication; QApplication([])"
+
+
+def why_no_window() -> str | None:
+    """Say why a window cannot be opened, or None where it can."""
+    has_screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not has_screen:
+        return "no display was found"
+    # Qt ends the process when it cannot start, so it is tried in another one.
+    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
+    if probe.returncode:
+        lines = probe.stderr.strip().splitlines() or ["it does not say why"]
+        reason = lines[-1 if lines[0].startswith("Traceback") else 0]
+        return f"Qt cannot open one here ({reason}; the README lists what it needs)"
+    return None
+
+
+def free_folder() -> Path:
+    """Give the first name for a folder that is not taken."""
+    folder, number = Path(FOLDER), 1
+    while folder.exists():
+        number += 1
+        folder = Path(f"{FOLDER}-{number}")
+    return folder
+
+
+@contextmanager
+def demo_job(folder: Path, *, overwrite: bool) -> Iterator[Job]:
+    """Give the job that refines the shipped sketches on the shipped frame.
+
+    Parameters
+    ----------
+    folder
+        Where labels.csv, overlay.png and reconstruction.tif go; made where it does not exist.
+    overwrite
+        Replace files of these names.
+    """
+    data = files("napari_splinesketch.data")
+    with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield Job(
+            str(image),
+            sketches,
+            folder / "labels.csv",
+            overlay=folder / "overlay.png",
+            reconstruction=folder / "reconstruction.tif",
+            resume=True,
+            overwrite=overwrite,
+        )

@@ -1,0 +1,189 @@
+"""Images for the command line: files, folders and films, read one frame at a time."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Real
+
+LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
+TIFFS = (".tif", ".tiff", ".lsm", ".stk")
+STILLS = (".png", ".jpg", ".jpeg", ".bmp")
+FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
+
+
+class ImageError(ValueError):
+    """An image that cannot be read: which, and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The frames of one image or film.
+
+    Attributes
+    ----------
+    name
+        The file's name.
+    count
+        Number of frames.
+    read
+        Reads frame i: (H, W), or (H, W, 3 or 4) colour.
+    scale
+        (y, x) size of a pixel in `units`, or None.
+    units
+        Physical unit, or None.
+    """
+
+    name: str
+    count: int
+    read: Callable[[int], np.ndarray]
+    scale: tuple[float, float] | None = None
+    units: str | None = None
+
+    def __getitem__(self, index: int) -> Real[np.ndarray, "H W"]:
+        """Read a frame; colour becomes luminance (Rec. 709)."""
+        if not 0 <= index < self.count:
+            raise ImageError(f"no frame {index}: {self.name} has {self.count}, counted from 0")
+        try:
+            pixels = np.asarray(self.read(index))
+        except Exception as error:  # image libraries raise anything on a broken file
+            raise ImageError(f"{self.name}, frame {index}: cannot be read ({error})") from error
+        if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
+            return pixels[..., :3].astype(np.float32) @ LUMINANCE
+        if pixels.ndim != 2:
+            raise ImageError(f"{self.name}, frame {index}: shape {pixels.shape}; expected (H, W)")
+        return pixels
+
+
+@contextmanager
+def open_frames(
+    pattern: str, *, channel: int | None = None, z: int | None = None
+) -> Iterator[Frames]:
+    """Open an image by its name, a folder of images, or a glob such as "day1/*.png".
+
+    Parameters
+    ----------
+    pattern
+        Name of a TIFF, PNG, OME-Zarr, AVI or MP4, of a folder with one image a frame, or a glob.
+    channel
+        Which channel of a multi-channel image, from 0.
+    z
+        Which plane, where an image has both planes and times, from 0.
+    """
+    path = Path(pattern)
+    if path.is_file():
+        opener = _file(path, channel, z)
+    elif _is_zarr(path):
+        from napari_splinesketch.cli.zarr_image import open_zarr
+
+        opener = open_zarr(path, channel, z)
+    else:
+        opener = _folder(pattern, channel, z)
+    with opener as frames:
+        yield frames
+
+
+def _is_zarr(path: Path) -> bool:
+    return any((path / name).is_file() for name in (".zgroup", ".zarray", "zarr.json"))
+
+
+def _file(path: Path, channel: int | None, z: int | None):
+    suffix = path.suffix.lower()
+    if suffix in TIFFS:
+        from napari_splinesketch.cli.tiff_image import open_tiff
+
+        return open_tiff(path, channel, z)
+    if suffix in FILMS:
+        from napari_splinesketch.cli.film import open_film
+
+        return open_film(path)
+    if suffix in STILLS:
+        return _still(path)
+    allowed = ", ".join((*TIFFS, *STILLS, *FILMS))
+    raise ImageError(f"{path}: not an image; expected one of {allowed}, OME-Zarr or a folder")
+
+
+@contextmanager
+def _still(path: Path) -> Iterator[Frames]:
+    import imageio.v3
+
+    yield Frames(path.name, 1, lambda index: imageio.v3.imread(path, index=0))
+
+
+@contextmanager
+def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames]:
+    folder = Path(pattern)
+    found = folder.iterdir() if folder.is_dir() else (Path(name) for name in glob(pattern))
+    paths = sorted((path for path in found if path.suffix.lower() in TIFFS + STILLS), key=_natural)
+    if not paths:
+        raise ImageError(f"{pattern}: no such image, and no folder or glob with images in it")
+
+    def read(index: int) -> np.ndarray:
+        with _file(paths[index], channel, z) as frames:
+            if frames.count != 1:
+                raise ImageError(f"{paths[index]} has {frames.count} frames; expected one a file")
+            return frames[0]
+
+    with _file(paths[0], channel, z) as first:
+        yield Frames(folder.name, len(paths), read, first.scale, first.units)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort frame_2 before frame_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def choose_planes(
+    name: str, axes: str, shape: tuple[int, ...], channel: int | None, z: int | None
+) -> tuple[int, Callable[[int], tuple[int, ...]]]:
+    """Find out which of an image's leading axes are frames.
+
+    Parameters
+    ----------
+    name
+        Of the image, for messages.
+    axes
+        One letter for each leading axis, such as "TCZ".
+    shape
+        Length of each leading axis.
+    channel, z
+        Chosen by the user, or None.
+
+    Returns
+    -------
+    count
+        Number of frames.
+    place
+        Maps the number of a frame to its index along each leading axis.
+    """
+    chosen = {"C": channel, "S": channel, "Z": z}
+    for option, wanted, names in (("--channel", channel, "CS"), ("--z", z, "Z")):
+        if wanted is not None and not set(names) & set(axes):
+            raise ImageError(f"{name} has no axis for {option}; leave it out")
+    place = [0] * len(axes)
+    frames = None
+    for at, (axis, size) in enumerate(zip(axes, shape, strict=True)):
+        wanted = chosen.get(axis)
+        if wanted is not None and not 0 <= wanted < size:
+            raise ImageError(f"{name} has {size} along axis {axis}; there is no {wanted}")
+        if wanted is not None:
+            place[at] = wanted
+        elif size > 1 and axis in "CS":
+            raise ImageError(f"{name} has {size} channels; choose one with --channel")
+        elif size > 1 and frames is not None:
+            raise ImageError(
+                f"{name} has two axes of frames, {axes[frames]} and {axis}; choose one plane "
+                "with --z"
+            )
+        elif size > 1:
+            frames = at
+
+    def at_frame(index: int) -> tuple[int, ...]:
+        return tuple(index if at == frames else fixed for at, fixed in enumerate(place))
+
+    return (1 if frames is None else shape[frames]), at_frame

@@ -1,0 +1,188 @@
+"""The command line's words: every command, option and example."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+from napari_splinesketch import __version__
+from napari_splinesketch.engine.settings import PRESETS
+from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.labels.formats import READERS, WRITERS, Reader, Writer
+
+
+def _endings(what: str, formats: Sequence[Reader] | Sequence[Writer]) -> str:
+    """List formats by the ends of their files' names."""
+    lines = [f"  {form.suffix:16} {form.name}" for form in formats]
+    return "\n".join([f"{what}:", *lines])
+
+
+ABOUT = """\
+Sketch a rough line over each slender body in an image and get sub-pixel splines with widths
+and uncertainties.
+
+  napari-splinesketch demo                              look at it, on swimming worms
+  napari-splinesketch refine worms.tif lines.csv -o labels.csv
+  napari-splinesketch convert labels.csv labels.geojson
+  napari-splinesketch compare labels.csv truth.csv
+
+Every command explains itself: napari-splinesketch refine --help"""
+
+EXIT_CODES = """\
+exit codes:
+  0    everything was done
+  1    done, but some frames or curves could not be refined; the report says which
+  2    nothing was done: an option or a file is wrong; the message says which
+  130  interrupted; finished frames are kept, and --resume goes on from there"""
+
+REFINE = f"""\
+Refine the sketches on every frame that has some. Curves come back in the order and with the
+numbers of the sketches; a sketch that cannot be refined comes back as drawn, "failed".
+
+IMAGE is a TIFF (ImageJ hyperstacks and OME-TIFF too), PNG, OME-Zarr, AVI or MP4, a folder with
+one image for each frame, or a glob in quotes ("day1/*.png"). SKETCHES is any file of lines that
+can be read: a Shapes layer saved by napari, ImageJ ROIs, labels of an earlier run, ...
+
+examples:
+  napari-splinesketch refine worms.tif sketches.csv -o labels.csv
+  napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
+  napari-splinesketch refine worms.png sketches.csv -o labels.csv \\
+      --overlay overlay.png --reconstruction model.tif --masks masks.tif
+
+{EXIT_CODES}"""
+
+CONVERT = f"""\
+Read labels or sketches from one file and write them to another; the names' endings decide the
+formats. What the new format has no place for is said.
+
+{_endings("written", WRITERS)}
+
+{_endings("read", READERS)}
+
+examples:
+  napari-splinesketch convert labels.csv labels.geojson
+  napari-splinesketch convert labels.csv rois.zip
+  napari-splinesketch convert sketches.csv labels.wcon --pixel-size 0.5 --units µm
+
+exit codes: 0 converted; 2 not converted, the message says why"""
+
+COMPARE = """\
+Match curves with the truth one to one, frame by frame, and measure the pairs: average DTW
+(dynamic time warping), distance along the normal and between the ends, all in px.
+
+example:
+  napari-splinesketch compare labels.csv truth.csv --tolerance 2 --image worms.tif \\
+      --picture comparison.png
+
+exit codes: 0 compared; 2 not compared, the message says why"""
+
+DEMO = """\
+Open a window with swimming worms and a few rough lines, ready for Refine. With --output, or
+where no window can be opened, refine them without one and write labels.csv, overlay.png and
+reconstruction.tif.
+
+exit codes: 0 done; 1 some curves could not be refined; 2 nothing was done"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Describe the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="napari-splinesketch",
+        description=ABOUT,
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_demo(_command(commands, "demo", "look at it, on swimming worms", DEMO))
+    _add_refine(_command(commands, "refine", "refine sketches on an image or film", REFINE))
+    _add_convert(_command(commands, "convert", "translate labels into another format", CONVERT))
+    _add_compare(_command(commands, "compare", "measure labels against the truth", COMPARE))
+    return parser
+
+
+def _command(commands, name: str, summary: str, text: str) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name,
+        help=summary,
+        description=text,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")
+    parser.add_argument("--overwrite", action="store_true", help="replace files that exist already")
+    return parser
+
+
+def _add_demo(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--output", type=Path, metavar="FOLDER", help="open no window; write the results here"
+    )
+
+
+def _add_refine(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("image", metavar="IMAGE")
+    parser.add_argument("sketches", metavar="SKETCHES", type=Path)
+    add = parser.add_argument
+    add(
+        "-o", "--output", type=Path, metavar="LABELS", required=True, help="file of labels to write"
+    )
+    add("--preset", choices=PRESETS, default="balanced", help="speed or accuracy (%(default)s)")
+    add(
+        "--polarity",
+        choices=get_args(Polarity),
+        default="auto",
+        help="whether bodies are bright or dark against the background (%(default)s: look)",
+    )
+    add(
+        "--half-width",
+        type=_positive,
+        metavar="PX",
+        help="rough distance from a body's centreline to its edge (measured if not given)",
+    )
+    add("--seed", type=int, default=0, help="of random numbers, where a preset uses any")
+    add("--channel", type=int, metavar="N", help="channel of a multi-channel image, from 0")
+    add("--z", type=int, metavar="N", help="plane of an image with planes and times, from 0")
+    _add_pixel_size(parser)
+    add("--reconstruction", type=Path, metavar="TIFF", help="also write the image as explained")
+    add("--masks", type=Path, metavar="TIFF", help="also write masks: body i has the value i + 1")
+    add("--overlay", type=Path, metavar="PNG", help="also draw the curves over the first frame")
+    add("--resume", action="store_true", help="go on with an interrupted run of this command")
+
+
+def _add_convert(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", metavar="IN", type=Path)
+    parser.add_argument("target", metavar="OUT", type=Path)
+    _add_pixel_size(parser)
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("labels", metavar="LABELS", type=Path)
+    parser.add_argument("truth", metavar="TRUTH", type=Path)
+    add = parser.add_argument
+    add(
+        "--tolerance",
+        type=_positive,
+        default=2.0,
+        metavar="PX",
+        help="largest average DTW at which a curve counts as found (%(default)s)",
+    )
+    add("--picture", type=Path, metavar="PNG", help="draw curves and truth over the first frame")
+    add("--image", metavar="IMAGE", help="what to draw them over (a blank sheet if not given)")
+
+
+def _add_pixel_size(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--pixel-size",
+        type=_positive,
+        nargs="+",
+        metavar=("Y", "X"),
+        help="size of a pixel in --units; one number where pixels are square",
+    )
+    parser.add_argument("--units", metavar="NAME", help="unit of --pixel-size, such as µm")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    return value

@@ -1,0 +1,109 @@
+"""Pictures of curves over their image, and TIFFs of reconstructions."""
+
+import os
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import tifffile
+from jaxtyping import Float, Real, UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from napari_splinesketch.labels import Label
+from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.labels.geometry import edges
+
+COLOURS = {"good": "#56B4E9", "check": "#E69F00", "failed": "#D55E00", "sketch": "#CC79A7"}
+"""Told apart by colour-blind readers too (after Okabe and Ito)."""
+TRUTH = "#009E73"
+SIDE = 2048
+
+
+def write_overlay(
+    path: str | os.PathLike[str],
+    frame: Real[np.ndarray, "H W"],
+    labels: Sequence[Label],
+    *,
+    truth: Sequence[Label] = (),
+    overwrite: bool = False,
+) -> None:
+    """Draw curves and their outlines over a frame, as PNG, JPEG or TIFF by the name's ending.
+
+    Parameters
+    ----------
+    path
+        The picture.
+    frame
+        (H, W) the image.
+    labels
+        Curves, coloured by status and numbered by identity.
+    truth
+        Further curves, drawn thin and in a colour of their own.
+    overwrite
+        Replace an existing file.
+    """
+    zoom = max(1, SIDE // max(frame.shape))
+    picture = Image.fromarray(grey(frame)).convert("RGB")
+    picture = picture.resize((frame.shape[1] * zoom, frame.shape[0] * zoom), Image.Resampling.BOX)
+    pen = ImageDraw.Draw(picture)
+    font = ImageFont.load_default(size=12 + 2 * zoom)
+    thick = 1 + zoom // 4
+    for label in truth:
+        pen.line(_place(label.points, zoom), fill=TRUTH, width=thick)
+    for label in labels:
+        colour = COLOURS[label.status]
+        pen.line(_place(label.points, zoom), fill=colour, width=thick)
+        if np.all(np.isfinite(label.half_width)):
+            for edge in edges(label):
+                pen.line(_place(edge, zoom), fill=colour, width=1)
+        corner = _place(label.points[:1], zoom)[0]
+        pen.text(corner, str(label.curve), "white", font, stroke_width=2, stroke_fill="black")
+    with atomic(path, overwrite=overwrite) as temporary:
+        picture.save(temporary)
+
+
+def _place(points: Float[np.ndarray, "N 2"], zoom: int) -> list[tuple[float, float]]:
+    """Take (row, col) with pixel centres at integers to (x, y) of the enlarged picture."""
+    return [(float(col), float(row)) for row, col in (points + 0.5) * zoom - 0.5]
+
+
+def grey(frame: Real[np.ndarray, "H W"]) -> UInt8[np.ndarray, "H W"]:
+    """Stretch a frame to 8 bits, leaving out the brightest and darkest half percent."""
+    values = np.asarray(frame, dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    low, high = np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0)
+    stretched = (np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-12)
+    return (255 * np.clip(stretched, 0, 1)).astype(np.uint8)
+
+
+def write_reconstruction(
+    path: str | os.PathLike[str],
+    pages: Iterable[Real[np.ndarray, "H W"]],
+    shape: tuple[int, int],
+    frames: Sequence[int],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write reconstructions as a 32-bit TIFF, in the image's own intensity units.
+
+    Parameters
+    ----------
+    path
+        The TIFF.
+    pages
+        One (H, W) for each of `frames`; read one by one.
+    shape
+        (H, W) of a page.
+    frames
+        The number of each page's frame; the file's description lists them.
+    overwrite
+        Replace an existing file.
+    """
+    with atomic(path, overwrite=overwrite) as temporary:
+        tifffile.imwrite(
+            temporary,
+            (np.asarray(page, dtype=np.float32) for page in pages),
+            shape=(len(frames), *shape),
+            dtype=np.float32,
+            metadata={"axes": "TYX", "frames": list(frames)},
+            photometric="minisblack",
+        )

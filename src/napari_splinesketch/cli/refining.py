@@ -1,0 +1,243 @@
+"""Refining the frames of an image or film, one after another, without losing any."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+import napari_splinesketch
+from napari_splinesketch.cli.images import Frames, open_frames
+from napari_splinesketch.cli.partial import Partial
+from napari_splinesketch.cli.pictures import write_overlay, write_reconstruction
+from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.types import Polarity, Progress
+from napari_splinesketch.labels import Label, Labels, masks, read_labels, write_labels
+from napari_splinesketch.labels.files import checksum_of_file
+from napari_splinesketch.labels.formats import writer_of
+from napari_splinesketch.labels.provenance import checksum, provenance
+
+Report = Callable[[float, int], None]
+"""Told how many frames are done, counting part of the one being refined, and how many to do."""
+TIFF = (".tif", ".tiff")
+PICTURE = (".png", ".jpg", ".tif")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What `refine` was asked for; the attributes are the command's options."""
+
+    image: str
+    sketches: Path
+    output: Path
+    preset: PresetName = "balanced"
+    polarity: Polarity = "auto"
+    half_width: float | None = None
+    seed: int = 0
+    channel: int | None = None
+    z: int | None = None
+    scale: tuple[float, float] | None = None
+    units: str | None = None
+    reconstruction: Path | None = None
+    masks: Path | None = None
+    overlay: Path | None = None
+    resume: bool = False
+    overwrite: bool = False
+
+    def outputs(self) -> Iterator[Path]:
+        """Give every file that the job writes."""
+        yield self.output
+        yield from (p for p in (self.reconstruction, self.masks, self.overlay) if p)
+
+
+OPTIONS = tuple(field.name for field in fields(Job))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What `refine_job` did.
+
+    Attributes
+    ----------
+    frames
+        A report of each frame that has sketches.
+    notes
+        What was left out of the sketches, or could not be written into the labels.
+    """
+
+    frames: tuple[FrameReport, ...]
+    notes: tuple[str, ...]
+
+
+def refine_job(job: Job, report: Report) -> Outcome:
+    """Refine every frame that has sketches, and write the outputs.
+
+    A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
+    Finished frames are kept beside the output until all outputs are written.
+    """
+    check_outputs(job)
+    sketches = read_labels(job.sketches)
+    by_frame: dict[int, list[Label]] = {}
+    for label in sketches.labels:
+        by_frame.setdefault(label.frame, []).append(label)
+    with open_frames(job.image, channel=job.channel, z=job.z) as images:
+        partial = Partial(job.output, _settings(job, images), resume=job.resume)
+        reports = []
+        for done, frame in enumerate(sorted(by_frame)):
+
+            def progress(fraction: float, done: int = done) -> None:
+                report(done + fraction, len(by_frame))
+
+            finished = partial.done(frame)
+            if finished is None:
+                finished = _refine_frame(job, images, frame, by_frame[frame], partial, progress)
+            reports.append(finished)
+            progress(1.0)
+        losses = _write(job, images, partial, reports, sketches)
+    partial.remove()
+    return Outcome(tuple(reports), (*sketches.notes, *losses))
+
+
+def check_outputs(job: Job) -> None:
+    """Refuse a job whose outputs could not be written, before it has cost any time."""
+    writer_of(job.output)
+    for path in job.outputs():
+        if not path.parent.is_dir():
+            raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
+        if path.exists() and not job.overwrite:
+            raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
+    for path, endings in ((job.reconstruction, TIFF), (job.masks, TIFF), (job.overlay, PICTURE)):
+        if path and path.suffix.lower() not in endings:
+            raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
+    if len({path.resolve() for path in job.outputs()}) < len(list(job.outputs())):
+        raise ValueError("two outputs have the same name; give each its own")
+
+
+def _settings(job: Job, images: Frames) -> dict[str, object]:
+    """Collect what the results depend on."""
+    return {
+        "version": napari_splinesketch.__version__,
+        "image": [images.name, images.count],
+        "sketches": checksum_of_file(job.sketches),
+        "preset": job.preset,
+        "polarity": job.polarity,
+        "half-width": job.half_width,
+        "seed": job.seed,
+        "channel": job.channel,
+        "z": job.z,
+        "reconstruction": job.reconstruction is not None,
+    }
+
+
+def _refine_frame(
+    job: Job,
+    images: Frames,
+    frame: int,
+    sketches: list[Label],
+    partial: Partial,
+    report: Callable[[float], None],
+) -> FrameReport:
+    began, digest = time.perf_counter(), None
+    ids = [label.curve for label in sketches]
+
+    def on_progress(progress: Progress) -> None:
+        report(progress.fraction)
+
+    try:
+        image = images[frame]
+        digest = checksum(image)
+        result = napari_splinesketch.refine(
+            image,
+            [label.points for label in sketches],
+            job.preset,
+            polarity=job.polarity,
+            half_width=job.half_width,
+            on_progress=on_progress,
+            seed=job.seed,
+        )
+    except Exception as error:  # one bad frame must not stop the others
+        seconds = time.perf_counter() - began
+        failed = FrameReport(frame, (), _words(error), round(seconds, 3), digest)
+        partial.save(failed, Labels(tuple(_failed(label) for label in sketches)), None)
+        return failed
+    curves = tuple(map(CurveReport.of, result.curves, ids))
+    finished = FrameReport(frame, curves, None, round(result.seconds, 3), digest)
+    reconstruction = result.reconstruction if job.reconstruction else None
+    partial.save(finished, Labels.from_refinement(result, frame=frame, ids=ids), reconstruction)
+    return finished
+
+
+def _words(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+
+
+def _failed(sketch: Label) -> Label:
+    """Give a sketch as drawn, as `refine` does with one that cannot be refined."""
+    unknown = np.full(len(sketch.points), np.nan)
+    certain = np.full(len(sketch.points), np.inf)
+    return Label(sketch.frame, sketch.curve, sketch.points, unknown, certain, "failed")
+
+
+def _write(
+    job: Job, images: Frames, partial: Partial, reports: list[FrameReport], sketches: Labels
+) -> tuple[str, ...]:
+    """Write all outputs from the finished frames; say what the labels' format cannot hold."""
+    done = [r.frame for r in reports if r.error is None]
+    first = images[done[0]] if done else None
+    scale, units = _scale(job, images, sketches)
+    labels = Labels(
+        tuple(label for r in reports for label in partial.labels(r.frame).labels),
+        scale,
+        units,
+        first.shape if first is not None else None,
+        _provenance(job, images, reports, first),
+    )
+    losses = write_labels(job.output, labels, overwrite=job.overwrite)
+    if job.masks:
+        masks.write(job.masks, labels, overwrite=job.overwrite)
+    if job.reconstruction and first is not None:
+        pages = (partial.reconstruction(frame) for frame in done)
+        write_reconstruction(
+            job.reconstruction,
+            (page for page in pages if page is not None),
+            first.shape,
+            done,
+            overwrite=job.overwrite,
+        )
+    if job.overlay and first is not None:
+        drawn = [label for label in labels.labels if label.frame == done[0]]
+        write_overlay(job.overlay, first, drawn, overwrite=job.overwrite)
+    return losses
+
+
+def _scale(
+    job: Job, images: Frames, sketches: Labels
+) -> tuple[tuple[float, float] | None, str | None]:
+    if job.scale:
+        return job.scale, job.units
+    if images.scale:
+        return images.scale, images.units
+    return sketches.scale, sketches.units
+
+
+def _provenance(
+    job: Job, images: Frames, reports: list[FrameReport], first: np.ndarray | None
+) -> dict[str, object]:
+    if first is None:
+        return {}
+    return provenance(
+        image=images.name,
+        shape=first.shape,
+        dtype=str(first.dtype),
+        checksums={r.frame: r.sha256 for r in reports if r.sha256},
+        preset=job.preset,
+        options={
+            "polarity": job.polarity,
+            "half_width": job.half_width,
+            "seed": job.seed,
+            "sketches": job.sketches.name,
+        },
+    )

@@ -1,0 +1,143 @@
+"""What a run reports: per curve and frame, as a table for people or JSON for scripts."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from napari_splinesketch.engine.types import Curve
+
+DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes."""
+
+
+@dataclass(frozen=True)
+class CurveReport:
+    """One curve in numbers, px; None where nothing is known.
+
+    Attributes
+    ----------
+    curve
+        Its identity.
+    length
+        Arc length.
+    half_width
+        Median along the curve.
+    sd
+        Median standard error along the normal.
+    status
+        "good", "check" or "failed".
+    reasons
+        Why the status is not "good".
+    """
+
+    curve: int
+    length: float
+    half_width: float | None
+    sd: float | None
+    status: str
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def of(cls, curve: Curve, identity: int) -> "CurveReport":
+        """Sum up a curve."""
+        return cls(
+            identity,
+            round(curve.length, 3),
+            _number(np.median(curve.half_width)),
+            _number(np.median(curve.sd)),
+            curve.status,
+            curve.reasons,
+        )
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """One frame.
+
+    Attributes
+    ----------
+    frame
+        Its number, from 0.
+    curves
+        In the order of the sketches; empty where the frame could not be refined.
+    error
+        Why the frame could not be refined, or None.
+    seconds
+        Wall time of the refinement.
+    sha256
+        Checksum of the pixels, or None where they could not be read.
+    """
+
+    frame: int
+    curves: tuple[CurveReport, ...] = ()
+    error: str | None = None
+    seconds: float = 0.0
+    sha256: str | None = None
+
+    @classmethod
+    def from_json(cls, values: dict) -> "FrameReport":
+        """Take back what `asdict` gave."""
+        curves = tuple(
+            CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
+            for curve in values["curves"]
+        )
+        return cls(**{**values, "curves": curves})
+
+
+def exit_code(frames: Sequence[FrameReport]) -> int:
+    """Say whether every frame and curve could be refined."""
+    failed = any(frame.error or "failed" in _counts(frame) for frame in frames)
+    return FAILURES if failed else DONE
+
+
+def as_json(frames: Sequence[FrameReport], **more: object) -> dict[str, object]:
+    """Give the report as values for JSON."""
+    return {**more, "counts": _total(frames), "frames": [asdict(frame) for frame in frames]}
+
+
+def as_text(frames: Sequence[FrameReport]) -> str:
+    """Give a table with one line a curve, then what went wrong, then the counts."""
+    lines = ["frame curve  length  half-width      sd  status"]
+    for frame in frames:
+        for curve in frame.curves:
+            lines.append(
+                f"{frame.frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
+                f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}"
+                + (f": {'; '.join(curve.reasons)}" if curve.reasons else "")
+            )
+    lines += [f"frame {frame.frame}: {frame.error}" for frame in frames if frame.error]
+    return "\n".join([*lines, summary(frames)])
+
+
+def summary(frames: Sequence[FrameReport]) -> str:
+    """Give one line of counts."""
+    total = _total(frames)
+    text = ", ".join(f"{total[key]} {key}" for key in ("good", "check", "failed"))
+    lost = total["frames not refined"]
+    if lost:
+        text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
+    count = f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'}"
+    seconds = sum(frame.seconds for frame in frames)
+    return f"{count}: {text}; {seconds:.1f} s (lengths in px)"
+
+
+def _counts(frame: FrameReport) -> Counter[str]:
+    return Counter(curve.status for curve in frame.curves)
+
+
+def _total(frames: Sequence[FrameReport]) -> dict[str, int]:
+    statuses = sum((_counts(frame) for frame in frames), Counter())
+    return {
+        **{status: statuses[status] for status in ("good", "check", "failed")},
+        "frames not refined": sum(frame.error is not None for frame in frames),
+    }
+
+
+def _number(value: np.floating) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+def _cell(value: float | None, width: int, digits: int) -> str:
+    return f"{'–' if value is None else format(value, f'.{digits}f'):>{width}}"

@@ -1,0 +1,81 @@
+"""TIFF, ImageJ hyperstacks and OME-TIFF, read one frame at a time."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from napari_splinesketch.cli.images import Frames, ImageError, choose_planes
+
+MICROMETRE = {"um", "micron", "microns", "micrometer", "\\u00b5m", "μm", "µm"}
+Scale = tuple[tuple[float, float], str] | tuple[None, None]
+
+
+@contextmanager
+def open_tiff(path: Path, channel: int | None, z: int | None) -> Iterator[Frames]:
+    """Open the first image of a TIFF."""
+    try:
+        file = tifffile.TiffFile(path)
+    except Exception as error:  # tifffile raises anything on a broken file
+        raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
+    with file:
+        yield _frames(file, path, channel, z)
+
+
+def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | None) -> Frames:
+    try:
+        series = file.series[0]
+        axes, shape = series.axes, series.shape
+        scale, units = _scale(file)
+    except Exception as error:
+        raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
+    colour = "S" if axes.endswith("YXS") else ""
+    if not axes.endswith("YX" + colour):
+        raise ImageError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
+    leading = len(axes) - 2 - len(colour)
+    alike = [one for one in file.series if one.shape == shape]
+    if not leading and len(alike) > 1:  # frames that were appended one by one
+        return Frames(path.name, len(alike), lambda i: alike[i].asarray(), scale, units)
+    count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
+    if series.dataoffset is not None:
+        stack = tifffile.memmap(path, mode="r")
+        return Frames(path.name, count, lambda i: np.array(stack[place(i)]), scale, units)
+    if series.keyframe.shape != shape[leading:]:
+        stack = series.asarray()
+        return Frames(path.name, count, lambda i: stack[place(i)], scale, units)
+
+    def page(index: int) -> np.ndarray:
+        flat = np.ravel_multi_index(place(index), shape[:leading]) if leading else 0
+        return series.asarray(key=int(flat))
+
+    return Frames(path.name, count, page, scale, units)
+
+
+def _scale(file: tifffile.TiffFile) -> Scale:
+    """Size of a pixel as OME or ImageJ wrote it."""
+    if file.ome_metadata:
+        return _ome_scale(file.ome_metadata)
+    if file.imagej_metadata:
+        unit = str(file.imagej_metadata.get("unit", ""))
+        x, y = file.series[0].keyframe.resolution
+        if unit and unit != "pixel" and x > 0 and y > 0:
+            return (1 / y, 1 / x), _unit(unit)
+    return None, None
+
+
+def _ome_scale(xml: str) -> Scale:
+    found = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", xml)
+    attributes = dict(re.findall(r'(\w+)="([^"]*)"', found.group())) if found else {}
+    try:
+        x, y = (float(attributes[f"PhysicalSize{axis}"]) for axis in "XY")
+    except (KeyError, ValueError):
+        return None, None
+    units = [_unit(attributes.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "XY"]
+    return ((y, x), units[0]) if units[0] == units[1] and min(x, y) > 0 else (None, None)
+
+
+def _unit(name: str) -> str:
+    return "µm" if name.lower() in MICROMETRE else name

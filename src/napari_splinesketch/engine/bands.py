@@ -1,0 +1,189 @@
+"""Between NumPy and the solver: bands of pixels, priors and start values, padded to few sizes."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.solver import TILE, Bands
+from napari_splinesketch.engine.tube import GLOBALS, INDEX, Basis
+from napari_splinesketch.engine.types import Array
+
+SAMPLES = 64
+CURVES = (16, 128, 1024, 8192)
+PIXELS = tuple(TILE * n for n in (4, 16, 64))
+KNOTS = (6, 8, 12, 16, 24)
+"""Sizes that arrays are padded to, so that few programs are ever compiled."""
+
+
+def padded(count: int, sizes: tuple[int, ...]) -> int:
+    """The smallest of `sizes` that holds `count`, or the largest."""
+    return next((s for s in sizes if s >= count), sizes[-1])
+
+
+@cache
+def spline_basis(knots: int) -> tuple[Basis, Float[Array, "K K"]]:
+    """The basis at SAMPLES points and the bending matrix, float32."""
+    u = np.linspace(0, 1, SAMPLES)
+    values = (spline.basis(knots, u, d).astype(np.float32) for d in range(3))
+    return Basis(*values), spline.bending_matrix(knots).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Priors:
+    """Mean, standard deviation and bounds of the parameters that are not coordinates.
+
+    Attributes
+    ----------
+    mean, sd
+        (n, G) for each curve, in the order of `tube.GLOBALS`.
+    low, high
+        (G,) bounds.
+    """
+
+    mean: Float[Array, "n G"]
+    sd: Float[Array, "n G"]
+    low: Float[Array, " G"]
+    high: Float[Array, " G"]
+
+    def of(self, curves: list[int]) -> "Priors":
+        """The priors of some of the curves."""
+        return replace(self, mean=self.mean[curves], sd=self.sd[curves])
+
+
+def default_priors(count: int, half_width: float) -> Priors:
+    """Priors of `count` curves before anything is known, in units of a normalised scene."""
+    w = np.log(half_width)
+    table = {
+        "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
+        "contrast": (1.0, 0.3, 0.1, 5.0),
+        "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
+        "shade": (0.3, 0.3, -0.5, 0.95),
+        "log_power": (np.log(0.45), 0.35, np.log(0.1), np.log(1.5)),
+        "log_extent": (np.log(0.25), 0.35, np.log(0.03), np.log(0.5)),
+        "overlap": (0.7, 0.3, 0.0, 1.0),
+        "offset": (0.0, 0.15, -1.0, 1.0),
+        "slope_row": (0.0, 0.1, -1.0, 1.0),
+        "slope_col": (0.0, 0.1, -1.0, 1.0),
+    }
+    modes = {
+        name: (0.0, 0.12, -0.7, 0.7) if "width" in name else (0.0, 0.1, -0.5, 0.5)
+        for name in GLOBALS
+    }
+    columns = np.array([{**modes, **table}[name] for name in GLOBALS]).T
+    mean, sd = (np.repeat(c[None], count, 0) for c in columns[:2])
+    return Priors(mean, sd, columns[2], columns[3])
+
+
+def band(
+    points: Float[Array, "P 2"], radius: float, shape: tuple[int, int]
+) -> tuple[slice, slice, Bool[Array, "h w"]]:
+    """Pixels within about `radius` of a curve, as a mask of a window of the image."""
+    reach = int(np.ceil(radius))
+    low = np.maximum(np.floor(points.min(0)).astype(int) - reach, 0)
+    high = np.minimum(np.ceil(points.max(0)).astype(int) + reach + 1, shape)
+    high = np.maximum(high, low)
+    rows, columns = (high - low).tolist()
+    mask = np.zeros((rows + 2 * reach + 2, columns + 2 * reach + 2), dtype=bool)
+    disc = _disc(reach)
+    size = len(disc)
+    step = max(radius / 3, 1.0)
+    count = max(2, int(np.ceil(spline.arc_length(points)[-1] / step)) + 1)
+    for r, c in np.rint(spline.resample(points, count)).astype(int) - low:
+        if 0 <= r <= mask.shape[0] - size and 0 <= c <= mask.shape[1] - size:
+            mask[r : r + size, c : c + size] |= disc
+    inner = mask[reach : reach + rows, reach : reach + columns]
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1])), inner
+
+
+@cache
+def _disc(reach: int) -> Bool[Array, "d d"]:
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return y**2 + x**2 <= (reach + 0.5) ** 2
+
+
+def band_pixels(
+    points: Float[Array, "P 2"], radius: float, valid: Bool[Array, "H W"], stride: int
+) -> Int[Array, " M"]:
+    """Flat indices of the valid pixels of a band; every `stride`-th row and column."""
+    rows, columns, mask = band(points, radius, valid.shape)
+    mask = mask & valid[rows, columns]
+    if stride > 1:
+        lattice = np.zeros_like(mask)
+        lattice[-rows.start % stride :: stride, -columns.start % stride :: stride] = True
+        mask &= lattice
+    r, c = np.nonzero(mask)
+    return (r + rows.start) * valid.shape[1] + c + columns.start
+
+
+def make_bands(
+    image: Float[Array, "H W"],
+    pixels: list[Int[Array, " m"]],
+    replica: Int[Array, " n"],
+    theta: Float[Array, "n D"],
+    half_width: float,
+    priors: Priors,
+) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
+    """Pad everything, and move every curve to its own centre.
+
+    Curves see each other when they are of the same `replica` of the scene.
+
+    Returns
+    -------
+    The bands; what was taken off the parameters of each curve (its centre, repeated); and the
+    padded parameters to start from.
+    """
+    count, d = theta.shape
+    knots = (d - len(GLOBALS)) // 2
+    n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
+    index = np.zeros((n, m), dtype=np.int64)
+    weight = np.zeros((n, m), dtype=np.float32)
+    pixels = [p[:: -(-len(p) // m)] if len(p) > m else p for p in pixels]
+    for i, own in enumerate(pixels):
+        index[i, : len(own)] = own
+        weight[i, : len(own)] = 1
+    there = weight > 0
+    apart = index + np.pad(replica, (0, n - count))[:, None] * image.size
+    slots = np.full((n, m), n * m - 1, dtype=np.int32)
+    slots[there] = np.unique(apart[there], return_inverse=True)[1]
+
+    centre = theta[:, : 2 * knots].reshape(count, 2, knots).mean(2)
+    shift = np.zeros((count, d))
+    shift[:, : 2 * knots] = np.repeat(centre, knots, axis=1)
+    begin = np.zeros((n, d), dtype=np.float32)
+    begin[:count] = theta - shift
+    position = np.full((n, 2, m), 1e4, dtype=np.float32)
+    width = image.shape[1]
+    rows_columns = np.stack([index // width, index % width], 1)[:count]
+    position[:count] = np.where(there[:count, None], rows_columns - centre[:, :, None], 1e4)
+
+    length = np.ones(n)
+    xy = begin[:count, : 2 * knots].reshape(count, 2, knots)
+    length[:count] = np.linalg.norm(np.diff(xy, axis=2), axis=1).sum(1) + 1e-3
+    mean, precision = np.zeros((2, n, d), dtype=np.float32)
+    mean[:count, 2 * knots :] = priors.mean
+    precision[:count, 2 * knots :] = priors.sd**-2.0
+    bands = Bands(
+        position,
+        image.ravel()[index].astype(np.float32),
+        weight,
+        slots,
+        -(-there.sum(1) // TILE).astype(np.int32),
+        mean,
+        precision,
+        (half_width / length**3).astype(np.float32),
+        ((knots - 1) / (0.1 * length)).astype(np.float32) ** 2,
+    )
+    return bands, shift, begin
+
+
+def start_values(
+    knots: Float[Array, "K 2"], mean: Float[Array, " G"], **overrides: float
+) -> Float[Array, " D"]:
+    """A curve's parameter vector: rows and columns of its knots, then `tube.GLOBALS`."""
+    g = mean.copy()
+    for name, value in overrides.items():
+        g[INDEX[name]] = value
+    return np.concatenate([knots.T.ravel(), g])

@@ -1,0 +1,305 @@
+"""Which paths through the graph of traces the sketches mean, chosen for all sketches together."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine.tracing import TraceGraph
+from napari_splinesketch.engine.types import Array
+
+UNIT = 3.0
+"""Costs are in px for bodies of this half-width; others are scaled to it."""
+REACH = (10.0, 0.4)
+"""How far from its sketch a body is looked for: half-widths, share of the sketch's length."""
+TURN = np.cos(np.deg2rad(110))
+"""Sharpest turn at a node, as a cosine."""
+STARTS = 12
+"""Most nodes that the paths of one sketch start from."""
+SAMPLES = 20
+END_CAP = 25.0
+BENDING = 16.0
+KINK = 30.0
+SHORT = 0.5
+UNCOVERED = 1.0
+SHARED = 0.5
+ENOUGH_BODIES = 4
+USUAL_LENGTH = 1.25
+"""With so many sketches, lengths beyond this many times the median earn nothing."""
+FREE_SHARED = 4.5
+"""Pieces shorter than this many half-widths may be shared for little."""
+PLAUSIBLE = 40.0
+"""Sets that cost more than the best by this are not looked at."""
+DISTINCT = 6.0
+"""Half-widths of skeleton by which a curve must differ for a set to be another one."""
+
+
+Route = tuple[tuple[int, int], ...]
+"""Pieces with the end (0 or 1) at which each is entered."""
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Candidate paths of one sketch, cheapest first.
+
+    Attributes
+    ----------
+    points
+        Polylines, oriented as the sketch.
+    cost
+        (C,) of each path alone.
+    length
+        (C,) px.
+    covers
+        (C, E) which pieces of the graph it runs along.
+    """
+
+    points: tuple[Float[Array, "N 2"], ...]
+    cost: Float[Array, " C"]
+    length: Float[Array, " C"]
+    covers: Bool[Array, "C E"]
+
+
+def candidate_paths(
+    graph: TraceGraph, sketch: Float[Array, "N 2"], half_width: float, weigh: int, keep: int
+) -> Paths:
+    """Smooth paths near a sketch, weighed by distance, ends, bending and length.
+
+    At most `weigh` are looked at, and the best `keep` returned.
+    """
+    length = arc_length(sketch)[-1]
+    reach = REACH[0] * half_width + REACH[1] * length
+    line = resample(sketch, SAMPLES)
+    apart = np.linalg.norm(graph.nodes[:, None] - line[None], axis=2).min(1)
+    near = (apart[graph.ends] < reach).all(1) if len(graph.ends) else np.zeros(0, bool)
+    routes = list(_routes(graph, near, line, 3 * length + 2 * reach, weigh))
+    if not routes:
+        return Paths((), np.zeros(0), np.zeros(0), np.zeros((0, len(graph.ends)), bool))
+    drawn, total = _sampled(graph, routes)
+    cost = _cost(drawn, total, line, length, half_width)
+    once = _distinct_routes(routes, cost)
+    routes, cost, total = [routes[i] for i in once], cost[once], total[once]
+    order = _kept(cost, cost - UNCOVERED * total * UNIT / half_width, keep)
+    covers = np.zeros((len(order), len(graph.ends)), dtype=bool)
+    for row, i in enumerate(order):
+        covers[row, [piece for piece, _ in routes[i]]] = True
+    points = tuple(_polyline(graph, routes[i]) for i in order)
+    return Paths(points, cost[order], total[order], covers)
+
+
+def _distinct_routes(routes: list[Route], cost: Float[Array, " R"]) -> Int[Array, " D"]:
+    """The cheapest route of those along the same pieces, cheapest first."""
+    found: dict[frozenset[int], int] = {}
+    for i in np.argsort(cost, kind="stable").tolist():
+        found.setdefault(frozenset(piece for piece, _ in routes[i]), i)
+    return np.array(list(found.values()))
+
+
+def without_excess(candidates: list[Paths], half_width: float) -> list[Paths]:
+    """Make paths pay for what they are longer than the bodies of the frame usually are.
+
+    A path that runs on into a neighbour without a sketch explains more, but not its own body.
+    """
+    best = [p.length[0] for p in candidates if len(p.length)]
+    if len(best) < ENOUGH_BODIES:
+        return candidates
+    usual = USUAL_LENGTH * np.median(best)
+    weight = UNCOVERED * UNIT / half_width
+    return [
+        _sorted(replace(p, cost=p.cost + weight * np.maximum(p.length - usual, 0)))
+        for p in candidates
+    ]
+
+
+def _sorted(paths: Paths) -> Paths:
+    order = np.argsort(paths.cost, kind="stable")
+    points = tuple(paths.points[i] for i in order)
+    return Paths(points, paths.cost[order], paths.length[order], paths.covers[order])
+
+
+def _kept(cost: Float[Array, " R"], earned: Float[Array, " R"], keep: int) -> Int[Array, " C"]:
+    """The cheapest half by cost, the other half by cost less what the path would explain."""
+    best = np.argsort(cost)[: keep // 2]
+    rest = [i for i in np.argsort(earned)[:keep] if i not in set(best.tolist())]
+    chosen = np.concatenate([best, np.array(rest[: keep - len(best)], dtype=int)])
+    return chosen[np.argsort(cost[chosen])]
+
+
+def _routes(
+    graph: TraceGraph,
+    near: Bool[Array, " E"],
+    line: Float[Array, "S 2"],
+    longest: float,
+    weigh: int,
+) -> Iterator[Route]:
+    """Paths without repeated pieces and without sharp turns, from nodes near the first end."""
+    leaving: dict[int, list[tuple[int, int]]] = {}
+    for piece in np.flatnonzero(near).tolist():
+        for side in (0, 1):
+            leaving.setdefault(int(graph.ends[piece, side]), []).append((piece, side))
+    nodes = np.array(list(leaving), dtype=int)
+    if not len(nodes):
+        return
+    from_start = np.linalg.norm(graph.nodes[nodes] - line[0], axis=1)
+    from_start = from_start - 2 * graph.tips[nodes]
+    ends, lengths, headings, bridges = graph.lists
+    budget = weigh // min(STARTS, len(nodes))
+    for start in nodes[np.argsort(from_start)[:STARTS]].tolist():
+        queue: deque[tuple[Route, float, list[float] | None]] = deque(
+            ((step,), lengths[step[0]], None) for step in leaving[start]
+        )
+        for _ in range(budget):
+            if not queue:
+                break
+            route, length, heading = queue.popleft()
+            piece, side = route[-1]
+            if not bridges[piece]:
+                yield route
+                heading = headings[piece][1 - side]
+            used = {p for p, _ in route}
+            for step in leaving.get(ends[piece][1 - side], ()):
+                reached = length + lengths[step[0]]
+                if step[0] in used or reached > longest:
+                    continue
+                if (
+                    bridges[step[0]]
+                    or heading is None
+                    or _goes_on(heading, headings[step[0]][step[1]])
+                ):
+                    queue.append(((*route, step), reached, heading))
+
+
+def _goes_on(out: list[float], back: list[float]) -> bool:
+    """Whether a path that leaves one piece along `out` may enter one that leaves as `back`."""
+    return -(out[0] * back[0] + out[1] * back[1]) > TURN
+
+
+def _sampled(
+    graph: TraceGraph, routes: list[Route]
+) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
+    """Every route resampled to SAMPLES points, and its length."""
+    middle = np.array([p[len(p) // 2] for p in graph.pieces])
+    longest = max(map(len, routes))
+    pieces = np.full((len(routes), longest), -1)
+    sides = np.zeros((len(routes), longest), dtype=int)
+    for i, route in enumerate(routes):
+        pieces[i, : len(route)], sides[i, : len(route)] = np.array(route).T
+    there = pieces >= 0
+    points = np.empty((len(routes), 2 * longest + 1, 2))
+    points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
+    points[:, 1::2] = middle[pieces]
+    points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
+    half = np.where(there, graph.lengths[pieces] / 2, 0.0)
+    s = np.concatenate([np.zeros((len(routes), 1)), np.cumsum(np.repeat(half, 2, axis=1), 1)], 1)
+    total = s[:, -1]
+    target = total[:, None] * np.linspace(0, 1, SAMPLES)
+    at = (s[:, None, 1:] < target[:, :, None]).sum(2).clip(0, s.shape[1] - 2)
+    left, right = np.take_along_axis(s, at, 1), np.take_along_axis(s, at + 1, 1)
+    part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
+    rows = np.arange(len(routes))[:, None]
+    return points[rows, at] * (1 - part) + points[rows, at + 1] * part, total
+
+
+def path_cost(points: Float[Array, "N 2"], sketch: Float[Array, "M 2"], half_width: float) -> float:
+    """What one path costs by itself for a sketch: the lower the likelier it is meant."""
+    line, length = resample(sketch, SAMPLES), arc_length(sketch)[-1]
+    total = np.array([arc_length(points)[-1]])
+    return float(_cost(resample(points, SAMPLES)[None], total, line, length, half_width)[0])
+
+
+def _cost(
+    drawn: Float[Array, "R S 2"],
+    total: Float[Array, " R"],
+    line: Float[Array, "S 2"],
+    length: float,
+    half_width: float,
+) -> Float[Array, " R"]:
+    scale = UNIT / half_width
+    apart = np.linalg.norm(drawn - line, axis=2) * scale
+    ends = np.minimum(apart[:, [0, -1]].mean(1), END_CAP)
+    # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
+    smooth = drawn
+    for _ in range(2):
+        middle = (smooth[:, :-2] + 2 * smooth[:, 1:-1] + smooth[:, 2:]) / 4
+        smooth = np.concatenate([smooth[:, :1], middle, smooth[:, -1:]], axis=1)
+    step = np.diff(smooth, axis=1)
+    heading = np.arctan2(step[..., 1], step[..., 0])
+    turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
+    spacing = np.maximum(total / (SAMPLES - 1), 1e-6)[:, None]
+    bend = turn * half_width / spacing
+    bending = (bend**2 * spacing / half_width).sum(1)
+    kink = np.maximum(bend.max(1) - 0.45, 0)
+    short = np.maximum(0.85 * length - total, 0) * scale
+    return apart.mean(1) + ends + BENDING * bending + KINK * kink + SHORT * short
+
+
+def _polyline(graph: TraceGraph, route: Route) -> Float[Array, "N 2"]:
+    parts = [graph.pieces[p] if side == 0 else graph.pieces[p][::-1] for p, side in route]
+    return np.concatenate([parts[0], *(p[1:] for p in parts[1:])])
+
+
+def choose_sets(
+    graph: TraceGraph,
+    candidates: list[Paths],
+    half_width: float,
+    beam: int,
+    keep: int,
+    explained: Bool[Array, " E"],
+) -> list[tuple[int, ...]]:
+    """The best distinct sets of one path per sketch (-1 where there is none), cheapest first.
+
+    Beside the paths' own costs a set pays for pieces of skeleton that it explains twice, and
+    earns what it explains; `explained` pieces are explained already. Sets that cost far more
+    than the best, or that differ from a better one by no more than the end of a body, are left
+    out.
+    """
+    scale = UNIT / half_width
+    reward = graph.lengths * scale * UNCOVERED
+    shared = np.maximum(graph.lengths - FREE_SHARED * half_width, 0.1 * graph.lengths)
+    shared = shared * scale * SHARED
+    chosen = np.zeros((1, 0), dtype=int)
+    covered = explained[None].astype(float)
+    cost = np.zeros(1)
+    for paths in candidates:
+        if not len(paths.cost):
+            chosen = np.pad(chosen, ((0, 0), (0, 1)), constant_values=-1)
+            continue
+        covers = paths.covers.astype(float)
+        gain = ((1 - covered) * reward) @ covers.T
+        again = (covered * shared) @ covers.T
+        extended = cost[:, None] + paths.cost[None] - gain + again
+        best = np.argsort(extended, axis=None)[:beam]
+        which, path = np.unravel_index(best, extended.shape)
+        chosen = np.concatenate([chosen[which], path[:, None]], 1)
+        covered = np.maximum(covered[which], covers[path])
+        cost = extended[which, path]
+    plausible = chosen[cost <= cost[0] + PLAUSIBLE]
+    return _distinct(graph.lengths, candidates, plausible, DISTINCT * half_width, keep)
+
+
+def _distinct(
+    lengths: Float[Array, " E"],
+    candidates: list[Paths],
+    chosen: Int[Array, "S n"],
+    apart: float,
+    keep: int,
+) -> list[tuple[int, ...]]:
+    """The first sets that differ from one another by pieces longer than `apart` together."""
+    kept: list[tuple[int, ...]] = []
+    for row in map(tuple, chosen.tolist()):
+        differ = (
+            max(
+                float(lengths[paths.covers[i] != paths.covers[j]].sum())
+                for paths, i, j in zip(candidates, row, other, strict=True)
+                if i >= 0
+            )
+            for other in kept
+        )
+        if all(d > apart for d in differ):
+            kept.append(row)
+        if len(kept) == keep:
+            break
+    return kept

@@ -1,0 +1,221 @@
+"""Fit a list of curves to a normalised image at one level of blur."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from napari_splinesketch.engine import bands as pad
+from napari_splinesketch.engine import solver, spline
+from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine.settings import LevelSettings
+from napari_splinesketch.engine.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.types import Array
+
+GAIN = 1.0
+"""A curve that improved its χ² by less in a visit is not visited again ..."""
+RESTLESS = 100.0
+"""... and one that improved it by more in its last has not settled."""
+CHUNK = 128
+"""Curves between two chances to cancel."""
+
+
+class Stopped(Exception):
+    """Raised inside the engine when the caller wants no more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One fitted curve.
+
+    Attributes
+    ----------
+    theta
+        (D,) rows and columns of the K knots, px, then `tube.GLOBALS`.
+    pixels
+        (m,) flat indices of its band in the image.
+    own
+        (m,) its brightness there, as a share of the contrast.
+    cost
+        χ² of its band and its priors.
+    hessian
+        (D, D) normal matrix of band and priors, for the noise that was assumed.
+    settled
+        Whether it had arrived when the steps were over.
+    """
+
+    theta: Float[Array, " D"]
+    pixels: Int[Array, " m"]
+    own: Float[Array, " m"]
+    cost: float
+    hessian: Float[Array, "D D"]
+    settled: bool
+
+    @property
+    def knots(self) -> Float[Array, "K 2"]:
+        """(K, 2) row and col of the knots, px."""
+        return self.theta[: len(self.theta) - len(GLOBALS)].reshape(2, -1).T
+
+    @property
+    def parameters(self) -> Float[Array, " G"]:
+        """(G,) the parameters named in `tube.GLOBALS`."""
+        return self.theta[-len(GLOBALS) :]
+
+    def __getitem__(self, name: str) -> float:
+        """One of `tube.GLOBALS`."""
+        return float(self.parameters[INDEX[name]])
+
+    def points(self, count: int = 48) -> Float[Array, "count 2"]:
+        """Points of the centreline, uniform in the spline's parameter."""
+        return spline.basis(len(self.knots), np.linspace(0, 1, count)) @ self.knots
+
+
+Report = Callable[[float, Callable[[], list[Body]]], None]
+"""Called with the share done and a way to see the curves as they are; may raise `Stopped`."""
+
+
+def fit_level(
+    image: Float[Array, "H W"],
+    seen: Scene,
+    theta: Float[Array, "n D"],
+    priors: pad.Priors,
+    level: LevelSettings,
+    *,
+    replica: Int[Array, " n"] | None = None,
+    moving: int | None = None,
+    report: Report | None = None,
+) -> list[Body]:
+    """Levenberg–Marquardt sweeps over all curves.
+
+    Parameters
+    ----------
+    image
+        (H, W) normalised and already blurred for the level.
+    seen
+        What is known of the image.
+    theta
+        (n, D) where to start.
+    priors
+        Of the n curves.
+    level
+        How to fit.
+    replica
+        (n,) curves see each other only within the same replica of the scene.
+    moving
+        The first so many curves move; the others only take part in the rendering.
+    report
+        See `Report`.
+    """
+    n, d = theta.shape
+    k = (d - len(GLOBALS)) // 2
+    movable = n if moving is None else moving
+    replica = np.zeros(n, int) if replica is None else replica
+    blur, stride = level.blur * seen.half_width, level.stride(seen.half_width)
+    pixels = [
+        pad.band_pixels(line, width + level.margin + 2 * blur, seen.valid, stride)
+        for line, width in zip(lines_of(theta), _widths(theta, seen.half_width), strict=True)
+    ]
+    bands, shift, begin = pad.make_bands(image, pixels, replica, theta, seen.half_width, priors)
+    basis, bend = pad.spline_basis(k)
+    shared = solver.Level(
+        np.concatenate([np.full(2 * k, -1e6), priors.low]).astype(np.float32),
+        np.concatenate([np.full(2 * k, 1e6), priors.high]).astype(np.float32),
+        np.float32(seen.noise),
+        np.float32(blur),
+    )
+    fit = solver.start(begin, bands.values.shape[1])
+    bands, fit, shared, basis, bend = jax.device_put((bands, fit, shared, basis, bend))
+
+    def bodies() -> list[Body]:
+        found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
+        state = (fit.own, fit.cost, fit.hessian, fit.gain)
+        own, cost, hessian, gain = (np.asarray(a) for a in state)
+        return [
+            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i], gain[i] < RESTLESS)
+            for i, p in enumerate(pixels)
+        ]
+
+    meets = _meeting(theta, pixels, image.shape[1], replica)
+    pending: Sequence[int] = np.flatnonzero(meets.any(1) | (np.arange(n) >= movable)).tolist()
+    for turn, steps in enumerate((1, *level.steps)):
+        visited = 0
+        for now in _apart(pending, meets) if turn else _chunks(pending):
+            order = np.zeros(len(begin), np.int32)
+            order[: len(now)] = now
+            numbers = np.int32(len(now)), np.int32(steps)
+            with jax.enable_x64(False):
+                fit = solver.sweep(bands, shared, fit, basis, bend, order, *numbers)
+            visited += len(now)
+            if report:
+                report((turn + visited / len(pending)) / (1 + len(level.steps)), bodies)
+        moved = np.asarray(fit.gain)[:n] > GAIN
+        pending = _unsettled(moved, pending, meets, movable) if turn else list(range(movable))
+        if not pending:
+            break
+    return bodies()
+
+
+def _apart(curves: Sequence[int], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
+    """The curves in chunks of which no two meet, so that each sees the others as they are now.
+
+    Two overlapping curves that step at the same time overshoot together, for ever.
+    """
+    colours: list[list[int]] = []
+    for i in curves:
+        free = (c for c in colours if not meets[i, c].any())
+        colour = next(free, None)
+        if colour is None:
+            colours.append([i])
+        else:
+            colour.append(i)
+    for colour in colours:
+        yield from _chunks(colour)
+
+
+def _chunks(curves: Sequence[int]) -> Iterator[list[int]]:
+    for first in range(0, len(curves), CHUNK):
+        yield list(curves[first : first + CHUNK])
+
+
+def _unsettled(moved, visited: Sequence[int], meets, moving: int) -> list[int]:
+    """Curves to visit next: those that moved when they were visited, and those beside them."""
+    here = np.zeros(len(meets), dtype=bool)
+    here[list(visited)] = True
+    moved = here & moved
+    again = moved | (meets & moved).any(1)
+    return np.flatnonzero(again[:moving]).tolist()
+
+
+def _meeting(theta, pixels, width: int, replica) -> Bool[Array, "n n"]:
+    """Which curves' bands touch, by their bounding boxes."""
+    low = np.array([(p.min() // width, (p % width).min()) if len(p) else (0, 0) for p in pixels])
+    high = np.array([(p.max() // width, (p % width).max()) if len(p) else (-1, -1) for p in pixels])
+    meets = (low[:, None] <= high[None]).all(2) & (high[:, None] >= low[None]).all(2)
+    meets &= replica[:, None] == replica[None]
+    np.fill_diagonal(meets, False)
+    return meets
+
+
+def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2"]:
+    """Points of the centrelines of many parameter vectors, uniform in the spline's parameter."""
+    k = (theta.shape[1] - len(GLOBALS)) // 2
+    rows = spline.basis(k, np.linspace(0, 1, count))
+    return rows @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
+
+
+def _widths(theta: Float[Array, "n D"], half_width: float) -> Float[Array, " n"]:
+    width = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
+    return np.clip(width, 0.5 * half_width, 2 * half_width)
+
+
+def render_at(pixels: Int[Array, " P"], bodies: Sequence[Body]) -> Float[Array, " P"]:
+    """Bodies at some pixels (sorted flat indices): α·max + (1 - α)·sum, share of the contrast."""
+    total, most = np.zeros(len(pixels)), np.zeros(len(pixels))
+    for body in bodies:
+        at = np.searchsorted(pixels, body.pixels)
+        total[at] += body.own
+        most[at] = np.maximum(most[at], body.own)
+    overlap = float(np.median([body["overlap"] for body in bodies]))
+    return overlap * most + (1 - overlap) * total

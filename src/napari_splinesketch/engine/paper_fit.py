@@ -1,0 +1,216 @@
+"""From sketches to the paper's parameters, and from those to curves and images."""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine.blobs import (
+    REACH,
+    Blobs,
+    Canvas,
+    Place,
+    background,
+    blend_tiles,
+    compose,
+    convolve,
+    draw_tiles,
+    half_width_ratio,
+    initial_profile,
+    spline_knots,
+)
+from napari_splinesketch.engine.paper_loss import Target
+from napari_splinesketch.engine.spline import arc_length, basis, fit_knots, sample
+from napari_splinesketch.engine.types import POINTS
+
+_HALF_WIDTHS_PER_UNIT = 10.0
+_START_WIDTH = 0.8
+_WIDTH_LIMITS = (0.02, 0.98)
+_ROOM_TO_GROW = 1.5
+_FEWEST = {"curves": 4, "blobs": 64, "pixels": 128}
+
+
+@dataclass(frozen=True, eq=False)
+class PaperFit:
+    """The result of `refine_paper`.
+
+    Attributes
+    ----------
+    knots
+        (n, K, 3): row, col and half-width at the knots of each sketch's spline, px; fixed curves
+        are not among them.
+    reconstruction
+        (H, W): Ŷ, in the units of the given image.
+    background
+        (H, W): the same without bodies.
+    losses
+        ‖Y - Ŷ‖², in areas of a body, before each step of "background", "splines" (of the seed
+        that was kept) and "everything".
+    score
+        Mean of (Y - Ŷ)² over the image: the smaller, the likelier the fit is right.
+    alpha
+        α: 1 where the brightest of overlapping bodies hides the others, 0 where they add up.
+    cancelled
+        Whether `report` stopped it; then everything is the best so far.
+    scene, place, canvas
+        What `render_bodies` draws from.
+    """
+
+    knots: Float[np.ndarray, "n K 3"]
+    reconstruction: Float[np.ndarray, "H W"]
+    background: Float[np.ndarray, "H W"]
+    losses: dict[str, Float[np.ndarray, " T"]]
+    score: float
+    alpha: float
+    cancelled: bool
+    scene: Blobs
+    place: Place
+    canvas: Canvas
+
+
+class Problem(NamedTuple):
+    """What the scene is fitted to."""
+
+    place: Place
+    target: Target
+
+
+def prepare(
+    image: Float[np.ndarray, "H W"],
+    sketches: list[Float[np.ndarray, "N 2"]],
+    fixed: list[Float[np.ndarray, "K 3"]],
+    *,
+    half_width: float,
+    knots: int,
+    spacing: float,
+) -> tuple[Blobs, Problem, Canvas]:
+    """Give the scene that sketches and fixed curves describe, padded to sizes that recur."""
+    lines = [np.column_stack([sketch, np.full(len(sketch), half_width)]) for sketch in sketches]
+    lines += [sample(curve, POINTS) for curve in fixed]
+    count, unit = len(lines), _HALF_WIDTHS_PER_UNIT * half_width
+    padded = bucket(count, _FEWEST["curves"], 4)
+    points = np.zeros((padded, knots, 3))
+    points[:count] = [fit_knots(line, knots) for line in lines]
+    points, widths = points[..., :2], _START_WIDTH * points[..., 2] / half_width
+    widths = np.clip(widths, *_WIDTH_LIMITS)
+    lengths = np.ones(padded)
+    lengths[:count] = [arc_length(line)[-1] for line in lines]
+    scale = half_width / (half_width_ratio(initial_profile()) * _START_WIDTH)
+
+    patch = 4 * math.ceil(REACH * _START_WIDTH * scale / 2) + 1
+    frame = (_size(image.shape[0]), _size(image.shape[1]))
+    tile = _size(_ROOM_TO_GROW * lengths.max() + patch)
+    blobs = bucket(lengths.max() / (spacing * half_width), _FEWEST["blobs"], 2)
+    canvas = Canvas(frame, (min(tile, frame[0]), min(tile, frame[1])), patch, blobs)
+
+    centre = points.mean(axis=1, keepdims=True)
+    scene = Blobs(
+        centre=_float(centre[:, 0] / unit),
+        offsets=_float((points - centre) / unit),
+        widths=_float(np.log(widths / (1 - widths))),
+        log_scale=_float(0.0),
+        blend=_float(0.0),
+        brightness=_float(0.0),
+        gradient=_float([0.0, 0.0]),
+        log_contrast=_float(-np.log(_START_WIDTH)),
+        profile=_float(initial_profile()),
+        kernel=_float(np.pad([[1.0]], 1)),
+    )
+    numbers = jnp.asarray(count), jnp.asarray(len(sketches))
+    place = Place(*numbers, _float(image.shape), _float(unit), _float(scale))
+    known = np.isfinite(image)
+    outside = [(0, size - n) for size, n in zip(frame, image.shape, strict=True)]
+    pixels, seen = (np.pad(a, outside) for a in (np.where(known, image, 0.0), known))
+    area = 2 * half_width * lengths[:count].mean()
+    target = Target(_float(pixels), _float(seen), _float(area), _float(lengths))
+    return scene, Problem(place, target), canvas
+
+
+_float = partial(jnp.asarray, dtype=jnp.float32)
+
+
+def bucket(value: float, fewest: int, factor: int) -> int:
+    """Round up to `fewest` times a power of `factor`."""
+    return fewest * factor ** max(0, math.ceil(math.log(max(value, fewest) / fewest, factor)))
+
+
+def _size(value: float) -> int:
+    """Round up to 128, 192, 256, 384, 512, ... px."""
+    larger = bucket(value, _FEWEST["pixels"], 2)
+    return larger * 3 // 4 if larger > _FEWEST["pixels"] and value <= larger * 3 / 4 else larger
+
+
+def centrelines(scene: Blobs, place: Place, count: int) -> list[Float[np.ndarray, "100 2"]]:
+    """Points of the first splines, row and col, px."""
+    rows = basis(scene.offsets.shape[1], np.linspace(0.0, 1.0, POINTS))
+    return list(rows @ np.asarray(spline_knots(scene, place))[:count, :, :2])
+
+
+def collect(
+    scene: Blobs,
+    place: Place,
+    canvas: Canvas,
+    losses: dict[str, Float[np.ndarray, " T"]],
+    image: Float[np.ndarray, "H W"],
+    cancelled: bool,
+) -> PaperFit:
+    """Turn parameters into a result."""
+    count, (height, width) = int(place.moving), image.shape
+    images = _images(scene, draw(scene, place, canvas)[0], place, canvas.frame)
+    drawn, empty = (np.asarray(a)[:height, :width] for a in images)
+    ratio = half_width_ratio(np.asarray(scene.profile, float))
+    return PaperFit(
+        knots=np.asarray(spline_knots(scene, place))[:count] * [1.0, 1.0, ratio],
+        reconstruction=drawn,
+        background=empty,
+        losses=losses,
+        score=float(np.nanmean((image - drawn) ** 2)),
+        alpha=float(jax.nn.sigmoid(scene.blend)),
+        cancelled=cancelled,
+        scene=scene,
+        place=place,
+        canvas=canvas,
+    )
+
+
+def render_bodies(fit: PaperFit) -> Float[np.ndarray, "n H W"]:
+    """Each body rendered alone, without background, in the units of the given image."""
+    tiles, origin = _tiles(fit.scene, fit.place, fit.canvas)
+    bodies = np.zeros((len(fit.knots), *fit.canvas.frame), np.float32)
+    for body, tile, (row, col) in zip(bodies, tiles, origin, strict=False):
+        body[row : row + tile.shape[0], col : col + tile.shape[1]] = tile
+    blurred = [_blur(fit.scene, body) for body in bodies]
+    height, width = fit.reconstruction.shape
+    return np.array(blurred)[:, :height, :width]
+
+
+@partial(jax.jit, static_argnames="canvas")
+def draw(scene: Blobs, place: Place, canvas: Canvas) -> tuple[jax.Array, jax.Array]:
+    """All splines in the padded frame (H, W), and their lengths (N,), px."""
+    tiles, origin, length = draw_tiles(scene, place, canvas)
+    return blend_tiles(tiles, origin, scene.blend, canvas.frame), length
+
+
+@partial(jax.jit, static_argnames="frame")
+def _images(
+    scene: Blobs, bodies: Float[jax.Array, "H W"], place: Place, frame: tuple[int, int]
+) -> tuple[jax.Array, jax.Array]:
+    """Reconstruction and background, both (H, W), padded."""
+    image = compose(scene, bodies, place, frame)
+    empty = background(scene, place, frame)
+    return convolve(image, scene.kernel), convolve(empty, scene.kernel)
+
+
+@partial(jax.jit, static_argnames="canvas")
+def _tiles(scene: Blobs, place: Place, canvas: Canvas) -> tuple[jax.Array, jax.Array]:
+    return draw_tiles(scene, place, canvas)[:2]
+
+
+@jax.jit
+def _blur(scene: Blobs, body: Float[np.ndarray, "H W"]) -> jax.Array:
+    return convolve(jnp.exp(scene.log_contrast) * body, scene.kernel)

@@ -1,0 +1,79 @@
+"""Presets: where on the speed-accuracy chart to work."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+PresetName = Literal["fast", "balanced", "thorough", "paper"]
+PRESETS: tuple[PresetName, ...] = get_args(PresetName)
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """How one level is fitted.
+
+    Attributes
+    ----------
+    blur
+        Blur of image and model, in half-widths of the bodies.
+    steps
+        Evaluations a curve in each sweep.
+    margin
+        Background on either side of a body in its band, px.
+    sparse
+        Whether to use every second row and column, where the bodies are wide enough.
+    """
+
+    blur: float
+    steps: tuple[int, ...]
+    margin: float = 4.0
+    sparse: bool = False
+
+    def stride(self, half_width: float) -> int:
+        """Use every so many rows and columns."""
+        return 2 if self.sparse and self.blur * half_width >= 1.0 else 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a preset stands for.
+
+    Attributes
+    ----------
+    weigh
+        Paths looked at for each sketch, at most.
+    paths
+        Candidate paths kept for each sketch.
+    beam
+        Sets of paths followed while choosing.
+    sets
+        Best sets that are fitted and compared before one is polished.
+    coarse
+        Levels that bring a sketch without any trace near its body.
+    judge, polish
+        How sets are fitted for comparison (None takes the likeliest), and how the best is
+        finished.
+    knots
+        Numbers of knots that a curve may have, in rising order.
+    everything
+        Use every part of the model, whether it pays or not.
+    """
+
+    weigh: int = 2000
+    paths: int = 40
+    beam: int = 64
+    sets: int = 3
+    coarse: tuple[LevelSettings, ...] = (
+        LevelSettings(2.5, (10, 10), 8.0, sparse=True),
+        LevelSettings(1.0, (10, 10), 4.0, sparse=True),
+    )
+    judge: LevelSettings | None = LevelSettings(0.5, (8, 6), 4.0, sparse=True)
+    polish: LevelSettings = LevelSettings(0.0, (5, 4, 4, 4, 4, 4), 4.0)
+    knots: tuple[int, ...] = (8, 12, 16, 24)
+    everything: bool = False
+
+
+SETTINGS: dict[PresetName, Settings] = {
+    "fast": Settings(weigh=1000, sets=1, judge=None, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
+    "balanced": Settings(),
+    "thorough": Settings(weigh=6000, sets=10, paths=80, beam=256),
+}

@@ -1,0 +1,88 @@
+"""Natural cubic splines with uniform knots: values and derivatives are `basis @ knots`."""
+
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+
+from napari_splinesketch.engine.types import Array
+
+
+def basis(knots: int, u: Float[Array, " P"], derivative: int = 0) -> Float[Array, "P K"]:
+    """Cardinal basis of the natural cubic spline, or one of its derivatives by `u`.
+
+    Parameters
+    ----------
+    knots
+        Number of knots K ≥ 2, uniform on [0, 1].
+    u
+        (P,) where to evaluate, 0 to 1.
+    derivative
+        0, 1, 2 or 3.
+
+    Returns
+    -------
+    (P, K); row p gives the weights of the knots in the value at u[p].
+    """
+    return _cardinal(knots)(np.asarray(u) * (knots - 1), derivative) * (knots - 1) ** derivative
+
+
+@cache
+def _cardinal(knots: int) -> CubicSpline:
+    return CubicSpline(np.arange(knots), np.eye(knots), bc_type="natural")
+
+
+def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
+    """(N,) arc length of a polyline (its first two columns) from its first point, px."""
+    steps = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:
+    """Points of a polyline, uniform in arc length; further columns are interpolated along.
+
+    Parameters
+    ----------
+    points
+        (N, D): row, col and any further columns, N ≥ 2 with a length above 0.
+    count
+        Number of points to return.
+    """
+    s = arc_length(points)
+    target = np.linspace(0.0, s[-1], count)
+    return np.stack([np.interp(target, s, column) for column in points.T], axis=1)
+
+
+def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:
+    """Points of the spline through `knots`, uniform in arc length (of row and col)."""
+    u = np.linspace(0.0, 1.0, 8 * count)
+    return resample(basis(len(knots), u) @ knots, count)
+
+
+def fit_knots(points: Float[Array, "N D"], knots: int) -> Float[Array, "K D"]:
+    """Knots of the spline nearest to a polyline in the least-squares sense.
+
+    The ends of the polyline are kept; the parameter is its arc length.
+    """
+    dense = resample(points, 12 * knots)
+    return _fitter(knots) @ dense
+
+
+@cache
+def _fitter(knots: int) -> Float[Array, "K N"]:
+    """Least squares with the first and last point held (weight 1e3)."""
+    rows = basis(knots, np.linspace(0.0, 1.0, 12 * knots))
+    weight = np.ones(len(rows))
+    weight[[0, -1]] = 1e3
+    return np.linalg.pinv(rows * weight[:, None]) * weight
+
+
+@cache
+def bending_matrix(knots: int) -> Float[Array, "K K"]:
+    """∫ B″ᵀB″ du: knotsᵀ Q knots is the integrated squared second derivative."""
+    second = basis(knots, np.linspace(0.0, 1.0, knots), 2)
+    # B'' is linear between knots, so each interval integrates as (a² + ab + b²) / 3.
+    a, b = second[:-1], second[1:]
+    cross = a.T @ b
+    return (a.T @ a + b.T @ b + (cross + cross.T) / 2) / (3 * (knots - 1))

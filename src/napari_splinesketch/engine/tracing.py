@@ -1,0 +1,209 @@
+"""From an image to a graph whose edges are pieces of body: threshold, skeleton, split, prune."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+from skimage.morphology import remove_small_objects, skeletonize
+
+from napari_splinesketch.engine.spline import arc_length
+from napari_splinesketch.engine.types import Array
+
+THRESHOLD = 0.45
+"""Of the contrast."""
+SMOOTHING = 0.35
+SPUR = 1.6
+SPLIT = 4.0
+TANGENT = 3.0
+BRIDGE = 3.5
+"""Lengths, in half-widths of the bodies."""
+
+
+@dataclass(frozen=True, eq=False)
+class TraceGraph:
+    """Pieces of skeleton between nodes.
+
+    Attributes
+    ----------
+    nodes
+        (V, 2) row, col of ends, junctions and splits.
+    tips
+        (V,) whether the node is a free end of the skeleton.
+    pieces
+        Polylines, (N, 2) each, from the first to the second node of `ends`.
+    ends
+        (E, 2) node numbers.
+    lengths
+        (E,) arc lengths, px.
+    headings
+        (E, 2, 2) unit vectors leaving the piece at its first and at its second node.
+    bridges
+        (E,) short pieces between two junctions: where bodies cross, the skeleton runs along
+        them in a direction that is no body's.
+    """
+
+    nodes: Float[Array, "V 2"]
+    tips: Bool[Array, " V"]
+    pieces: tuple[Float[Array, "N 2"], ...]
+    ends: Int[Array, "E 2"]
+    lengths: Float[Array, " E"]
+    headings: Float[Array, "E 2 2"]
+    bridges: Bool[Array, " E"]
+
+    @cached_property
+    def lists(self) -> tuple[list, list, list, list]:
+        """Ends, lengths, headings and bridges as lists, for loops in Python."""
+        arrays = (self.ends, self.lengths, self.headings, self.bridges)
+        ends, lengths, headings, bridges = (a.tolist() for a in arrays)
+        return ends, lengths, headings, bridges
+
+
+def body_mask(
+    image: Float[Array, "H W"], half_width: float, threshold: float = THRESHOLD
+) -> Bool[Array, "H W"]:
+    """Pixels that are body: the smoothed image (background 0, bodies 1) above a threshold."""
+    smooth = ndimage.gaussian_filter(image, max(SMOOTHING * half_width, 0.5))
+    smallest = int(max(4 * half_width**2, 6))
+    return remove_small_objects(smooth > threshold, max_size=smallest)
+
+
+def trace(mask: Bool[Array, "H W"], half_width: float) -> TraceGraph:
+    """The graph of a mask's skeleton.
+
+    Parameters
+    ----------
+    mask
+        (H, W) pixels that are body.
+    half_width
+        Typical half-width of the bodies, px; every length scales with it.
+    """
+    chains = _prune(list(_chains(skeletonize(mask))), SPUR * half_width)
+    ends_of = [tuple(map(tuple, (c[0], c[-1]))) for c in chains]
+    degree: dict[tuple, int] = {}
+    for a, b in ends_of:
+        degree[a] = degree.get(a, 0) + 1
+        degree[b] = degree.get(b, 0) + 1
+
+    number: dict[tuple, int] = {}
+    pieces, ends, bridges = [], [], []
+    for chain in chains:
+        crossing = degree[tuple(chain[0])] > 2 and degree[tuple(chain[-1])] > 2
+        short = arc_length(chain)[-1] < BRIDGE * half_width
+        for piece in _split(chain.astype(float), SPLIT * half_width):
+            a, b = tuple(piece[0]), tuple(piece[-1])
+            ends.append([number.setdefault(a, len(number)), number.setdefault(b, len(number))])
+            pieces.append(piece)
+            bridges.append(crossing and short)
+    nodes = np.array(list(number), dtype=float).reshape(-1, 2)
+    tips = np.array([degree.get(tuple(int(x) for x in n), 2) == 1 for n in number], dtype=bool)
+    headings = np.array([[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces])
+    return TraceGraph(
+        nodes,
+        tips,
+        tuple(pieces),
+        np.array(ends, dtype=int).reshape(-1, 2),
+        np.array([arc_length(p)[-1] for p in pieces]),
+        headings.reshape(-1, 2, 2),
+        np.array(bridges, dtype=bool),
+    )
+
+
+def _heading(piece: Float[Array, "N 2"], half_width: float) -> Float[Array, "2"]:
+    """Unit vector pointing out of the piece at its first point."""
+    s = arc_length(piece)
+    inner = piece[min(np.searchsorted(s, TANGENT * half_width), len(piece) - 1)]
+    out = piece[0] - inner
+    return out / (np.linalg.norm(out) + 1e-9)
+
+
+def _split(chain: Float[Array, "N 2"], longest: float) -> list[Float[Array, "N 2"]]:
+    """Equal parts of a chain, none much longer than `longest`."""
+    s = arc_length(chain)
+    parts = max(1, round(s[-1] / longest))
+    cuts = np.searchsorted(s, np.linspace(0, s[-1], parts + 1)[1:-1])
+    cuts = [0, *cuts, len(chain) - 1]
+    return [chain[a : b + 1] for a, b in pairwise(cuts) if b > a]
+
+
+def _chains(skeleton: Bool[Array, "H W"]) -> Iterator[Int[Array, "N 2"]]:
+    """Pixel chains between pixels that do not have two neighbours, and closed loops."""
+    pixels, links = _links(skeleton)
+    degree = [len(n) for n in links]
+    seen: set[tuple[int, int]] = set()
+    starts = [i for i, d in enumerate(degree) if d not in (0, 2)]
+    loops = [i for i, d in enumerate(degree) if d == 2]
+    visited = np.zeros(len(pixels), dtype=bool)
+    for start in starts + loops:
+        if degree[start] == 2 and visited[start]:
+            continue
+        for step in links[start]:
+            if (start, step) in seen:
+                continue
+            chain = [start, step]
+            while degree[chain[-1]] == 2 and chain[-1] != start:
+                a, b = links[chain[-1]]
+                chain.append(b if a == chain[-2] else a)
+            seen.add((start, step))
+            seen.add((chain[-1], chain[-2]))
+            visited[chain] = True
+            yield pixels[chain]
+
+
+def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[int]]]:
+    """Skeleton pixels and their neighbours, without diagonals that cut a corner."""
+    pixels = np.argwhere(skeleton)
+    index = np.full((skeleton.shape[0] + 2, skeleton.shape[1] + 2), -1)
+    r, c = pixels.T + 1
+    index[r, c] = np.arange(len(pixels))
+    straight = [(0, 1), (1, 0), (0, -1), (-1, 0)]
+    found = [index[r + dr, c + dc] for dr, dc in straight]
+    for dr, dc in [(1, 1), (1, -1), (-1, -1), (-1, 1)]:
+        corner = (index[r + dr, c] < 0) & (index[r, c + dc] < 0)
+        found.append(np.where(corner, index[r + dr, c + dc], -1))
+    links = [[j for j in row if j >= 0] for row in np.stack(found, 1).tolist()]
+    return pixels, links
+
+
+def _prune(chains: list[Int[Array, "N 2"]], spur: float) -> list[Int[Array, "N 2"]]:
+    """Drop short chains that hang on a junction, then join chains that meet two by two."""
+    degree: dict[tuple, int] = {}
+    for chain in chains:
+        for end in (tuple(chain[0]), tuple(chain[-1])):
+            degree[end] = degree.get(end, 0) + 1
+
+    def is_spur(chain: Array) -> bool:
+        at = sorted((degree[tuple(chain[0])], degree[tuple(chain[-1])]))
+        return at[0] == 1 and at[1] > 2 and arc_length(chain)[-1] < spur
+
+    return _join([c for c in chains if not is_spur(c)])
+
+
+def _join(chains: list[Int[Array, "N 2"]]) -> list[Int[Array, "N 2"]]:
+    at: dict[tuple, list[int]] = {}
+    for i, chain in enumerate(chains):
+        at.setdefault(tuple(chain[0]), []).append(i)
+        at.setdefault(tuple(chain[-1]), []).append(i)
+    owner = list(range(len(chains)))
+    alive = dict(enumerate(chains))
+    for node, members in at.items():
+        if len(members) != 2:
+            continue
+        a, b = (_root(owner, m) for m in members)
+        if a == b:
+            continue
+        first, second = alive.pop(a), alive.pop(b)
+        first = first if tuple(first[-1]) == node else first[::-1]
+        second = second if tuple(second[0]) == node else second[::-1]
+        alive[a] = np.concatenate([first, second[1:]])
+        owner[b] = a
+    return list(alive.values())
+
+
+def _root(owner: list[int], i: int) -> int:
+    while owner[i] != i:
+        i = owner[i]
+    return i

@@ -1,0 +1,151 @@
+"""What the engine takes and gives: immutable values, free of JAX."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Real
+
+Polarity = Literal["auto", "bright", "dark"]
+Status = Literal["good", "check", "failed"]
+Array = np.ndarray
+AnyArray = Any
+"""NumPy's or JAX's: compiled functions take either."""
+
+CANCELLED = "cancelled before it was done"
+POINTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One refined body: a natural cubic spline with its half-width and its uncertainty.
+
+    Coordinates are (row, col) in pixels of the image, pixel centres at integers.
+
+    Attributes
+    ----------
+    knots
+        (K, 3): row, col and half-width at the knots, px. A natural cubic spline through them,
+        uniform in the knots' index, is the centreline.
+    points
+        (100, 2): the centreline, uniform in arc length.
+    half_width
+        (100,): distance from the centreline to the body's edge at `points`, px.
+    sd
+        (100,): standard error of `points` along the normal, px; infinite where nothing is known.
+    status
+        "good"; "check" when something asks for a look; "failed" when the sketch could not be
+        refined, in which case the curve is the sketch as drawn.
+    reasons
+        Why the status is not "good", one sentence each.
+    residual
+        Root mean square of image minus reconstruction in the body's band, divided by the body's
+        contrast.
+    """
+
+    knots: Float[Array, "K 3"]
+    points: Float[Array, "100 2"]
+    half_width: Float[Array, "100"]
+    sd: Float[Array, "100"]
+    status: Status
+    reasons: tuple[str, ...]
+    residual: float
+
+    @property
+    def length(self) -> float:
+        """Arc length of the centreline, px."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """What the scene needed: the parts of the model that were switched on, and why.
+
+    Attributes
+    ----------
+    polarity
+        Whether bodies are brighter or darker than the background.
+    knots
+        Number of knots of each curve; 0 for a curve that failed.
+    half_width
+        Typical half-width of the bodies, px.
+    width
+        "constant" (apart from the taper of the ends) or "profile".
+    background
+        "constant", "linear" or "textured".
+    overlap
+        Whether overlapping bodies add up (0 = sum) or hide each other (1 = max);
+        None where no curves overlap.
+    contrast
+        Brightness of the bodies above the background, in the image's units.
+    noise
+        Standard deviation of image minus reconstruction, in the image's units.
+    blur
+        Softness of the bodies' edges, px.
+    notes
+        One sentence for each choice, for the user to read.
+    brightness
+        "constant" or "profile", along a body.
+    """
+
+    polarity: Literal["bright", "dark"]
+    knots: tuple[int, ...]
+    half_width: float
+    width: Literal["constant", "profile"]
+    background: Literal["constant", "linear", "textured"]
+    overlap: float | None
+    contrast: float
+    noise: float
+    blur: float
+    notes: tuple[str, ...] = ()
+    brightness: Literal["constant", "profile"] = "constant"
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """The result of `refine`.
+
+    Attributes
+    ----------
+    curves
+        One per sketch, in the same order. After a cancel every curve is its sketch as drawn,
+        "failed", with the reason `CANCELLED`.
+    reconstruction
+        (H, W): the image as the model explains it, in the image's own units.
+    background
+        (H, W): the same without bodies.
+    model
+        What the scene needed.
+    seconds
+        Wall time of the call.
+    """
+
+    curves: tuple[Curve, ...]
+    reconstruction: Float[Array, "H W"]
+    background: Float[Array, "H W"]
+    model: SceneModel
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Where a running refinement stands.
+
+    Attributes
+    ----------
+    stage
+        What is being done, in words for the user: "looking at the image", "tracing", ...
+    fraction
+        Share of the work done, 0 to 1; never falls.
+    centrelines
+        The curves as they are now, one (P, 2) array per sketch, or None before there are any.
+    """
+
+    stage: str
+    fraction: float
+    centrelines: tuple[Float[Array, "P 2"], ...] | None = None
+
+
+OnProgress = Callable[[Progress], bool | None]
+Sketches = Sequence[Real[Array, "N 2"]]

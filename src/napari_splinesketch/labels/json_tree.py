@@ -1,0 +1,147 @@
+"""JSON files: read with the place of every mistake, written whole and strictly."""
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine.types import Array
+from napari_splinesketch.labels.files import LabelsError, atomic
+
+MAX_BYTES = 2**27
+"""Largest file that is read; as objects it takes up to a hundred times as much memory."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A value in a JSON file that knows its place.
+
+    Attributes
+    ----------
+    path
+        The file.
+    place
+        Where the value is, such as "data[3].x"; empty for the whole file.
+    value
+        What `json` read.
+    """
+
+    path: str | os.PathLike[str]
+    place: str
+    value: Any
+
+    def error(self, reason: str) -> LabelsError:
+        """Blame this value."""
+        return LabelsError(self.path, self.place, reason)
+
+    def __contains__(self, key: str) -> bool:
+        """Tell whether an object has a member that is not null."""
+        return isinstance(self.value, dict) and self.value.get(key) is not None
+
+    def __getitem__(self, key: str) -> "Node":
+        """Give a member of an object."""
+        members = self.members()
+        if key not in members:
+            raise self.error(f"has no {key!r}")
+        return Node(self.path, f"{self.place}.{key}".removeprefix("."), members[key])
+
+    def __iter__(self) -> Iterator["Node"]:
+        """Give the elements of an array."""
+        if not isinstance(self.value, list):
+            raise self.error(f"expected an array, not {self._kind()}")
+        for i, element in enumerate(self.value):
+            yield Node(self.path, f"{self.place}[{i}]", element)
+
+    def members(self) -> dict[str, Any]:
+        """Give an object as it is."""
+        if not isinstance(self.value, dict):
+            raise self.error(f"expected an object, not {self._kind()}")
+        return self.value
+
+    def text(self) -> str:
+        """Give a string."""
+        if not isinstance(self.value, str):
+            raise self.error(f"expected a string, not {self._kind()}")
+        return self.value
+
+    def number(self) -> float:
+        """Give a finite number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            raise self.error(f"expected a number, not {self._kind()}")
+        try:
+            number = float(self.value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error("expected a finite number")
+        return number
+
+    def integer(self) -> int:
+        """Give a whole number from 0."""
+        number = self.number()
+        if number != int(number) or not 0 <= number < 2**63:
+            raise self.error(f"is {number:g}; expected a whole number from 0")
+        return int(self.value)
+
+    def numbers(self, unknown: float | None = None) -> Float[Array, " N"]:
+        """Give an array of numbers; null stands for `unknown`, where that is given."""
+        return np.array(
+            [
+                unknown if unknown is not None and node.value is None else node.number()
+                for node in self
+            ],
+            dtype=np.float64,
+        )
+
+    def _kind(self) -> str:
+        kinds = {dict: "an object", list: "an array", str: "a string", type(None): "null"}
+        return kinds.get(type(self.value), "a number")
+
+
+def read_json(path: str | os.PathLike[str]) -> Node:
+    """Read a JSON file in UTF-8."""
+    size = Path(path).stat().st_size
+    if size > MAX_BYTES:
+        raise LabelsError(path, "", f"{size} bytes are more than the {MAX_BYTES} that are read")
+    try:
+        return parse_json(path, "", Path(path).read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise LabelsError(path, "", f"not a text file in UTF-8 ({error.reason})") from None
+
+
+def parse_json(path: str | os.PathLike[str], place: str, text: str) -> Node:
+    """Parse JSON that stands at some place of a file."""
+    try:
+        return Node(path, place, json.loads(text, parse_constant=_refuse))
+    except json.JSONDecodeError as error:
+        where = place or f"line {error.lineno}, column {error.colno}"
+        raise LabelsError(path, where, f"not JSON ({error.msg})") from None
+    except RecursionError:
+        raise LabelsError(path, place, "not JSON that can be read (nested too deeply)") from None
+    except ValueError as error:
+        raise LabelsError(path, place, f"not JSON ({error})") from None
+
+
+def _refuse(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number in JSON; use null")
+
+
+def write_json(path: str | os.PathLike[str], value: object, *, overwrite: bool) -> None:
+    """Write a JSON file in UTF-8; a number that is not finite is our mistake."""
+    with (
+        atomic(path, overwrite=overwrite) as temporary,
+        temporary.open("x", encoding="utf-8") as file,
+    ):
+        json.dump(value, file, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        file.write("\n")
+
+
+def finite_or_null(values: Float[Array, " N"]) -> list[float | None]:
+    """Give numbers for JSON, null where they are not finite."""
+    return [value if math.isfinite(value) else None for value in values.tolist()]

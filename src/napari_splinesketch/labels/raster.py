@@ -1,0 +1,102 @@
+"""Which pixels a body covers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from napari_splinesketch.engine.types import Array
+from napari_splinesketch.labels.types import Label
+
+STRETCH = 16
+"""Length of line that is drawn at a time, px."""
+MOST_VALUES = 2**20
+"""Pixels times segments that are worked on at a time, roughly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The part of an image around a body.
+
+    Attributes
+    ----------
+    corner
+        (row, col) in the image of the patch's first pixel.
+    depth
+        (h, w): half-width minus distance from the centreline, px; not negative inside the body,
+        negative infinite where no body is near.
+    """
+
+    corner: tuple[int, int]
+    depth: Float[Array, "h w"]
+
+    @property
+    def inside(self) -> Bool[Array, "h w"]:
+        """Pixels whose centres the body covers."""
+        return self.depth >= 0
+
+    @property
+    def place(self) -> tuple[slice, slice]:
+        """Where the patch lies in the image."""
+        (row, col), (height, width) = self.corner, self.depth.shape
+        return slice(row, row + height), slice(col, col + width)
+
+
+def rasterise(label: Label, shape: tuple[int, int]) -> Patch | None:
+    """Find the pixels of a body: round at its ends, as wide as its half-width says.
+
+    Parameters
+    ----------
+    label
+        The body.
+    shape
+        (H, W) of the image, px; the patch does not reach beyond it.
+
+    Returns
+    -------
+    Patch, or None where the half-width is not known or the body lies outside the image.
+    """
+    if not np.all(np.isfinite(label.half_width)):
+        return None
+    low, high = _window(label.points, label.half_width.max(), shape)
+    if np.any(high <= low):
+        return None
+    depth = np.full(tuple(high - low), -np.inf)
+    points = label.points - low
+    # Several short segments at a time: one array for all of them costs less than one each.
+    step = label.arc_length[-1] / (len(points) - 1)
+    reach = 2 * label.half_width.max() + STRETCH
+    together = min(STRETCH / max(step, 1e-9), MOST_VALUES / min(reach**2, depth.size))
+    together = max(1, int(together))
+    for i in range(0, len(points) - 1, together):
+        stretch = slice(i, i + together + 1)
+        line, widths = points[stretch], label.half_width[stretch]
+        (top, left), (bottom, right) = _window(line, widths.max(), depth.shape)
+        if bottom > top and right > left:
+            view = depth[top:bottom, left:right]
+            rows, cols = np.mgrid[top:bottom, left:right]
+            np.maximum(view, _depth(rows, cols, line, widths), out=view)
+    return Patch((int(low[0]), int(low[1])), depth)
+
+
+def _window(points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]) -> tuple:
+    """First and last-plus-one pixel within `reach` of the points."""
+    low = np.clip(np.floor(points.min(axis=0) - reach), 0, shape).astype(int)
+    high = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, shape).astype(int)
+    return low, high
+
+
+def _depth(
+    rows: Int[Array, "h w"],
+    cols: Int[Array, "h w"],
+    line: Float[Array, "N 2"],
+    widths: Float[Array, " N"],
+) -> Float[Array, "h w"]:
+    """Half-width minus distance from a polyline; the half-width changes evenly along a segment."""
+    start, step = line[:-1, :, None, None], np.diff(line, axis=0)[:, :, None, None]
+    square = np.maximum((step**2).sum(axis=1), 1e-30)
+    away_row, away_col = rows - start[:, 0], cols - start[:, 1]
+    along = np.clip((away_row * step[:, 0] + away_col * step[:, 1]) / square, 0, 1)
+    distance = np.hypot(away_row - along * step[:, 0], away_col - along * step[:, 1])
+    width = widths[:-1, None, None] + along * np.diff(widths)[:, None, None]
+    return (width - distance).max(axis=0)

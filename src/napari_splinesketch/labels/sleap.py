@@ -1,0 +1,69 @@
+"""SLEAP: one instance a body, one track an identity, nodes along the body; (x, y) in pixels."""
+
+import json
+import os
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.labels.coco import image_name
+from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.labels.geometry import evenly_sampled
+from napari_splinesketch.labels.head import head_of
+from napari_splinesketch.labels.types import Labels
+
+
+def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+    """Write user instances on a video of the image's name; frames count from 0."""
+    try:
+        sleap_io = import_module("sleap_io")
+    except ImportError:
+        raise ValueError("SLEAP files need sleap-io; pip install sleap-io") from None
+    bodies = evenly_sampled(labels.labels)
+    nodes = [f"p{i}" for i in range(len(bodies[0].points) if bodies else POINTS)]
+    skeleton = sleap_io.Skeleton(nodes=nodes, edges=list(pairwise(nodes)))
+    video = sleap_io.Video(image_name(labels), open_backend=False)
+    tracks = {label.curve: sleap_io.Track(str(label.curve)) for label in bodies}
+    frames: dict[int, list[Any]] = {}
+    for label in bodies:
+        instance = sleap_io.Instance.from_numpy(
+            label.points[:, ::-1], skeleton=skeleton, track=tracks[label.curve]
+        )
+        frames.setdefault(label.frame, []).append(instance)
+    made = sleap_io.Labels(
+        [
+            sleap_io.LabeledFrame(video=video, frame_idx=frame, instances=instances)
+            for frame, instances in sorted(frames.items())
+        ],
+        videos=[video],
+        skeletons=[skeleton],
+        tracks=list(tracks.values()),
+        provenance={"napari-splinesketch": head_of(labels)},
+    )
+    with atomic(path, overwrite=overwrite) as temporary:
+        sleap_io.save_slp(made, str(temporary), embed=False, verbose=False)
+        _name_itself(temporary, Path(path).name)
+
+
+def _name_itself(file: Path, name: str) -> None:
+    """Replace the temporary file's name, which sleap-io notes, by the real one."""
+    h5py = import_module("h5py")
+    with h5py.File(file, "r+") as store:
+        attributes = store["metadata"].attrs
+        metadata = json.loads(attributes["json"])
+        metadata["provenance"]["filename"] = name
+        attributes["json"] = np.bytes_(json.dumps(metadata))
+
+
+def losses(labels: Labels) -> tuple[str, ...]:
+    """Say what SLEAP has no place for."""
+    lost = ["SLEAP keeps points and identities only: no half-width, standard error or status"]
+    if len({len(label.points) for label in labels.labels}) > 1:
+        lost.append(
+            f"SLEAP wants as many nodes on every body: curves were resampled to {POINTS} points"
+        )
+    return tuple(lost)

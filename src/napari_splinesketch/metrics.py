@@ -1,0 +1,180 @@
+"""How far a curve is from the truth: dynamic time warping, normal distance, end-point error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Real
+from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
+
+POINTS = 100
+_OVERSAMPLING = 8
+
+
+def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarray, "n 2"]:
+    """Points uniform in arc length on the cubic spline through a polyline's vertices.
+
+    Parameters
+    ----------
+    curve
+        (N, 2): row, col, px; N at least 2. Repeated vertices are dropped.
+    n
+        Number of points wanted.
+
+    Returns
+    -------
+    (n, 2): row, col, px; the first and last are the polyline's ends.
+    """
+    points = np.asarray(curve, dtype=float)
+    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points = points[np.concatenate([[True], chords > 0])]
+    if len(points) < 2:
+        raise ValueError(f"A curve needs two distinct points; got {np.shape(curve)} points.")
+    t = np.concatenate([[0.0], np.cumsum(chords[chords > 0])])
+    spline = CubicSpline(t, points)
+    dense_t = np.interp(
+        np.linspace(0, len(t) - 1, _OVERSAMPLING * max(n, len(t))), np.arange(len(t)), t
+    )
+    steps = np.linalg.norm(np.diff(spline(dense_t), axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    return spline(np.interp(np.linspace(0, arc[-1], n), arc, dense_t))
+
+
+def average_dtw(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:
+    """Average dynamic-time-warping distance between two curves, px.
+
+    Both are resampled to 100 points by cubic interpolation; the cost of the best warping path
+    is divided by the number of its steps; the better of the two orientations counts.
+    """
+    p, q = resample(a), resample(b)
+    cost = np.linalg.norm(p[:, None] - q[None], axis=2)
+    return min(_warp(cost), _warp(cost[:, ::-1]))
+
+
+def _warp(cost: Float[np.ndarray, "N M"]) -> float:
+    """Mean cost along the cheapest monotone path through `cost`, corner to corner."""
+    # A row of the recurrence D[j] = cost[j] + min(above[j], D[j - 1]) is a running minimum once
+    # the row's cumulative cost is taken off.
+    rows, columns = cost.shape
+    sums = np.cumsum(cost, axis=1)
+    before = sums - cost
+    total = np.empty_like(cost)
+    total[0] = sums[0]
+    above = np.empty(columns)
+    for i in range(1, rows):
+        above[0] = total[i - 1, 0]
+        np.minimum(total[i - 1, 1:], total[i - 1, :-1], out=above[1:])
+        total[i] = sums[i] + np.minimum.accumulate(above - before[i])
+    return float(total[-1, -1] / _path_length(total.tolist()))
+
+
+def _path_length(total: list[list[float]]) -> int:
+    """Count the cells on the cheapest path, followed back from the last corner."""
+    i, j, cells = len(total) - 1, len(total[0]) - 1, 1
+    while i and j:
+        diagonal, up, left = total[i - 1][j - 1], total[i - 1][j], total[i][j - 1]
+        if diagonal <= up and diagonal <= left:
+            i, j = i - 1, j - 1
+        elif up <= left:
+            i -= 1
+        else:
+            j -= 1
+        cells += 1
+    return cells + i + j
+
+
+def normal_distances(
+    a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]
+) -> Float[np.ndarray, "100"]:
+    """Distance of each of `a`'s 100 points from curve `b`, px; NaN where the nearest is an end."""
+    p, q = resample(a), resample(b, 4 * POINTS)
+    start, step = q[:-1], np.diff(q, axis=0)
+    along = np.einsum("psd,sd->ps", p[:, None] - start, step) / np.sum(step**2, axis=1)
+    foot = start + np.clip(along, 0, 1)[..., None] * step
+    distance = np.linalg.norm(p[:, None] - foot, axis=2)
+    nearest = np.argmin(distance, axis=1)
+    rows = np.arange(len(p))
+    place = nearest + np.clip(along[rows, nearest], 0, 1)
+    inside = (place > 0) & (place < len(step))
+    return np.where(inside, distance[rows, nearest], np.nan)
+
+
+def normal_distance(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:
+    """Mean distance of `a`'s points from curve `b` along the normal, px.
+
+    Points of `a` whose nearest point on `b` is one of `b`'s ends do not count; NaN if none is
+    left.
+    """
+    distances = normal_distances(a, b)
+    return float(np.nanmean(distances)) if np.isfinite(distances).any() else float("nan")
+
+
+def end_error(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:
+    """Mean distance between the ends of two curves in the better orientation, px."""
+    ends_a, ends_b = np.asarray(a, dtype=float)[[0, -1]], np.asarray(b, dtype=float)[[0, -1]]
+    same = np.linalg.norm(ends_a - ends_b, axis=1).mean()
+    swapped = np.linalg.norm(ends_a - ends_b[::-1], axis=1).mean()
+    return float(min(same, swapped))
+
+
+@dataclass(frozen=True, eq=False)
+class Matching:
+    """Which curve is which truth.
+
+    Attributes
+    ----------
+    pairs
+        (P, 2): index of the curve and of the truth it was matched with, within the tolerance.
+    distances
+        (P,): average DTW of each pair, px.
+    precision, recall
+        Share of curves, and of truths, that are in a pair; 1 where there are none to be in one.
+    """
+
+    pairs: Int[np.ndarray, "P 2"]
+    distances: Float[np.ndarray, " P"]
+    precision: float
+    recall: float
+
+
+def match(
+    curves: Sequence[Real[np.ndarray, "N 2"]],
+    truths: Sequence[Real[np.ndarray, "M 2"]],
+    *,
+    tolerance: float = 2.0,
+) -> Matching:
+    """Match curves with truths one to one so that the sum of their distances is smallest.
+
+    Parameters
+    ----------
+    curves, truths
+        Polylines (N, 2), row and col, px.
+    tolerance
+        Largest average DTW of a pair, px.
+    """
+    # Pairs whose centroids are far apart cannot be within the tolerance: average DTW is at
+    # least the distance between some two points, so bounding boxes settle most pairs.
+    cost = np.full((len(curves), len(truths)), 2 * tolerance + 1.0)
+    low_c, high_c = _boxes(curves)
+    low_t, high_t = _boxes(truths)
+    gap = np.maximum(low_c[:, None] - high_t[None], low_t[None] - high_c[:, None]).max(axis=2)
+    for i, j in np.argwhere(gap <= tolerance):
+        cost[i, j] = min(average_dtw(curves[i], truths[j]), cost[i, j])
+    rows, columns = linear_sum_assignment(cost)
+    good = cost[rows, columns] <= tolerance
+    pairs = np.stack([rows[good], columns[good]], axis=1)
+    return Matching(
+        pairs=pairs,
+        distances=cost[rows, columns][good],
+        precision=len(pairs) / len(curves) if len(curves) else 1.0,
+        recall=len(pairs) / len(truths) if len(truths) else 1.0,
+    )
+
+
+def _boxes(
+    curves: Sequence[Real[np.ndarray, "N 2"]],
+) -> tuple[Float[np.ndarray, "C 2"], Float[np.ndarray, "C 2"]]:
+    low = np.array([np.min(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
+    high = np.array([np.max(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
+    return low, high

@@ -1,0 +1,1 @@
+"""All knowledge of napari's layers: coordinates, units, frames, pixels, shapes, results."""

@@ -1,0 +1,98 @@
+"""Between labels and layers: what Export and napari's own menus write and read."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pint
+from jaxtyping import Float
+
+from napari_splinesketch.labels import Label, Labels
+from napari_splinesketch.plugin.adapter.look import COLOURS
+from napari_splinesketch.plugin.adapter.results import OWNER, Known
+from napari_splinesketch.plugin.adapter.sketches import COLOUR, LINES
+from napari_splinesketch.plugin.adapter.space import pixel_size
+
+LABELS = "napari-splinesketch labels"
+"""Key of a layer's metadata under which the labels that it was read from are kept."""
+
+
+def labels_of(work: Known) -> Labels:
+    """Label all curves of an image."""
+    labels = [Label.from_curve(r.curve, frame=r.frame, identity=r.id) for r in work.records]
+    image = work.image
+    height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
+    shape = int(height), int(width)
+    return Labels(tuple(labels), *pixel_size(image.scale.tolist(), image.units), shape)
+
+
+def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:
+    """Label the lines of a Shapes layer.
+
+    Parameters
+    ----------
+    shapes
+        Vertices in data coordinates, axes before (row, col) first.
+    meta
+        The layer's attributes. A line that is a known curve keeps all that is known of it; any
+        other one is a sketch.
+    """
+    origin = _origin(meta.get("metadata", {}))
+    known = {(label.frame, label.curve): label for label in origin.labels}
+    features = meta.get("features", {})
+    numbers = features["id"] if "id" in features else range(1, len(shapes) + 1)
+    labels = []
+    kinds = meta["shape_type"]
+    for line, kind, number in zip(shapes, kinds, map(int, numbers), strict=True):
+        if kind not in LINES:
+            continue
+        frame = int(np.round(line[0, 0])) if line.shape[1] > 2 else 0
+        points = np.asarray(line[:, -2:])
+        label = known.get((frame, number))
+        # Shapes layers hold single precision.
+        if label is None or not np.array_equal(label.points.astype(points.dtype), points):
+            label = Label.from_sketch(points, frame=frame, identity=number)
+        labels.append(label)
+    registry = pint.get_application_registry()
+    units = [registry.Unit(str(unit)) for unit in meta["units"]]
+    size = pixel_size(meta["scale"], units)
+    return Labels(tuple(labels), *size, origin.shape, origin.provenance)
+
+
+def _origin(metadata: Mapping[str, Any]) -> Labels:
+    if LABELS in metadata:
+        return metadata[LABELS]
+    return labels_of(metadata[OWNER]) if OWNER in metadata else Labels()
+
+
+def layer_of_labels(labels: Labels, name: str) -> tuple[list[Any], dict[str, Any], str]:
+    """Make the data of a Shapes layer that shows labels: paths at (frame, row, col)."""
+    film = any(label.frame for label in labels.labels)
+    shapes = [_in_film(label) if film else label.points for label in labels.labels]
+    leading = 1 if film else 0
+    colours = COLOURS | {"sketch": COLOUR}
+    meta: dict[str, Any] = {
+        "name": name,
+        "ndim": 2 + leading,
+        "shape_type": "path",
+        "edge_color": [colours[label.status] for label in labels.labels] or COLOUR,
+        "edge_width": 1,
+        "face_color": "transparent",
+        "features": {
+            "id": [label.curve for label in labels.labels],
+            "frame": [label.frame for label in labels.labels],
+            "length": [float(label.arc_length[-1]) for label in labels.labels],
+            "half_width_mean": [float(np.mean(label.half_width)) for label in labels.labels],
+            "status": [str(label.status) for label in labels.labels],
+        },
+        "metadata": {LABELS: labels},
+    }
+    if labels.scale:
+        meta["scale"] = (*[1.0] * leading, *labels.scale)
+    if labels.units:
+        meta["units"] = (*["pixel"] * leading, labels.units, labels.units)
+    return shapes, meta, "shapes"
+
+
+def _in_film(label: Label) -> Float[np.ndarray, "N 3"]:
+    return np.column_stack([np.full(len(label.points), float(label.frame)), label.points])

@@ -1,0 +1,256 @@
+"""The layers that show a refinement, updated in place."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from napari.components import ViewerModel
+from napari.layers import Image, Layer, Shapes
+from napari.layers.base import ActionType
+from psygnal import Signal
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.adapter.film import Film, Patch
+from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth, outline
+from napari_splinesketch.plugin.adapter.space import frame_shape, in_stack, placement
+from napari_splinesketch.plugin.records import Record
+
+ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
+"""Keys of a layer's metadata: what it shows, and the work that it shows."""
+EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
+Role = Literal["curves", "outlines", "reconstruction"]
+
+
+class Known(Protocol):
+    """What is known of an image.
+
+    Attributes
+    ----------
+    image
+        The user's layer.
+    records
+        The curves of all frames.
+    patches
+        Reconstructions by frame, the latest last.
+    """
+
+    image: Image
+    records: tuple[Record, ...]
+    patches: dict[int, Patch]
+
+
+def is_result(layer: Layer) -> bool:
+    """Whether a layer shows results, and so is neither image nor sketches."""
+    return ROLE in layer.metadata
+
+
+class ResultLayers:
+    """Curves, outlines and reconstruction of one image and one layer of sketches.
+
+    Parameters
+    ----------
+    viewer
+        Where the layers are added.
+    name
+        What their names begin with.
+    owner
+        What they show; kept in their metadata, so that it lives as long as they do.
+    """
+
+    edited = Signal()
+    """The user has changed the layer of curves."""
+    toggled = Signal()
+    """A layer was shown or hidden."""
+
+    def __init__(self, viewer: ViewerModel, name: str, owner: Known):
+        self._viewer = viewer
+        self._image = owner.image
+        self._name = name
+        self._owner = owner
+        self._layers: dict[Role, Layer] = {}
+        self._busy = False
+
+    def layer(self, role: Role) -> Layer | None:
+        """Give the layer of a role, or None where there is none or the user removed it."""
+        layer = self._layers.get(role)
+        return layer if layer in self._viewer.layers else None
+
+    def show(self) -> Iterator[None]:
+        """Show what is known by then, in the layers that exist or in new ones, layer by layer.
+
+        napari takes about 0.1 s to add a layer and as long to draw it first: the window may live
+        in between.
+        """
+        steps = (
+            self._show_reconstruction,
+            partial(self._ensure, "outlines"),
+            self._show_outlines,
+            partial(self._ensure, "curves"),
+            self._show_curves,
+        )
+        for step in steps:
+            if self._owner.patches and self._image in self._viewer.layers:
+                with self._undisturbed():
+                    step()
+            yield
+
+    @contextmanager
+    def _undisturbed(self) -> Iterator[None]:
+        """Change layers without taking our own edits for the user's, or the layer from her."""
+        self._busy = True
+        active = self._viewer.layers.selection.active
+        try:
+            yield
+        finally:
+            if active in self._viewer.layers:
+                self._viewer.layers.selection.active = active
+            self._busy = False
+
+    def deleted(self) -> bool:
+        """Whether the user has removed the layer of curves, and so the results."""
+        return "curves" in self._layers and self.layer("curves") is None
+
+    def kept(self) -> frozenset[tuple[int, int]]:
+        """(frame, id) of the curves that are in their layer."""
+        layer = self.layer("curves")
+        if not isinstance(layer, Shapes):
+            return frozenset()
+        return frozenset(zip(layer.features["frame"], layer.features["id"], strict=True))
+
+    def _ensure(self, role: Role) -> None:
+        if self.layer(role) is None:
+            place = placement(self._image)
+            self._add(role, Shapes(ndim=self._image.ndim, **self._keywords(role), **place))
+
+    def _show_outlines(self) -> None:
+        outlined = [(record, outline(record.curve)) for record in self._owner.records]
+        kept = [(record, line) for record, line in outlined if line is not None]
+        self._show_shapes("outlines", [r for r, _ in kept], [line for _, line in kept])
+
+    def _show_curves(self) -> None:
+        records = self._owner.records
+        self._show_shapes("curves", records, [record.curve.points for record in records])
+
+    def _show_shapes(
+        self,
+        role: Role,
+        records: Sequence[Record],
+        lines: Sequence[Float[np.ndarray, "N 2"]],
+    ) -> None:
+        layer = self.layer(role)
+        if not isinstance(layer, Shapes):
+            return
+        curves = [r.curve for r in records]
+        layer.selected_data = set()
+        layer.remove(list(range(layer.nshapes)))
+        if records:
+            layer.add(
+                [in_stack(self._image, r.frame, p) for r, p in zip(records, lines, strict=True)],
+                # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
+                shape_type="path",
+                edge_color=[COLOURS[c.status] for c in curves],
+                face_color="transparent",
+                edge_width=_breadths(curves, 0.5 if role == "outlines" else 1.0),
+            )
+        layer.features = features(records)
+        if role == "curves":
+            _write_marks(layer, curves)
+
+    def _show_reconstruction(self) -> None:
+        film = Film(self._owner.patches, frame_shape(self._image))
+        layer = self.layer("reconstruction")
+        where = self._film_placement(film)
+        if isinstance(layer, Image) and layer.data.shape == film.shape:
+            layer.data = cast(Any, film)
+            for name, value in where.items():
+                setattr(layer, name, value)
+            return
+        visible = layer.visible if layer else False
+        if layer:
+            self._viewer.layers.remove(layer)
+        shown = self._image
+        look = {} if shown.rgb else {"colormap": shown.colormap.name, "gamma": shown.gamma}
+        layer = Image(
+            cast(Any, film),
+            contrast_limits=_limits(shown),
+            multiscale=False,
+            **look,
+            **self._keywords("reconstruction"),
+            **where,
+        )
+        layer.visible = visible
+        self._add("reconstruction", layer)
+
+    def _film_placement(self, film: Film) -> dict[str, Any]:
+        """Place pixels of a block, on their grid, where they lie on the image."""
+        image = self._image
+        origin = np.concatenate([np.zeros(image.ndim - 2), film.grid.origin])
+        step = np.concatenate([np.ones(image.ndim - 2), film.grid.step])
+        corner = image.affine.inverse(image.data_to_world(origin))
+        return placement(image) | {"scale": image.scale * step, "translate": corner}
+
+    def _keywords(self, role: Role) -> dict[str, Any]:
+        return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
+
+    def _add(self, role: Role, layer: Layer) -> None:
+        """Put a new layer in its place: pictures above the image, lines on top of all."""
+        layers = self._viewer.layers
+        place = layers.index(self._image) + 1 if role == "reconstruction" else len(layers)
+        self._layers[role] = layer
+        layers.insert(place, layer)
+        layer.events.visible.connect(self._on_visible)
+        if role == "curves":
+            layer.events.data.connect(self._on_data)
+
+    def _on_visible(self, event: Any) -> None:
+        self.toggled.emit()
+
+    def _on_data(self, event: Any) -> None:
+        if not self._busy and event.action in EDITS:
+            self.edited.emit()
+
+
+def features(records: Sequence[Record]) -> pd.DataFrame:
+    """Table of what is known of each curve; lengths in px."""
+    curves = [record.curve for record in records]
+    return pd.DataFrame(
+        {
+            "id": [record.id for record in records],
+            "frame": [record.frame for record in records],
+            "length": [curve.length for curve in curves],
+            "half_width_mean": [float(np.mean(curve.half_width)) for curve in curves],
+            "half_width_max": [float(np.max(curve.half_width)) for curve in curves],
+            "sd": [float(np.median(curve.sd)) for curve in curves],
+            "residual": [curve.residual for curve in curves],
+            "status": [str(curve.status) for curve in curves],
+            "reasons": ["; ".join(curve.reasons) for curve in curves],
+        }
+    )
+
+
+def _limits(image: Image) -> tuple[float, float]:
+    low, high = image.contrast_limits
+    return float(low or 0), float(high or 0)
+
+
+def _breadths(curves: Sequence[Curve], factor: float) -> list[float]:
+    unit = factor * breadth(curves)
+    return [unit * BREADTHS[curve.status] for curve in curves]
+
+
+def _write_marks(layer: Shapes, curves: Sequence[Curve]) -> None:
+    """Write number and mark beside the curves that ask for a look."""
+    numbers = layer.features["id"]
+    layer.text = {
+        "string": [
+            f"{number} {MARKS[curve.status]}" if MARKS[curve.status] else ""
+            for number, curve in zip(numbers, curves, strict=True)
+        ],
+        "color": [COLOURS[curve.status] for curve in curves],
+        "size": 10,
+        "anchor": "upper_left",
+    }

@@ -1,0 +1,144 @@
+"""Where things are: layers' coordinates, units and frames, seen from the image.
+
+napari keeps units apart from transforms: a layer's `data_to_world` speaks the layer's own unit,
+the window draws every layer in the smallest unit of all of them, and in none where they do not
+match. What lies where is decided here as the window draws it.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pint
+from jaxtyping import Float
+from napari.components import ViewerModel
+from napari.layers import Image, Layer
+
+Points = Float[np.ndarray, "N D"]
+
+
+def to_pixels(viewer: ViewerModel, layer: Layer, image: Image, points: Points) -> Points:
+    """Take points from a layer's data to an image's pixels.
+
+    Parameters
+    ----------
+    viewer
+        Both layers are in it; its units decide, and its sliders where `layer` has no axis.
+    layer
+        The layer that `points` belong to.
+    image
+        The image.
+    points
+        (N, layer.ndim) data coordinates.
+
+    Returns
+    -------
+    Points
+        (N, image.ndim) data coordinates of the image at full resolution, frame axes first.
+    """
+    linear, offset = _affine(layer.data_to_world, layer.ndim)
+    world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
+    missing = image.ndim - layer.ndim
+    if missing > 0:
+        here = np.array(viewer.dims.point[-image.ndim :][:missing])
+        world = np.hstack([np.broadcast_to(here, (len(world), missing)), world])
+    return from_world(viewer, image, world[:, -image.ndim :])
+
+
+def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
+    """Take (N, D) points of the window's world to a layer's data."""
+    linear, offset = _affine(layer.data_to_world, layer.ndim)
+    own = world / unit_factors(viewer, layer) - offset
+    return np.linalg.solve(linear, own.T).T
+
+
+def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
+    """Give what turns a layer's own world coordinates into the window's."""
+    units = viewer.layers.extent.units
+    if units is None or len(units) < layer.ndim:
+        return np.ones(layer.ndim)
+    pairs = zip(layer.units, units[-layer.ndim :], strict=True)
+    return np.array([_ratio(own, world) for own, world in pairs])
+
+
+def _ratio(unit: pint.Unit, other: pint.Unit) -> float:
+    """How many of the other unit make one."""
+    base = pint.get_application_registry().get_base_units
+    return float(base(unit)[0] / base(other)[0])
+
+
+def _affine(
+    transform: Callable[[Any], Sequence[float]], ndim: int
+) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
+    """Matrix and offset of an affine map, found by mapping the corner and the unit vectors."""
+    offset = np.array(transform(np.zeros(ndim)))
+    columns = [np.array(transform(unit)) - offset for unit in np.eye(ndim)]
+    return np.column_stack(columns), offset
+
+
+def plane_problem(viewer: ViewerModel, image: Image) -> str:
+    """Why the window does not show the image's own (row, col) plane, or nothing."""
+    if viewer.dims.ndisplay != 2:
+        return "Sketches live in 2-D: switch the view from 3-D to 2-D."
+    shown = {axis - viewer.dims.ndim for axis in viewer.dims.displayed}
+    if shown != {-2, -1}:
+        return "The sliders are rolled: show the last two axes of the image."
+    return ""
+
+
+def current_frame(viewer: ViewerModel, image: Image) -> int:
+    """Index of the frame in view, counted over all axes before (row, col); 0 without any."""
+    point = np.array(viewer.dims.point)[None, -image.ndim :]
+    return frame_numbers(image, from_world(viewer, image, point))[0]
+
+
+def frame_numbers(image: Image, pixels: Points) -> list[int]:
+    """Frame of each (N, image.ndim) point; one beyond the ends belongs to the end."""
+    leading = frame_shape(image)
+    if not leading:
+        return [0] * len(pixels)
+    index = np.clip(np.round(pixels[:, :-2]).astype(int), 0, np.array(leading) - 1)
+    return np.asarray(np.ravel_multi_index(tuple(index.T), leading)).tolist()
+
+
+def frame_shape(image: Image) -> tuple[int, ...]:
+    """Lengths of the axes before (row, col)."""
+    return tuple(int(size) for size in image.level_shapes[0][: image.ndim - 2])
+
+
+def frame_index(image: Image, frame: int) -> tuple[int, ...]:
+    """Position of a frame along the axes before (row, col)."""
+    shape = frame_shape(image)
+    return tuple(np.array(np.unravel_index(frame, shape)).tolist()) if shape else ()
+
+
+def in_stack(image: Image, frame: int, points: Float[np.ndarray, "N 2"]) -> Points:
+    """Put (row, col) points into a frame: (N, image.ndim) data coordinates of the image."""
+    index = np.array(frame_index(image, frame))
+    return np.hstack([np.broadcast_to(index, (len(points), len(index))), points])
+
+
+def placement(image: Image) -> dict[str, Any]:
+    """Give the keywords that make a new layer lie on the image."""
+    return {
+        "scale": image.scale,
+        "translate": image.translate,
+        "rotate": image.rotate,
+        "shear": image.shear,
+        "affine": image.affine,
+        "units": image.units,
+        "axis_labels": image.axis_labels,
+    }
+
+
+def pixel_size(
+    scale: Sequence[float], units: Sequence[pint.Unit]
+) -> tuple[tuple[float, float] | None, str | None]:
+    """(y, x) size of a pixel and its unit, of a layer's scale and units; None without."""
+    unit_y, unit_x = units[-2:]
+    size_y, size_x = (abs(float(size)) for size in scale[-2:])
+    if not unit_y.is_compatible_with(unit_x):
+        return None, None
+    if str(unit_y) == "pixel":
+        return (None if size_y == size_x == 1 else (size_y, size_x)), None
+    return (size_y, size_x * _ratio(unit_x, unit_y)), f"{unit_y:~P}"

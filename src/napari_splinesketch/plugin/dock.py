@@ -1,0 +1,181 @@
+"""The dock: sketch, refine, export."""
+
+from html import escape
+from pathlib import Path
+
+from napari.viewer import Viewer
+from qtpy.QtCore import QEvent, Qt, QTimer
+from qtpy.QtWidgets import (
+    QComboBox,
+    QFormLayout,
+    QFrame,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.export_dialog import ask_where
+from napari_splinesketch.plugin.folded_text import FoldedText
+from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.layer_combo import LayerCombo
+from napari_splinesketch.plugin.progress_box import ProgressBox
+from napari_splinesketch.plugin.text_label import TextLabel
+from napari_splinesketch.plugin.visibility_row import VisibilityRow
+
+WARM_UP_AFTER_MS = 500
+"""The window is shown first."""
+
+
+class SplinesketchDock(QScrollArea):
+    """Shows the controller's state and passes on what the user does.
+
+    Parameters
+    ----------
+    napari_viewer
+        The viewer that it is docked in.
+    """
+
+    def __init__(self, napari_viewer: Viewer):
+        super().__init__()
+        # napari hands out a proxy, whose layers are never identical with the real ones.
+        viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
+        self.controller = Controller(viewer)
+        self._build()
+        self._lay_out()
+        self._connect()
+        self._show_layers()
+        self._show()
+        self._warm_up()
+
+    def _build(self) -> None:
+        self.image = LayerCombo("no image yet", "The image that the bodies are in")
+        self.sketches = LayerCombo(
+            "none yet", "The Shapes layer with your rough lines; it is never changed"
+        )
+        self.new = QPushButton("New sketch")
+        self.preset = QComboBox()
+        self.preset.addItems([name.capitalize() for name in engine.PRESETS])
+        self.preset.setCurrentIndex(engine.PRESETS.index(self.controller.preset))
+        self.preset.setMinimumWidth(60)
+        tips = [words.PRESET_TIPS[name] for name in engine.PRESETS]
+        for i, tip in enumerate(tips):
+            self.preset.setItemData(i, tip, Qt.ItemDataRole.ToolTipRole)
+        self.preset.setToolTip("How much work to do.\n" + "\n".join(tips))
+        self.refine = QPushButton("Refine")
+        self.refine.setStyleSheet("font-weight: bold; padding: 6px;")
+        self.hint = TextLabel()
+        self.progress = ProgressBox()
+        self.notice = TextLabel()
+        self.results = TextLabel()
+        self.notes = FoldedText("What the image needed", words.NOTES_TIP)
+        self.visibility = VisibilityRow()
+        self.export = QPushButton("Export…")
+
+    def _lay_out(self) -> None:
+        form = QFormLayout()
+        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+        form.addRow("Image", self.image)
+        form.addRow("Sketches", self.sketches)
+        form.addRow("", self.new)
+        form.addRow("Preset", self.preset)
+        self.content = QWidget()
+        layout = QVBoxLayout(self.content)
+        layout.addLayout(form)
+        for widget in (self.refine, self.hint, self.progress, self.notice, self.results):
+            layout.addWidget(widget)
+        layout.addWidget(self.notes)
+        layout.addWidget(self.visibility)
+        layout.addWidget(self.export)
+        layout.addStretch(1)
+        self.setWidget(self.content)
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setMinimumWidth(220)
+
+    def _connect(self) -> None:
+        controller, choices = self.controller, self.controller.choices
+        choices.changed.connect(self._show_layers)
+        controller.changed.connect(self._show)
+        self.destroyed.connect(controller.close)
+        self.image.picked.connect(lambda layer: setattr(choices, "image", layer))
+        self.sketches.picked.connect(lambda layer: setattr(choices, "sketches", layer))
+        self.new.clicked.connect(controller.new_sketches)
+        self.preset.activated.connect(lambda i: setattr(controller, "preset", engine.PRESETS[i]))
+        self.refine.clicked.connect(controller.refine)
+        self.progress.cancelled.connect(controller.cancel)
+        self.export.clicked.connect(self._ask_where)
+
+    def _warm_up(self) -> None:
+        job = Job(engine.warm_up, parent=self)
+        timer = QTimer(self)
+        timer.setSingleShot(True)
+        timer.timeout.connect(job.start)
+        timer.start(WARM_UP_AFTER_MS)
+
+    def changeEvent(self, a0: QEvent | None) -> None:
+        """End what runs when the dock is closed: napari then takes the widget out of it."""
+        super().changeEvent(a0)
+        if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self.controller.abandon()
+
+    def _show_layers(self) -> None:
+        choices = self.controller.choices
+        self.image.show_layers(choices.images(), choices.image)
+        self.sketches.show_layers(choices.sketch_layers(), choices.sketches)
+        _enable(
+            self.new,
+            "" if choices.image else "Open an image first",
+            "Add a layer for lines that lies on the image, and start drawing:\n"
+            "press where a body begins, release where it ends",
+        )
+
+    def _show(self) -> None:
+        controller = self.controller
+        request = controller.request()
+        number = len(request.drawn.lines)
+        self.refine.setText(words.button(number, request.selected))
+        running = "A refinement is running" if controller.progress else ""
+        _enable(
+            self.refine,
+            running or request.problem,
+            "Fit a smooth curve with width to the body under each line",
+        )
+        left_out = words.skipped(request.drawn.strays, request.drawn.unusable)
+        said = " ".join(filter(None, (request.problem, left_out)))
+        self.hint.say("" if running else escape(said, quote=False))
+        self.progress.show_progress(controller.progress)
+        self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
+        work = controller.work
+        records = controller.records(request.frame)
+        seconds = work.seconds.get(request.frame) if work else None
+        self.results.say(words.summary(records, seconds) if records else "")
+        notes = work.notes.get(request.frame, ()) if work and records else ()
+        self.notes.say(words.notes(notes))
+        self.visibility.show_work(work)
+        self.visibility.setVisible(bool(controller.records()))
+        _enable(
+            self.export,
+            "" if controller.records() else "Nothing to export yet: refine first",
+            "Write the curves of all frames to a file: a table, or another format",
+        )
+
+    def _ask_where(self) -> None:
+        image = self.controller.choices.image
+        if image is None:
+            return
+        source = image.source.path
+        folder = Path(source).parent if source else Path.home()
+        answer = ask_where(self, folder, f"{image.name}_labels")
+        if answer:
+            path, overwrite = answer
+            self.controller.export(path, overwrite=overwrite)
+
+
+def _enable(button: QPushButton, problem: str, tip: str) -> None:
+    """Enable a button, or let its tooltip say why not."""
+    button.setEnabled(not problem)
+    button.setToolTip(problem or tip)

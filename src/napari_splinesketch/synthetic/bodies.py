@@ -1,0 +1,125 @@
+"""Random shapes of bodies, and where they lie in the frame."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from napari_splinesketch.metrics import POINTS, resample
+
+_BEND_SD = (1.3, 2.1, 1.9, 1.1)
+_TRIES = 4000
+_TRIES_PER_SHAPE = 20
+
+Points = Float[np.ndarray, "N 2"]
+
+
+def random_curve(rng: np.random.Generator, length: float, half_width: float, bend: float) -> Points:
+    """Random smooth centreline (100, 2) about the origin that keeps clear of itself.
+
+    Its curvature is a sum of four cosines along the arc; its radius of curvature stays above
+    2.5 half-widths.
+    """
+    u = np.linspace(0, 1, 2 * POINTS)
+    modes = np.cos(np.pi * np.arange(len(_BEND_SD))[:, None] * u)
+    strength = bend * rng.lognormal(0, 0.35)
+    for _ in range(_TRIES):
+        turning = (strength * rng.standard_normal(len(_BEND_SD)) * _BEND_SD) @ modes
+        if np.abs(turning).max() > length / (2.5 * half_width):
+            continue
+        angle = rng.uniform(0, 2 * np.pi) + np.cumsum(turning) / len(u)
+        steps = np.stack([np.sin(angle), np.cos(angle)], axis=1)[1:] * length / (len(u) - 1)
+        curve = resample(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
+        if not _nears_itself(curve, length, half_width):
+            return curve - curve.mean(axis=0)
+    raise ValueError(
+        f"No body of length {length:g} px and half-width {half_width:g} px can be bent by "
+        f"{bend:g}; make it longer, thinner or straighter."
+    )
+
+
+def _nears_itself(curve: Points, length: float, half_width: float) -> bool:
+    distance = np.linalg.norm(curve[:, None] - curve[None], axis=2)
+    index = np.arange(len(curve))
+    apart = np.abs(index[:, None] - index) * length / (len(curve) - 1) > 8 * half_width
+    return bool(np.any(distance[apart] < 2.5 * half_width))
+
+
+def place(
+    rng: np.random.Generator,
+    length: float,
+    half_width: float,
+    bend: float,
+    shape: tuple[int, int],
+    margin: float,
+    others: tuple[Points, ...],
+    *,
+    across: bool,
+    shared: float,
+) -> Points:
+    """Random body inside the frame that lies on none of `others` for long.
+
+    Parameters
+    ----------
+    rng, length, half_width, bend
+        As for `random_curve`.
+    shape, margin
+        Of the frame, px.
+    others
+        The bodies already there.
+    across
+        Whether it must cross one of them.
+    shared
+        Largest share of its length that may lie within two half-widths of another body.
+    """
+    upper = np.array(shape) - 1 - margin
+    curve = random_curve(rng, length, half_width, bend)
+    for attempt in range(1, _TRIES):
+        if attempt % _TRIES_PER_SHAPE == 0:
+            curve = random_curve(rng, length, half_width, bend)
+        if across and others:
+            middle = slice(POINTS // 10, -POINTS // 10)
+            other = others[rng.integers(len(others))]
+            moved = curve + rng.choice(other[middle]) - rng.choice(curve[middle])
+        else:
+            low, high = margin - curve.min(axis=0), upper - curve.max(axis=0)
+            if np.any(low > high):
+                continue
+            moved = curve + rng.uniform(low, high)
+        if np.any(moved < margin) or np.any(moved > upper):
+            continue
+        near = _near(moved, others, 2 * half_width)
+        if across and others and not any(crosses(moved, other) for other in near):
+            continue
+        if all(_share_on(moved, other, 2 * half_width) <= shared for other in near):
+            return moved
+    raise ValueError(
+        f"A body of length {length:g} px does not fit into a frame of {shape} px with margin "
+        f"{margin:g} px; make the frame larger or the body shorter."
+    )
+
+
+def _near(curve: Points, others: tuple[Points, ...], reach: float) -> list[Points]:
+    """Those of `others` whose bounding boxes come within `reach` of the curve's."""
+    low, high = curve.min(axis=0) - reach, curve.max(axis=0) + reach
+    all_points = np.array(others).reshape(-1, POINTS, 2)
+    touch = np.all((all_points.max(axis=1) >= low) & (all_points.min(axis=1) <= high), axis=1)
+    return [others[i] for i in np.flatnonzero(touch)]
+
+
+def _share_on(curve: Points, other: Points, reach: float) -> float:
+    """Share of a curve's points within `reach` of another curve."""
+    return float(np.mean(KDTree(other).query(curve, distance_upper_bound=reach)[0] < reach))
+
+
+def crosses(a: Points, b: Points) -> bool:
+    """Whether two polylines cross."""
+    p, r = a[:-1, None], np.diff(a, axis=0)[:, None]
+    q, s = b[None, :-1], np.diff(b, axis=0)[None]
+    scale = _cross(r, s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t, u = _cross(q - p, s) / scale, _cross(q - p, r) / scale
+    return bool(np.any((t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)))
+
+
+def _cross(a: Float[np.ndarray, "*N 2"], b: Float[np.ndarray, "*N 2"]) -> Float[np.ndarray, "*N"]:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,173 @@
+"""Draws bodies by exact distance to a tapered outline; background, specks and noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
+
+from napari_splinesketch.metrics import POINTS, resample
+from napari_splinesketch.synthetic.look import Look
+
+_SUPERSAMPLING = 4
+_FINE_STEP = 0.25
+_TEXTURE_SIZE = 2.0
+_SPECK_BRIGHTNESS = (0.4, 1.0)
+_SPECK_SIZE = (0.3, 0.8)
+
+Points = Float[np.ndarray, "N 2"]
+Frame = Float[np.ndarray, "H W"]
+
+
+@dataclass(frozen=True)
+class Finish:
+    """What sets one body apart from the next.
+
+    Attributes
+    ----------
+    brightness
+        Relative to the scene's contrast.
+    waves, phase
+        Periods of the slow shading along the body, and where it starts, radians.
+    """
+
+    brightness: float = 1.0
+    waves: float = 1.0
+    phase: float = 0.0
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, look: Look) -> "Finish":
+        """Draw at random."""
+        return cls(
+            brightness=1 + look.brightness_sd * rng.standard_normal(),
+            waves=rng.uniform(0.5, 1.5),
+            phase=rng.uniform(0, 2 * np.pi),
+        )
+
+
+def taper(look: Look, points: int = POINTS) -> Float[np.ndarray, " points"]:
+    """Half-width along a body, relative to its largest, at points uniform in arc length."""
+    from_end = np.minimum(np.linspace(0, 1, points), np.linspace(1, 0, points))
+    rise = np.minimum(1, from_end / look.taper_length)
+    return np.maximum(look.taper_floor, rise**look.taper_power)
+
+
+def draw_body(
+    centreline: Points,
+    half_width: Float[np.ndarray, " N"],
+    finish: Finish,
+    look: Look,
+    shape: tuple[int, int],
+) -> tuple[Int[np.ndarray, "P 2"], Float[np.ndarray, " P"]]:
+    """Draw one body before blur.
+
+    Parameters
+    ----------
+    centreline
+        (N, 2): row, col, px, uniform in arc length.
+    half_width
+        (N,): px.
+    finish, look
+        The body's own brightness and shading; the scene's settings.
+    shape
+        Height and width of the frame, px.
+
+    Returns
+    -------
+    (P, 2) row and col of the pixels it touches, and (P,) their brightness in contrasts.
+    """
+    length = np.linalg.norm(np.diff(centreline, axis=0), axis=1).sum()
+    fine = resample(centreline, max(POINTS, int(length / _FINE_STEP) + 1))
+    pixels = _near(fine, half_width.max() + 1, shape)
+    steps = (np.arange(_SUPERSAMPLING) + 0.5) / _SUPERSAMPLING - 0.5
+    offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    distance, place = _nearest((pixels[:, None] + offsets).reshape(-1, 2), fine)
+    width = np.interp(place, np.linspace(0, 1, len(half_width)), half_width)
+    # A ramp one sample wide makes the area inside the outline exact to second order.
+    inside = np.clip(0.5 + (width - distance) * _SUPERSAMPLING, 0, 1)
+    roundness = np.sqrt(np.clip(1 - (distance / width) ** 2, 0, None))
+    shade = look.flatness + (1 - look.flatness) * roundness
+    shade *= 1 + look.shading * np.cos(2 * np.pi * finish.waves * place + finish.phase)
+    return pixels, finish.brightness * (inside * shade).reshape(-1, len(offsets)).mean(axis=1)
+
+
+def _near(fine: Points, reach: float, shape: tuple[int, int]) -> Int[np.ndarray, "P 2"]:
+    """Pixels of the frame within `reach` of a finely sampled line (a few more in the corners)."""
+    r = int(np.ceil(reach))
+    square = np.stack(np.meshgrid(*[np.arange(-r, r + 1)] * 2, indexing="ij"), axis=-1)
+    disc = square[np.hypot(*np.moveaxis(square, -1, 0)) <= reach + 1]
+    anchors = np.unique(np.rint(fine).astype(int), axis=0)
+    low = anchors.min(axis=0) - r
+    mask = np.zeros(anchors.max(axis=0) - low + r + 1, dtype=bool)
+    rows, columns = np.moveaxis((anchors - low)[:, None] + disc, -1, 0)
+    mask[rows, columns] = True
+    pixels = np.argwhere(mask) + low
+    return pixels[np.all((pixels >= 0) & (pixels < shape), axis=1)]
+
+
+def _nearest(
+    samples: Points, fine: Points
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """Distance of each sample from a finely sampled line, and where along it (0 to 1)."""
+    _, index = KDTree(fine).query(samples)
+    tangent = np.gradient(fine, axis=0)
+    step = np.linalg.norm(tangent, axis=1, keepdims=True)
+    away = samples - fine[index]
+    along = np.einsum("nd,nd->n", away, tangent[index] / step[index] ** 2)
+    place = np.clip(index + along, 0, len(fine) - 1)
+    foot = fine[index] + (place - index)[:, None] * tangent[index]
+    return np.linalg.norm(samples - foot, axis=1), place / (len(fine) - 1)
+
+
+def draw_bodies(
+    centrelines: tuple[Points, ...],
+    half_widths: tuple[Float[np.ndarray, " N"], ...],
+    finishes: tuple[Finish, ...],
+    look: Look,
+    shape: tuple[int, int],
+) -> Frame:
+    """Draw all bodies of a scene, combined where they overlap, before texture and blur."""
+    total, highest = np.zeros(shape), np.zeros(shape)
+    for centreline, half_width, finish in zip(centrelines, half_widths, finishes, strict=True):
+        pixels, values = draw_body(centreline, half_width, finish, look, shape)
+        rows, columns = pixels.T
+        total[rows, columns] += values
+        highest[rows, columns] = np.maximum(highest[rows, columns], values)
+    return look.overlap * highest + (1 - look.overlap) * total
+
+
+def texture_of(rng: np.random.Generator, look: Look, shape: tuple[int, int]) -> Frame:
+    """Draw relative brightness of the bodies' texture over the frame, 1 on average."""
+    smooth = gaussian_filter(rng.standard_normal(shape), _TEXTURE_SIZE)
+    return 1 + look.texture * 2 * np.sqrt(np.pi) * _TEXTURE_SIZE * smooth
+
+
+def background_of(look: Look, shape: tuple[int, int]) -> Frame:
+    """Intensity of the frame without bodies."""
+    rows = np.linspace(-0.5, 0.5, shape[0])[:, None] * look.gradient[0]
+    columns = np.linspace(-0.5, 0.5, shape[1])[None] * look.gradient[1]
+    return look.level + look.contrast * (rows + columns)
+
+
+def specks_of(
+    rng: np.random.Generator, look: Look, half_width: float, shape: tuple[int, int]
+) -> Frame:
+    """Draw round specks, up to about a body's width across, in contrasts, before blur."""
+    out = np.zeros(shape)
+    for _ in range(look.debris):
+        centre = rng.uniform(0, shape)[None]
+        radius = half_width * rng.uniform(*_SPECK_SIZE)
+        brightness = rng.uniform(*_SPECK_BRIGHTNESS)
+        pixels = _near(centre, radius + 1, shape)
+        distance = np.linalg.norm(pixels - centre, axis=1)
+        rows, columns = pixels.T
+        out[rows, columns] += brightness * np.clip(0.5 + radius - distance, 0, 1)
+    return out
+
+
+def noise_of(clean: Frame, look: Look) -> Frame:
+    """Return the standard deviation of photon and read noise at each pixel."""
+    on_body = look.level + (1 if look.polarity == "bright" else -1) * look.contrast
+    photons = look.photon_share * np.clip(clean / on_body, 0, None)
+    return look.contrast / look.snr * np.sqrt(photons + 1 - look.photon_share)

@@ -1,0 +1,136 @@
+"""Generated scenes with perfect labels."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter
+
+from napari_splinesketch.synthetic.bodies import place
+from napari_splinesketch.synthetic.drawing import (
+    Finish,
+    Points,
+    background_of,
+    draw_bodies,
+    noise_of,
+    specks_of,
+    taper,
+    texture_of,
+)
+from napari_splinesketch.synthetic.look import Look
+
+_LENGTHS = (0.8, 1.1)
+_WIDTHS = (0.83, 1.17)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A generated frame and everything true about it.
+
+    Attributes
+    ----------
+    image
+        (H, W) float32: what a camera would give.
+    clean
+        (H, W): the same without noise.
+    background
+        (H, W): the same without noise and bodies.
+    noise_sd
+        (H, W): standard deviation of `image` minus `clean`.
+    centrelines
+        One (100, 2) array per body, uniform in arc length, px.
+    half_widths
+        One (100,) array per body: distance from the centreline to the edge, px.
+    finishes
+        Brightness and shading of each body.
+    look
+        The settings it was drawn with.
+    """
+
+    image: Float[np.ndarray, "H W"]
+    clean: Float[np.ndarray, "H W"]
+    background: Float[np.ndarray, "H W"]
+    noise_sd: Float[np.ndarray, "H W"]
+    centrelines: tuple[Points, ...]
+    half_widths: tuple[Float[np.ndarray, "100"], ...]
+    finishes: tuple[Finish, ...]
+    look: Look
+
+
+def scene(
+    seed: int,
+    *,
+    bodies: int = 1,
+    shape: tuple[int, int] = (128, 128),
+    length: float = 100.0,
+    half_width: float = 3.0,
+    bend: float = 1.0,
+    crossing: bool | None = None,
+    margin: float = 5.0,
+    shared: float = 0.4,
+    **look: object,
+) -> Scene:
+    """Generate a frame of slender bodies; the same arguments always give the same frame.
+
+    Parameters
+    ----------
+    seed
+        Seed of every random draw.
+    bodies
+        Number of bodies.
+    shape
+        Height and width of the frame, px.
+    length, half_width
+        Typical values, px; each body's length is 0.8-1.1 times, its half-width 0.83-1.17 times
+        as much.
+    bend
+        Strength of bending: 0 straight, 1 mostly C and S shapes.
+    crossing
+        Whether every body but the first crosses an earlier one; by default for 2 or 3 bodies.
+    margin
+        Smallest distance of a centreline from the frame's border, px; negative lets bodies
+        leave the frame.
+    shared
+        Largest share of a body's length that may lie within two half-widths of another body's
+        centreline: 1 allows bodies side by side.
+    **look
+        Settings of `Look` to use in place of random ones.
+
+    Raises
+    ------
+    ValueError
+        If the bodies do not fit into the frame, or a setting is unknown.
+    """
+    unknown = set(look) - {field.name for field in fields(Look)}
+    if unknown:
+        raise ValueError(f"Unknown settings {sorted(unknown)}; `Look` lists the known ones.")
+    rng = np.random.default_rng(seed)
+    chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
+    must_cross = crossing if crossing is not None else bodies in (2, 3)
+    widths = half_width * rng.uniform(*_WIDTHS, bodies)
+    centrelines: tuple[Points, ...] = ()
+    for width in widths:
+        size = length * rng.uniform(*_LENGTHS)
+        centrelines += (
+            place(
+                rng,
+                size,
+                width,
+                bend,
+                shape,
+                margin,
+                centrelines,
+                across=must_cross,
+                shared=shared,
+            ),
+        )
+    half_widths = tuple(width * taper(chosen) for width in widths)
+    finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
+    drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)
+    drawn = drawn * texture_of(rng, chosen, shape) + specks_of(rng, chosen, half_width, shape)
+    background = background_of(chosen, shape)
+    sign = 1 if chosen.polarity == "bright" else -1
+    clean = background + sign * chosen.contrast * gaussian_filter(drawn, chosen.blur)
+    noise_sd = noise_of(clean, chosen)
+    image = (clean + noise_sd * rng.standard_normal(shape)).astype(np.float32)
+    return Scene(image, clean, background, noise_sd, centrelines, half_widths, finishes, chosen)

@@ -1,0 +1,261 @@
+"""The paper's method, as here and as in splender: losses, accuracy and seconds, frame by frame.
+
+    python tests/benchmarks/compare_paper.py [--frames 1] [--minutes 30] [--only METHOD]
+
+Frames of Table 1, the same for all. Each method runs in a process of its own, on one core, with
+no compilation cache, so that its first frame says what compiling costs. Rows go to
+docs/benchmarks/compare_paper.csv; frames that are there already are skipped, so delete the rows of
+a method that has changed. Ends by writing the table into docs/method.md.
+"""
+
+import argparse
+import csv
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+import frames
+import jax.numpy as jnp
+import numpy as np
+import reference
+from insert import insert
+from runner import pin_to_one_core
+
+from napari_splinesketch import refine
+from napari_splinesketch.engine import phases, spline
+from napari_splinesketch.engine.scene import read_scene
+from napari_splinesketch.metrics import average_dtw
+
+ROWS = Path(__file__).parents[2] / "docs" / "benchmarks" / "compare_paper.csv"
+LABELS = {
+    "paper": "ours, `paper`",
+    "paper-quiet": "ours, `paper`, without noise and with one seed",
+    "splender-phases": "splender's model and loss, three phases",
+    "splender": "splender as shipped",
+    "balanced": "ours, `balanced`",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One frame as one method left it.
+
+    Attributes
+    ----------
+    method, bodies, kind, index
+        Which.
+    initial, dtw, worst
+        Average DTW of the sketches, and after refinement, mean over bodies, and of the worst, px.
+    unexplained
+        Mean of (Y - Ŷ)² over the variance of Y.
+    seconds, compiling
+        Of one core's work, without compiling; and what compiling took, where it did (where every
+        call compiles, as measured on the first frame with as many bodies).
+    """
+
+    method: str
+    bodies: int
+    kind: str
+    index: int
+    initial: float
+    dtw: float
+    worst: float
+    unexplained: float
+    seconds: float
+    compiling: float
+
+
+Outcome = tuple[Sequence[np.ndarray], float]
+Run = Callable[[frames.Frame], Outcome]
+
+
+def unexplained(image: np.ndarray, reconstruction: np.ndarray) -> float:
+    """Share of an image's variance that a reconstruction leaves."""
+    return float(np.mean((image - reconstruction) ** 2) / np.var(image))
+
+
+def paper(frame: frames.Frame, settings: phases.PaperSettings) -> Outcome:
+    """Our implementation, from the image as `refine` normalises it."""
+    seen = read_scene(frame.image, np.ones(frame.image.shape, bool), "auto", None)
+    found = phases.refine_paper(
+        seen.normal,
+        list(frame.sketches),
+        half_width=seen.half_width,
+        seed=0,
+        report=lambda *_: True,
+        settings=settings,
+    )
+    curves = [spline.sample(knots, 100)[:, :2] for knots in found.knots]
+    return curves, unexplained(seen.normal, found.reconstruction)
+
+
+def balanced(frame: frames.Frame) -> Outcome:
+    """Our default."""
+    found = refine(frame.image, frame.sketches)
+    return [c.points for c in found.curves], unexplained(frame.image, found.reconstruction)
+
+
+def splender_phases(frame: frames.Frame, settings: reference.Settings) -> Outcome:
+    """The reference's model and loss, trained in the paper's phases by a loop compiled once."""
+    image = reference._stretched(frame.image, settings, frame.bright)
+    target, size = jnp.asarray(image, jnp.float32)[None], len(image)
+    params = reference._start(size, frame.sketches, settings)
+    for phase in range(3):
+        params, _ = reference._phase(params, target, phase, settings, seed=0)
+    model = reference._model(size, init_knots=jnp.ones(1), **params)
+    curves = [reference._centreline(params, i, size) for i in range(len(frame.sketches))]
+    return curves, unexplained(image, np.asarray(model()[0][0]))
+
+
+def splender_shipped(frame: frames.Frame, steps: int) -> Outcome:
+    """The reference's own `optim.fit`, with its own number of steps and learning rate."""
+    settings = reference.TUNED
+    image = reference._stretched(frame.image, settings, frame.bright)
+    target, size = jnp.asarray(image, jnp.float32)[None], len(image)
+    knots = [reference.resample(s, settings.knots)[:, ::-1] / size for s in frame.sketches]
+    model = reference._model(
+        size, init_knots=jnp.asarray(np.clip(knots, 0.01, 0.99), jnp.float32)[None]
+    )
+    model.global_scale = settings.global_scale
+    model, _ = import_module("splender").optim.fit(model, target, n_iter=steps, video=False)
+    params = {"loc_params": model.loc_params, "knot_params": model.knot_params}
+    curves = [reference._centreline(params, i, size) for i in range(len(frame.sketches))]
+    return curves, unexplained(image, np.asarray(model()[0][0]))
+
+
+FULL = phases.PaperSettings()
+QUIET = replace(FULL, noise=0.0, seeds=1)
+# What is timed, and what compiles the same without doing the work.
+METHODS: dict[str, tuple[Run, Run]] = {
+    "paper": (partial(paper, settings=FULL), partial(paper, settings=FULL)),
+    "paper-quiet": (partial(paper, settings=QUIET), partial(paper, settings=QUIET)),
+    "balanced": (balanced, balanced),
+    "splender-phases": (
+        partial(splender_phases, settings=reference.TUNED),
+        partial(splender_phases, settings=reference.COMPILE_ONLY),
+    ),
+    "splender": (partial(splender_shipped, steps=1000), partial(splender_shipped, steps=1)),
+}
+COMPILES_IN_EVERY_CALL = {"splender"}
+
+
+def run(method: str, count: int, deadline: float) -> None:
+    """Run one method over the frames that have no row yet."""
+    timed, compiles = METHODS[method]
+    done = {(row.method, row.bodies, row.kind, row.index) for row in read()}
+    cost: dict[int, float] = {}
+    for index in range(count):
+        for cell in frames.table_cells():
+            if (method, cell.bodies, cell.kind, index) in done or time.monotonic() > deadline:
+                continue
+            frame = frames.frame(cell, index)
+            every_call = method in COMPILES_IN_EVERY_CALL
+            compiling = cost[cell.bodies] if every_call and cell.bodies in cost else 0.0
+            if cell.bodies not in cost:
+                _, first = _timed(compiles, frame)
+                _, again = (None, 0.0) if every_call else _timed(compiles, frame)
+                cost[cell.bodies] = compiling = max(0.0, first - again)
+            (curves, rest), seconds = _timed(timed, frame)
+            seconds -= compiling if every_call else 0.0
+            distances = [average_dtw(c, t) for c, t in zip(curves, frame.truths, strict=True)]
+            initial = [average_dtw(s, t) for s, t in zip(frame.sketches, frame.truths, strict=True)]
+            append(
+                Row(
+                    method=method,
+                    bodies=cell.bodies,
+                    kind=cell.kind,
+                    index=index,
+                    initial=float(np.mean(initial)),
+                    dtw=float(np.mean(distances)),
+                    worst=max(distances),
+                    unexplained=rest,
+                    seconds=seconds,
+                    compiling=compiling,
+                )
+            )
+
+
+def _timed(call: Run, frame: frames.Frame) -> tuple[Outcome, float]:
+    began = time.process_time()
+    return call(frame), time.process_time() - began
+
+
+def read() -> list[Row]:
+    """Rows so far."""
+    if not ROWS.exists():
+        return []
+    parse = {str: str, int: int, float: float}
+    with ROWS.open(newline="", encoding="utf-8") as file:
+        return [
+            Row(**{f.name: parse[f.type](line[f.name]) for f in fields(Row)})
+            for line in csv.DictReader(file)
+        ]
+
+
+def append(row: Row) -> None:
+    """Add one row to the file."""
+    ROWS.parent.mkdir(parents=True, exist_ok=True)
+    new = not ROWS.exists()
+    with ROWS.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if new:
+            writer.writerow([f.name for f in fields(Row)])
+        writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in asdict(row).values()])
+
+
+def table(rows: list[Row]) -> str:
+    """Median DTW, share beyond 2 px, loss and seconds of each method, by number of bodies."""
+    lines = [
+        "| n | method | frames | DTW, median | DTW, mean | frames with a body beyond 2 px "
+        "| unexplained | seconds | compiling |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for bodies in sorted({row.bodies for row in rows}):
+        for method, label in LABELS.items():
+            some = [r for r in rows if r.bodies == bodies and r.method == method]
+            if some:
+                lines.append(_line(bodies, label, some))
+    return "\n".join(lines) + "\n"
+
+
+def _line(bodies: int, label: str, rows: list[Row]) -> str:
+    def median(name: str) -> float:
+        return float(np.median([getattr(row, name) for row in rows]))
+
+    compiling = [row.compiling for row in rows if row.compiling]
+    return (
+        f"| {bodies} | {label} | {len(rows)} | {median('dtw'):.2f} "
+        f"| {np.mean([row.dtw for row in rows]):.2f} | {sum(row.worst > 2 for row in rows)} "
+        f"| {100 * median('unexplained'):.1f} % | {median('seconds'):.2f} "
+        f"| {np.median(compiling) if compiling else 0:.1f} |"
+    )
+
+
+def main() -> None:
+    """Run what is asked for, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=1, help="of each of the 12 cells of Table 1")
+    parser.add_argument("--minutes", type=float, default=30.0, help="for each method")
+    parser.add_argument("--only", choices=METHODS, help="one method, in this process")
+    given = parser.parse_args()
+    if given.only:
+        pin_to_one_core()
+        run(given.only, given.frames, time.monotonic() + 60 * given.minutes)
+        return
+    for method in METHODS:
+        command = [sys.executable, __file__, "--only", method, "--frames", str(given.frames)]
+        fresh = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
+        subprocess.run([*command, "--minutes", str(given.minutes)], check=True, env=fresh)
+    text = table(read())
+    insert("compare_paper", text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

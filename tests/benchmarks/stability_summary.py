@@ -1,0 +1,115 @@
+"""Shares and tables of the stability set."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from stability_cases import CASES, by_group
+from stability_rows import Row
+
+
+@dataclass(frozen=True)
+class Shares:
+    """What became of a set of curves.
+
+    Attributes
+    ----------
+    bodies
+        How many there were.
+    lost
+        Share that is not on its body, of those that have one.
+    marked_lost
+        Share of marked curves among those that are lost, or have no body; NaN without any.
+    marked_found
+        Share of the others that are marked, where nothing but being wrong asks for a mark.
+    median
+        Of average DTW over curves that have a body to find, px.
+    """
+
+    bodies: int
+    lost: float
+    marked_lost: float
+    marked_found: float
+    median: float
+
+
+def shares(rows: Sequence[Row]) -> Shares:
+    """Sum up some rows."""
+    lost = [row for row in rows if row.lost]
+    plain = [row for row in rows if not row.lost and CASES[row.case].expects != "marked"]
+    bodies = [row for row in rows if np.isfinite(row.dtw)]
+    return Shares(
+        bodies=len(rows),
+        lost=_share([row.lost for row in bodies]),
+        marked_lost=_share([row.marked for row in lost]),
+        marked_found=_share([row.marked for row in plain]),
+        median=float(np.median([row.dtw for row in bodies])) if bodies else float("nan"),
+    )
+
+
+def _share(values: Sequence[bool]) -> float:
+    return float(np.mean(values)) if values else float("nan")
+
+
+def write_csv(rows: dict[str, list[Row]], path: Path) -> None:
+    """One line for each preset and case, and one for all cases."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(
+            ["preset", "case", "bodies", "lost", "marked_lost", "marked_found", "median_dtw"]
+        )
+        for preset, all_rows in rows.items():
+            for case in [*CASES, "all"]:
+                found = shares([row for row in all_rows if case in (row.case, "all")])
+                values = (found.lost, found.marked_lost, found.marked_found, found.median)
+                cells = [f"{v:.3f}" if np.isfinite(v) else "" for v in values]
+                writer.writerow([preset, case, found.bodies, *cells])
+
+
+def table(rows: dict[str, list[Row]]) -> str:
+    """One line for each case: share lost in each preset, and what balanced marks."""
+    presets = list(rows)
+    header = ["case", *presets, "of those marked", "found, yet marked", "median DTW, px"]
+    lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
+    for group, cases in by_group().items():
+        lines.append(f"| **{group}** |" + " |" * (len(header) - 1))
+        lines += [_line(f"[{c.what}](#{c.name})", c.name, rows) for c in cases]
+    lines.append(_line("**all together**", "", rows))
+    return "\n".join(lines) + "\n"
+
+
+def _line(label: str, case: str, rows: dict[str, list[Row]]) -> str:
+    """Shares of one case, or of all."""
+    found = {p: shares([r for r in some if not case or r.case == case]) for p, some in rows.items()}
+    main = found.get("balanced", next(iter(found.values())))
+    cells = [percent(s.lost) for s in found.values()]
+    always = bool(case) and CASES[case].expects == "marked"
+    marked = "always" if always else percent(main.marked_found)
+    median = f"{main.median:.2f}" if np.isfinite(main.median) else "–"
+    return "| " + " | ".join([label, *cells, percent(main.marked_lost), marked, median]) + " |"
+
+
+def percent(share: float) -> str:
+    """A share in words of a table."""
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "–"
+
+
+def reasons(rows: Sequence[Row]) -> str:
+    """How often each reason was given, for curves that were lost and found."""
+    count: dict[str, list[int]] = {}
+    for row in rows:
+        for reason in filter(None, row.reasons.split("; ")):
+            kind = _without_numbers(reason)
+            count.setdefault(kind, [0, 0])[int(not row.lost)] += 1
+    lines = ["| reason | lost | found |", "|---|---|---|"]
+    for kind, (lost, found) in sorted(count.items(), key=lambda item: -sum(item[1])):
+        lines.append(f"| {kind} | {lost} | {found} |")
+    return "\n".join(lines) + "\n"
+
+
+def _without_numbers(reason: str) -> str:
+    """A reason with its numbers as dots."""
+    words = [("…" if any(c.isdigit() for c in word) else word) for word in reason.split()]
+    return " ".join(words)

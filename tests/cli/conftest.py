@@ -1,0 +1,1 @@
+from .fakes import engine as engine

@@ -1,0 +1,181 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from napari_splinesketch import __version__
+from napari_splinesketch.cli import main
+from napari_splinesketch.cli.comparing import compare
+from napari_splinesketch.cli.demo import why_no_window
+from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+
+from .fakes import FakeEngine, film
+
+ROWS = np.linspace(5, 30, 20)
+
+
+def vertical(col: float, *, frame: int = 0, identity: int = 0) -> Label:
+    points = np.column_stack([ROWS, np.full(20, col)])
+    return Label.from_sketch(points, frame=frame, identity=identity)
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_convert_says_what_is_lost(capsys: pytest.CaptureFixture[str]) -> None:
+    write_labels("a.csv", Labels((vertical(3, identity=7),)))
+    assert main(["convert", "a.csv", "b.shapes.csv"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "1 curve written to b.shapes.csv\n"
+    assert "no half-width" in said.err
+    assert np.array_equal(read_labels("b.shapes.csv").labels[0].points[:, 0], ROWS)
+
+
+def test_convert_gives_a_pixel_size_and_json(capsys: pytest.CaptureFixture[str]) -> None:
+    write_labels("a.shapes.csv", Labels((vertical(3),)))
+    arguments = ["convert", "a.shapes.csv", "b.csv", "--pixel-size", "0.5", "--units", "µm"]
+    assert main([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"written": "b.csv", "curves": 1, "notes": []}
+    assert (read_labels("b.csv").scale, read_labels("b.csv").units) == ((0.5, 0.5), "µm")
+
+
+def test_convert_does_not_overwrite_unless_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    write_labels("a.csv", Labels((vertical(3),)))
+    write_labels("b.csv", Labels())
+    assert main(["convert", "a.csv", "b.csv"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert read_labels("b.csv").labels == ()
+    assert main(["convert", "a.csv", "b.csv", "--overwrite"]) == 0
+    assert len(read_labels("b.csv").labels) == 1
+
+
+def test_compare_matches_within_frames_only() -> None:
+    truth = Labels((vertical(10), vertical(20, identity=1), vertical(30, frame=1)))
+    labels = Labels(
+        (
+            vertical(20.5, identity=5),
+            vertical(11, identity=6),
+            vertical(30, identity=7),
+            vertical(31.5, frame=1),
+            vertical(50, frame=2),
+        )
+    )
+    result = compare(labels, truth, tolerance=2.0)
+    assert (result.curves, result.truths, result.pairs) == (5, 3, 3)
+    assert result.precision == pytest.approx(3 / 5)
+    assert result.recall == pytest.approx(1)
+    assert result.dtw_median == pytest.approx(1)
+    assert result.dtw_mean == pytest.approx(1)
+    assert result.normal_distance == pytest.approx(1)
+    assert result.end_error == pytest.approx(1)
+    assert compare(labels, truth, tolerance=0.7).recall == pytest.approx(1 / 3)
+
+
+def test_compare_of_nothing() -> None:
+    result = compare(Labels(), Labels(), tolerance=1.0)
+    assert (result.pairs, result.precision, result.recall) == (0, 1.0, 1.0)
+    assert result.dtw_median is None
+
+
+def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
+    import imageio.v3
+
+    write_labels("a.csv", Labels((vertical(10.5),)))
+    write_labels("t.csv", Labels((vertical(10),)))
+    tifffile.imwrite("film.tif", film(1)[0])
+    drawn = ["--picture", "p.png", "--image", "film.tif"]
+    assert main(["compare", "a.csv", "t.csv", *drawn]) == 0
+    out = capsys.readouterr().out
+    assert "1 curves, 1 truths, 1 pairs within 2 px" in out
+    assert "median 0.5 px" in out
+    picture = imageio.v3.imread("p.png")
+    assert picture.shape[0] % 40 == 0
+    assert (picture == [0x00, 0x9E, 0x73]).all(axis=2).any()
+    assert (picture == [0xCC, 0x79, 0xA7]).all(axis=2).any()
+    assert main(["compare", "a.csv", "t.csv", "--picture", "p.png"]) == 2
+    assert main(["compare", "a.csv", "t.csv", "--picture", "q.png", "--json"]) == 0
+    assert '"pairs": 1' in capsys.readouterr().out
+
+
+def test_demo_without_a_display_says_so_and_writes_files(
+    monkeypatch: pytest.MonkeyPatch, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        "napari_splinesketch.cli.demo.why_no_window", lambda: "no display was found"
+    )
+    assert main(["demo"]) == 0
+    said = capsys.readouterr()
+    assert "no display was found" in said.err
+    assert "24 good" in said.out
+    assert sorted(os.listdir("splinesketch-demo")) == [
+        "labels.csv",
+        "overlay.png",
+        "reconstruction.tif",
+    ]
+    assert main(["demo"]) == 0
+    assert len(read_labels("splinesketch-demo-2/labels.csv").labels) == 24
+
+
+def test_demo_keeps_existing_files_unless_asked(
+    engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "--output", "d"]) == 0
+    assert main(["demo", "--output", "d"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["demo", "--output", "d", "--overwrite"]) == 0
+
+
+def test_no_window_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", "pass")
+    monkeypatch.setenv("DISPLAY", ":7")
+    assert why_no_window() is None
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert why_no_window() == "no display was found"
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    assert why_no_window() is None
+
+
+def test_no_window_where_qt_cannot_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":7")
+    for probe in ("import sys; sys.exit('no libEGL\\nhint')", "raise ImportError('no libEGL')"):
+        monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", probe)
+        assert "no libEGL; the README" in str(why_no_window())
+    monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", "import os; os.abort()")
+    assert "does not say why" in str(why_no_window())
+
+
+def test_the_installed_command_runs_with_the_real_engine(tmp_path: Path) -> None:
+    environment = {k: v for k, v in os.environ.items() if "DISPLAY" not in k}
+    command = [str(Path(sys.executable).with_name("napari-splinesketch")), "demo"]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "no display" in run.stderr
+    labels = read_labels(tmp_path / "splinesketch-demo" / "labels.csv").labels
+    assert len(labels) == 24
+    good = [label for label in labels if label.status == "good"]
+    assert len(good) > 12
+    assert all(0.3 < np.median(label.half_width) < 3 for label in good)
+    reconstruction = tifffile.imread(tmp_path / "splinesketch-demo" / "reconstruction.tif")
+    assert reconstruction.shape[-2:] == (512, 512)
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert all(command in text for command in ("demo", "refine", "convert", "compare"))
+    assert "exit codes" in text
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert __version__ in capsys.readouterr().out

@@ -1,0 +1,216 @@
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import imageio.v3
+import numpy as np
+import pytest
+import tifffile
+
+from napari_splinesketch.cli.images import LUMINANCE, ImageError, open_frames
+
+from .fakes import film
+
+FRAMES = film(4)
+
+
+def write(path: Path, data: np.ndarray, **options: object) -> None:
+    if data.shape[-1] != 3:
+        options = {"photometric": "minisblack", **options}
+    tifffile.imwrite(path, data, **options)  # pyright: ignore[reportArgumentType]
+
+
+TIFFS: dict[str, tuple[dict[str, object], np.ndarray, dict[str, int]]] = {
+    "plain": ({}, FRAMES[0], {}),
+    "stack": ({"metadata": {"axes": "TYX"}}, FRAMES, {}),
+    "planes": ({"metadata": {"axes": "ZYX"}}, FRAMES, {}),
+    "LZW of another program": ({"compression": "lzw", "metadata": None}, FRAMES, {}),
+    "LZW volume": ({"compression": "lzw", "volumetric": True, "tile": (1, 16, 16)}, FRAMES, {}),
+    "big-endian": ({"byteorder": ">"}, FRAMES, {}),
+    "hyperstack": (
+        {"imagej": True, "metadata": {"axes": "TCYX"}},
+        np.stack([FRAMES * 2, FRAMES], axis=1),
+        {"channel": 1},
+    ),
+    "hyperstack, LZW": (
+        {"imagej": True, "compression": "lzw", "metadata": {"axes": "TZCYX"}},
+        np.stack([np.stack([FRAMES * 2, FRAMES], axis=1)] * 3, axis=1),
+        {"channel": 1, "z": 2},
+    ),
+}
+
+
+@pytest.mark.parametrize(("options", "data", "chosen"), TIFFS.values(), ids=TIFFS.keys())
+def test_every_kind_of_tiff_gives_the_same_frames(
+    tmp_path: Path, options: dict[str, object], data: np.ndarray, chosen: dict[str, int]
+) -> None:
+    write(tmp_path / "a.tif", data, **options)
+    with open_frames(str(tmp_path / "a.tif"), **chosen) as frames:
+        assert frames.count == (1 if data.ndim == 2 else 4)
+        for i in reversed(range(frames.count)):
+            assert np.array_equal(frames[i], FRAMES[i])
+
+
+def test_frames_appended_one_by_one_are_a_film(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as writer:
+        for frame in FRAMES:
+            writer.write(frame, contiguous=False)
+        writer.write(FRAMES[0, :5, :5])
+    with open_frames(str(tmp_path / "a.tif")) as frames:
+        assert frames.count == 4
+        assert np.array_equal(frames[3], FRAMES[3])
+
+
+def test_a_tiff_knows_its_pixel_size(tmp_path: Path) -> None:
+    write(
+        tmp_path / "imagej.tif",
+        FRAMES,
+        imagej=True,
+        metadata={"axes": "TYX", "unit": "um"},
+        resolution=(4.0, 2.0),
+    )
+    sizes = {"PhysicalSizeX": 0.25, "PhysicalSizeY": 0.5}
+    write(tmp_path / "a.ome.tif", FRAMES, metadata={"axes": "TYX", **sizes})
+    write(tmp_path / "none.tif", FRAMES, imagej=True, metadata={"axes": "TYX"})
+    for name, expected in (
+        ("imagej.tif", ((0.5, 0.25), "µm")),
+        ("a.ome.tif", ((0.5, 0.25), "µm")),
+        ("none.tif", (None, None)),
+    ):
+        with open_frames(str(tmp_path / name)) as frames:
+            assert (frames.scale, frames.units) == expected, name
+
+
+def test_colour_becomes_luminance(tmp_path: Path) -> None:
+    colour = np.random.default_rng(0).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+    write(tmp_path / "a.tif", colour)
+    imageio.v3.imwrite(tmp_path / "a.png", colour)
+    imageio.v3.imwrite(tmp_path / "alpha.png", np.dstack([colour, colour[..., :1]]))
+    for name in ("a.tif", "a.png", "alpha.png"):
+        with open_frames(str(tmp_path / name)) as frames:
+            assert np.allclose(frames[0], colour @ LUMINANCE), name
+
+
+def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
+    for number, frame in zip((1, 2, 10, 11), FRAMES, strict=True):
+        imageio.v3.imwrite(tmp_path / f"f{number}.png", frame)
+    (tmp_path / "notes.txt").write_text("no image")
+    for pattern in (str(tmp_path), f"{tmp_path}{os.sep}f*.png"):
+        with open_frames(pattern) as frames:
+            assert frames.count == 4
+            assert all(np.array_equal(frames[i], FRAMES[i]) for i in range(4))
+
+
+def test_zarr_images_of_both_versions(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    axes = [{"name": "t"}, {"name": "c"}, *({"name": n, "unit": "micrometer"} for n in "yx")]
+    level = {
+        "path": "0",
+        "coordinateTransformations": [{"type": "scale", "scale": [1.0, 1.0, 0.5, 0.25]}],
+    }
+    multiscales = [{"axes": axes, "datasets": [level]}]
+    for version, attributes in (
+        (2, {"multiscales": multiscales}),
+        (3, {"ome": {"multiscales": multiscales}}),
+    ):
+        path = tmp_path / f"v{version}.zarr"
+        group = zarr.open_group(path, mode="w", zarr_format=version, attributes=attributes)
+        group.create_array("0", data=np.stack([FRAMES * 2, FRAMES], axis=1))
+        with open_frames(str(path), channel=1) as frames:
+            assert frames.count == 4
+            assert np.array_equal(frames[3], FRAMES[3])
+            assert (frames.scale, frames.units) == ((0.5, 0.25), "µm")
+    zarr.create_array(tmp_path / "plain.zarr", data=FRAMES)
+    with open_frames(str(tmp_path / "plain.zarr")) as frames:
+        assert np.array_equal(frames[2], FRAMES[2])
+
+
+@pytest.mark.parametrize("name", ["a.avi", "a.mp4"])
+def test_films_are_read_frame_by_frame(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("av")
+    ramp = np.linspace(0, 200, 64)[None, :, None] * np.ones((48, 1, 3))
+    data = np.stack([ramp + 10 * i for i in range(5)]).astype(np.uint8)
+    codec = {"a.avi": "ffv1", "a.mp4": "libx264"}[name]
+    imageio.v3.imwrite(tmp_path / name, data, plugin="pyav", codec=codec, fps=10)
+    with open_frames(str(tmp_path / name)) as frames:
+        assert frames.count == 5
+        for i in (3, 0, 4):
+            assert abs(frames[i].mean() - data[i].mean()) < 2
+            assert frames[i].shape == (48, 64)
+
+
+def broken_tiff(path: Path) -> str:
+    (path / "a.tif").write_bytes(b"II*\x00\xff\xff\xff\xff")
+    return str(path / "a.tif")
+
+
+def cut_png(path: Path) -> str:
+    imageio.v3.imwrite(path / "a.png", FRAMES[0])
+    (path / "a.png").write_bytes((path / "a.png").read_bytes()[:100])
+    return str(path / "a.png")
+
+
+def word_file(path: Path) -> str:
+    (path / "a.docx").write_bytes(b"PK")
+    return str(path / "a.docx")
+
+
+def not_a_film(path: Path) -> str:
+    (path / "a.mp4").write_bytes(b"no film" * 100)
+    return str(path / "a.mp4")
+
+
+def empty_zarr(path: Path) -> str:
+    (path / "a.zarr").mkdir()
+    (path / "a.zarr" / "zarr.json").write_text("{}")
+    return str(path / "a.zarr")
+
+
+def two_axes(path: Path) -> str:
+    write(path / "a.tif", np.stack([FRAMES] * 2), imagej=True, metadata={"axes": "TZYX"})
+    return str(path / "a.tif")
+
+
+def channels(path: Path) -> str:
+    write(path / "a.tif", FRAMES, imagej=True, metadata={"axes": "CYX"})
+    return str(path / "a.tif")
+
+
+def stack_in_folder(path: Path) -> str:
+    write(path / "a.tif", FRAMES)
+    return str(path)
+
+
+HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
+    "missing": (lambda path: str(path / "none.tif"), "no such image"),
+    "empty folder": (str, "no folder or glob with images"),
+    "another kind of file": (word_file, "not an image; expected one of .tif"),
+    "broken TIFF": (broken_tiff, "cannot be read"),
+    "cut PNG": (cut_png, "frame 0: cannot be read"),
+    "not a film": (not_a_film, "cannot be read as a film"),
+    "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
+    "planes and times": (two_axes, "choose one plane with --z"),
+    "channels": (channels, "4 channels; choose one with --channel"),
+    "a stack in a folder": (stack_in_folder, "4 frames; expected one a file"),
+}
+
+
+@pytest.mark.parametrize(("make", "reason"), HOSTILE.values(), ids=HOSTILE.keys())
+def test_what_cannot_be_read_is_said(
+    tmp_path: Path, make: Callable[[Path], str], reason: str
+) -> None:
+    name = make(tmp_path)
+    with pytest.raises(ImageError) as caught, open_frames(name) as frames:
+        frames[0]
+    assert reason in str(caught.value)
+
+
+def test_a_channel_or_frame_that_is_not_there(tmp_path: Path) -> None:
+    name = channels(tmp_path)
+    with (
+        pytest.raises(ImageError, match="4 along axis C; there is no 4"),
+        open_frames(name, channel=4),
+    ):
+        pass
+    with open_frames(name, channel=3) as frames, pytest.raises(ImageError, match="no frame 1"):
+        frames[1]

@@ -1,0 +1,328 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from napari_splinesketch.cli import main
+from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+
+from .fakes import FakeEngine, film
+
+LINE = np.array([[5.0, 6.0], [25.0, 46.0]])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A film of four frames with sketches on frames 0, 1 and 3."""
+    monkeypatch.chdir(tmp_path)
+    tifffile.imwrite("film.tif", film(4), photometric="minisblack")
+    keys = [(0, 4), (0, 2), (1, 4), (3, 8)]
+    sketches = [Label.from_sketch(LINE + frame, frame=frame, identity=i) for frame, i in keys]
+    write_labels("sketches.csv", Labels(tuple(sketches)))
+    return tmp_path
+
+
+def refine(*more: str) -> int:
+    return main(["refine", "film.tif", "sketches.csv", "-o", "labels.csv", *more])
+
+
+def spoil(frame: int) -> None:
+    """Make a frame constant, which the engine refuses."""
+    frames = tifffile.imread("film.tif")
+    frames[frame] = 7
+    tifffile.imwrite("film.tif", frames, photometric="minisblack")
+
+
+def test_frames_with_sketches_are_refined_and_keep_their_numbers(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refine() == 0
+    labels = read_labels("labels.csv").labels
+    assert [(label.frame, label.curve) for label in labels] == [(0, 4), (0, 2), (1, 4), (3, 8)]
+    assert np.allclose(labels[2].points[[0, -1]], LINE + 1.5)
+    assert {label.status for label in labels} == {"good"}
+    assert [len(sketches) for _, sketches, _, _ in engine.calls] == [2, 1, 1]
+    assert np.array_equal(engine.calls[2][0], film(4)[3])
+    assert "3 frames: 4 good, 0 check, 0 failed" in capsys.readouterr().out
+    assert sorted(os.listdir(folder)) == ["film.tif", "labels.csv", "sketches.csv"]
+
+
+def test_options_reach_the_engine(folder: Path, engine: FakeEngine) -> None:
+    refine("--preset", "fast", "--polarity", "dark", "--half-width", "1.5", "--seed", "3")
+    _, _, preset, options = engine.calls[0]
+    assert preset == "fast"
+    assert options == {"polarity": "dark", "half_width": 1.5, "seed": 3}
+
+
+def test_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
+    refine("--pixel-size", "0.5", "0.25", "--units", "µm")
+    labels = read_labels("labels.csv")
+    assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
+
+
+def test_the_image_s_own_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
+    metadata = {"axes": "TYX", "unit": "um"}
+    tifffile.imwrite("film.tif", film(4), imagej=True, resolution=(4, 2), metadata=metadata)
+    refine()
+    labels = read_labels("labels.csv")
+    assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
+
+
+def test_reconstruction_masks_and_overlay(folder: Path, engine: FakeEngine) -> None:
+    import imageio.v3
+
+    assert refine("--reconstruction", "r.tif", "--masks", "m.tif", "--overlay", "o.png") == 0
+    assert np.allclose(tifffile.imread("r.tif"), film(4)[[0, 1, 3]] + 0.25)
+    with tifffile.TiffFile("r.tif") as file:
+        assert json.loads(file.pages[0].description)["frames"] == [0, 1, 3]  # pyright: ignore
+    masks = tifffile.imread("m.tif")
+    assert masks.shape == (4, 40, 60)
+    assert [set(np.unique(page)) for page in masks] == [{0, 5, 3}, {0, 5}, {0}, {0, 9}]
+    assert masks[1, 16, 28] == 5
+    overlay = imageio.v3.imread("o.png")
+    zoom = overlay.shape[0] // 40
+    assert overlay.shape == (40 * zoom, 60 * zoom, 3)
+    blue = (overlay == [0x56, 0xB4, 0xE9]).all(axis=2)
+    rows, cols = np.nonzero(blue)
+    assert abs(rows.mean() / zoom - 16) < 1
+    assert abs(cols.mean() / zoom - 27) < 1
+
+
+def test_a_bad_frame_is_reported_and_the_others_are_done(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(1)
+    assert refine("--json") == 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["counts"] == {"good": 3, "check": 0, "failed": 0, "frames not refined": 1}
+    assert "constant" in report["frames"][1]["error"]
+    labels = {(label.frame, label.curve): label for label in read_labels("labels.csv").labels}
+    assert labels[1, 4].status == "failed"
+    assert np.array_equal(labels[1, 4].points, LINE + 1)
+    assert labels[3, 8].status == "good"
+
+
+def test_a_bad_curve_is_reported_and_the_others_are_done(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sketches = [Label.from_sketch(line, identity=i) for i, line in enumerate((LINE, LINE / 100))]
+    write_labels("sketches.csv", Labels(tuple(sketches)), overwrite=True)
+    assert refine() == 1
+    assert "failed: the sketch is tiny" in capsys.readouterr().out
+    assert [label.status for label in read_labels("labels.csv").labels] == ["good", "failed"]
+
+
+def test_sketches_beyond_the_film_are_reported(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_labels("sketches.csv", Labels((Label.from_sketch(LINE, frame=9),)), overwrite=True)
+    assert refine("--overlay", "o.png", "--reconstruction", "r.tif") == 1
+    assert "frame 9: no frame 9: film.tif has 4" in capsys.readouterr().out
+    assert read_labels("labels.csv").labels[0].status == "failed"
+
+
+def test_any_error_of_the_engine_is_one_frame_s_error(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import napari_splinesketch
+
+    def broken(*args: object, **options: object) -> None:
+        raise RuntimeError("RESOURCE_EXHAUSTED:\nout of memory")
+
+    monkeypatch.setattr(napari_splinesketch, "refine", broken)
+    assert refine() == 1
+
+
+def test_an_interrupted_run_is_resumed(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import napari_splinesketch
+
+    def interrupted(image: np.ndarray, *args: object, **options: object) -> object:
+        if len(engine.calls) == 2:
+            raise KeyboardInterrupt
+        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
+    assert refine("--reconstruction", "r.tif") == 130
+    assert "--resume" in capsys.readouterr().err
+    assert not Path("labels.csv").exists()
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+
+    assert refine("--reconstruction", "r.tif") == 2
+    assert "holds an interrupted run; continue it with --resume" in capsys.readouterr().err
+    assert refine("--reconstruction", "r.tif", "--resume", "--preset", "fast") == 2
+    assert "differs in preset" in capsys.readouterr().err
+    assert len(engine.calls) == 2
+
+    assert refine("--reconstruction", "r.tif", "--resume") == 0
+    assert len(engine.calls) == 3
+    assert len(read_labels("labels.csv").labels) == 4
+    assert np.allclose(tifffile.imread("r.tif"), film(4)[[0, 1, 3]] + 0.25)
+    assert not Path("labels.csv.partial").exists()
+
+
+AT_A_TERMINAL = """
+import sys
+import napari_splinesketch
+from napari_splinesketch.cli import main
+sys.path.insert(0, {folder!r})
+from fakes import FakeEngine
+napari_splinesketch.refine = FakeEngine()
+sys.exit(main({arguments!r}))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_a_terminal_shows_a_bar_and_the_output_stays_clean(folder: Path) -> None:
+    import fcntl
+    import struct
+    import termios
+
+    arguments = ["refine", "film.tif", "sketches.csv", "-o", "labels.csv", "--json"]
+    code = AT_A_TERMINAL.format(folder=str(Path(__file__).parent), arguments=arguments)
+    ours, theirs = os.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    run = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=theirs)
+    os.close(theirs)
+    shown = os.read(ours, 65_536).decode()
+    os.close(ours)
+    assert run.returncode == 0, shown
+    assert "frame 3.0 of 3" in shown
+    assert json.loads(run.stdout)["counts"]["good"] == 4
+
+
+KILLED = """
+import sys, time
+import napari_splinesketch
+from napari_splinesketch.cli import main
+sys.path.insert(0, {folder!r})
+from fakes import FakeEngine
+fake = FakeEngine()
+def slow(*args, **options):
+    if len(fake.calls) == 2:
+        print("frame 2", flush=True)
+        time.sleep(60)
+    return fake(*args, **options)
+napari_splinesketch.refine = slow
+main({arguments!r})
+"""
+
+
+def test_a_killed_run_leaves_no_half_written_file_and_resumes(
+    folder: Path, engine: FakeEngine
+) -> None:
+    arguments = ["refine", "film.tif", "sketches.csv", "-o", "labels.csv"]
+    code = KILLED.format(folder=str(Path(__file__).parent), arguments=arguments)
+    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert run.stdout is not None
+    assert run.stdout.readline() == "frame 2\n"
+    run.send_signal(signal.SIGKILL)
+    run.communicate()
+    assert not Path("labels.csv").exists()
+    assert refine("--resume") == 0
+    assert len(engine.calls) == 1
+    assert len(read_labels("labels.csv").labels) == 4
+
+
+def test_a_damaged_note_of_an_interrupted_run_is_said(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("labels.csv.partial").mkdir()
+    Path("labels.csv.partial/run.json").write_text("{")
+    assert refine("--resume") == 2
+    assert "damaged" in capsys.readouterr().err
+
+
+REFUSED = {
+    "exists": (["--overlay", "film.tif"], "film.tif exists already"),
+    "no folder": (["--masks", "none/m.tif"], "no such folder"),
+    "not a TIFF": (["--masks", "m.png"], "m.png: expected a name that ends with .tif or .tiff"),
+    "not a picture": (["--overlay", "o.csv"], "ends with .png"),
+    "same name": (["--masks", "a.tif", "--reconstruction", "a.tif"], "the same name"),
+    "units alone": (["--units", "µm"], "--units are given without --pixel-size"),
+    "three sizes": (["--pixel-size", "1", "2", "3"], "has 3 numbers"),
+    "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
+    "no such channel": (["--channel", "2"], "no axis"),
+}
+
+
+@pytest.mark.parametrize(("more", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_work_is_refused_before_any_work(
+    folder: Path,
+    engine: FakeEngine,
+    capsys: pytest.CaptureFixture[str],
+    more: list[str],
+    reason: str,
+) -> None:
+    assert refine(*more) == 2
+    assert reason in capsys.readouterr().err
+    assert engine.calls == []
+    assert sorted(os.listdir(folder)) == ["film.tif", "sketches.csv"]
+
+
+@pytest.mark.parametrize(
+    "more", [["--half-width", "0"], ["--half-width", "nan"], ["--preset", "best"], ["--what"]]
+)
+def test_wrong_options_are_argparse_s_errors(folder: Path, more: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        refine(*more)
+    assert caught.value.code == 2
+
+
+def test_existing_files_are_replaced_when_asked(folder: Path, engine: FakeEngine) -> None:
+    Path("labels.csv").write_text("mine")
+    assert refine() == 2
+    assert Path("labels.csv").read_text() == "mine"
+    assert refine("--overwrite") == 0
+    assert len(read_labels("labels.csv").labels) == 4
+
+
+def test_unreadable_files_are_one_sentence(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("sketches.csv").write_text("a,b\n")
+    assert refine() == 2
+    error = capsys.readouterr().err
+    assert error.startswith("napari-splinesketch refine: sketches.csv, line 1: no column frame")
+    assert "Traceback" not in error
+    os.remove("sketches.csv")
+    assert refine() == 2
+    assert "sketches.csv: No such file" in capsys.readouterr().err
+
+
+def test_progress_never_falls_and_reaches_every_frame(folder: Path, engine: FakeEngine) -> None:
+    from napari_splinesketch.cli.refining import Job, refine_job
+
+    seen: list[tuple[float, int]] = []
+    job = Job("film.tif", Path("sketches.csv"), Path("labels.csv"))
+    refine_job(job, lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == [0.5, 1, 1.5, 2, 2.5, 3]
+    assert {total for _, total in seen} == {3}
+
+
+def test_the_labels_say_where_they_come_from(folder: Path, engine: FakeEngine) -> None:
+    import hashlib
+
+    from napari_splinesketch.labels.provenance import checksum
+
+    refine("--masks", "m.tif")
+    with tifffile.TiffFile("m.tif") as file:
+        told = json.loads(file.pages[0].description)["provenance"]  # pyright: ignore
+    assert told["preset"] == "balanced"
+    assert told["image"]["shape"] == [40, 60]
+    assert told["image"]["name"] == "film.tif"
+    assert list(told["image"]["sha256"]) == ["0", "1", "3"]
+    assert told["image"]["sha256"]["1"] == checksum(film(4)[1])
+    assert checksum(film(1)[0]) == hashlib.sha256(film(1)[0].astype("<u2").tobytes()).hexdigest()
+    assert time.strftime("%Y") in told["date"]

@@ -1,0 +1,51 @@
+"""Every run has its own settings and caches; tests of the window need a display."""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib import import_module
+
+import pytest
+
+_HOME = tempfile.mkdtemp(prefix="splinesketch-tests-")
+for _name in ("CONFIG", "CACHE", "DATA", "STATE"):
+    os.environ[f"XDG_{_name}_HOME"] = os.path.join(_HOME, _name.lower())
+os.environ["NAPARI_CONFIG"] = ""
+
+GUI = ("make_napari_viewer", "make_napari_viewer_proxy", "qtbot", "qapp")
+"""Fixtures that open windows."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep what JAX compiles from one run to the next, beside pytest's own cache."""
+    folder = config.cache.mkdir("jax") if config.cache else _HOME
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests of the window where there is none to be had."""
+    reason = _no_window()
+    if not reason:
+        return
+    for item in items:
+        if set(GUI) & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _no_window() -> str:
+    try:
+        import_module("qtpy.QtWidgets")
+    except Exception as error:
+        return f"tests of the window need Qt ({error}): install the extra 'gui'"
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if sys.platform.startswith("linux") and not display and not shutil.which("Xvfb"):
+        return "tests of the window need a display, or Xvfb (Debian: apt-get install xvfb)"
+    return ""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _clean_up() -> Iterator[None]:
+    yield
+    shutil.rmtree(_HOME, ignore_errors=True)

@@ -1,0 +1,76 @@
+"""Whatever the input: a ValueError or a whole result, never a crash, never a NaN in a curve."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from napari_splinesketch import refine
+
+from .test_refine import assert_whole
+
+RELAXED = settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+COORDINATE = st.one_of(
+    st.floats(-10, 60),
+    st.floats(allow_nan=True, allow_infinity=True, width=32),
+    st.integers(0, 40).map(float),
+)
+PIXEL = st.one_of(st.floats(-1, 1), st.sampled_from([0.0, np.nan, np.inf, -np.inf, 1e30, -1e-30]))
+
+
+@st.composite
+def sketch(draw) -> np.ndarray:
+    return np.array(draw(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=2, max_size=6)))
+
+
+@st.composite
+def picture(draw) -> np.ndarray:
+    shape = draw(st.tuples(st.integers(1, 40), st.integers(1, 50)))
+    kind = draw(st.sampled_from(["noise", "flat", "steps", "pixels"]))
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    if kind == "noise":
+        return rng.normal(size=shape) * draw(st.sampled_from([1e-20, 1.0, 1e20]))
+    if kind == "flat":
+        return np.full(shape, draw(st.floats(-1e9, 1e9)))
+    if kind == "steps":
+        image = np.zeros(shape, draw(st.sampled_from([bool, np.uint8, np.int64, np.float16])))
+        image[shape[0] // 3 : shape[0] // 2] = 1
+        return image
+    return draw(arrays.arrays(float, shape, elements=PIXEL, fill=st.just(0.0)))
+
+
+@RELAXED
+@given(picture(), st.lists(sketch(), max_size=4))
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_any_picture_and_any_sketches(image, sketches):
+    if not np.isfinite(image).any():
+        with pytest.raises(ValueError, match="finite"):
+            refine(image, sketches)
+        return
+    assert_whole(refine(image, sketches), len(sketches), image.shape)
+
+
+ANYTHING = st.one_of(
+    st.none(),
+    st.text(max_size=3),
+    st.floats(),
+    arrays.arrays(float, arrays.array_shapes(min_dims=0, max_dims=4, max_side=5)),
+    arrays.arrays(st.sampled_from([np.complex64, np.dtype("U2"), object]), (4, 5)),
+)
+
+
+@RELAXED
+@given(ANYTHING, st.lists(ANYTHING, max_size=3))
+def test_anything_else_is_refused_in_words_or_taken(image, sketches):
+    try:
+        result = refine(image, sketches)
+    except ValueError as error:
+        assert len(str(error)) > 20
+    else:
+        assert_whole(result, len(sketches), np.shape(image))

@@ -1,0 +1,233 @@
+"""The three phases on generated frames, which are not drawn by the model that is fitted."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from napari_splinesketch import synthetic
+from napari_splinesketch.engine import phases, spline
+from napari_splinesketch.engine.blobs import spline_knots
+from napari_splinesketch.engine.phases import PaperFit, PaperSettings
+from napari_splinesketch.metrics import average_dtw
+
+SETTINGS = PaperSettings(splines_steps=250, everything_steps=40, seeds=1)
+HALF_WIDTH = 3.0
+SHAPE = (110, 128)
+
+
+@pytest.fixture(autouse=True)
+def strict_ranks():
+    with jax.numpy_rank_promotion("raise"):
+        yield
+
+
+def frame(seed: int, bodies: int = 1, shape: tuple[int, int] = SHAPE, **look):
+    """A generated scene, and its image with background 0 and contrast 1."""
+    scene = synthetic.scene(seed, bodies=bodies, shape=shape, length=80, **look)
+    sign = 1 if scene.look.polarity == "bright" else -1
+    normal = sign * (scene.image - np.median(scene.image)) / scene.look.contrast
+    return scene, normal.astype(np.float32)
+
+
+def fit(image, sketches, *, seed=0, report=lambda *_: True, settings=SETTINGS) -> PaperFit:
+    return phases.refine_paper(
+        image, list(sketches), half_width=HALF_WIDTH, seed=seed, report=report, settings=settings
+    )
+
+
+def points(found: PaperFit) -> list[np.ndarray]:
+    return [spline.sample(knots, 100)[:, :2] for knots in found.knots]
+
+
+PERTURBATIONS = {
+    "rotated": lambda c, seed: synthetic.rotate(c, 20 * (-1) ** seed),
+    "displaced": lambda c, seed: synthetic.displace(c, 10, 70 * seed),
+    "shrunk": lambda c, seed: synthetic.scale(c, 0.7),
+}
+
+
+@pytest.mark.parametrize("kind", PERTURBATIONS)
+def test_one_body_is_found_from_a_spoilt_label(kind) -> None:
+    before, after = [], []
+    for seed in range(3):
+        scene, image = frame(seed)
+        sketch = PERTURBATIONS[kind](scene.centrelines[0], seed)
+        before.append(average_dtw(sketch, scene.centrelines[0]))
+        after.append(average_dtw(points(fit(image, [sketch]))[0], scene.centrelines[0]))
+    assert np.median(before) > 2
+    assert np.median(after) < 0.6
+
+
+@pytest.fixture(scope="module")
+def crossing():
+    scene, image = frame(4, bodies=2)
+    sketches = [synthetic.displace(c, 4, 45) for c in scene.centrelines]
+    return scene, image, sketches, fit(image, sketches)
+
+
+def test_every_phase_lowers_the_loss(crossing) -> None:
+    losses = crossing[-1].losses
+    assert {name: len(loss) for name, loss in losses.items()} == {
+        "background": 100,
+        "splines": 250,
+        "everything": 40,
+    }
+    for loss in losses.values():
+        assert np.isfinite(loss).all()
+        assert loss.min() < loss[0]
+    assert losses["splines"][0] <= losses["background"][0]
+    assert losses["everything"][0] == pytest.approx(losses["splines"].min(), rel=1e-4)
+
+
+def test_only_the_last_phase_trains_blob_and_kernel(crossing) -> None:
+    _, image, sketches, last = crossing
+    start = phases.prepare(image, sketches, [], half_width=HALF_WIDTH, knots=8, spacing=0.6)[0]
+    earlier = fit(image, sketches, settings=replace(SETTINGS, everything_steps=0)).scene
+    first = fit(image, sketches, settings=replace(SETTINGS, everything_steps=0, splines_steps=0))
+    moved = {
+        name: [
+            not np.array_equal(getattr(scene, name), getattr(start, name))
+            for scene in (first.scene, earlier, last.scene)
+        ]
+        for name in start._fields
+    }
+    for name, when in moved.items():
+        if name in ("brightness", "gradient", "log_contrast"):
+            assert when == [True, True, True], name
+        elif name in ("profile", "kernel"):
+            assert when == [False, False, True], name
+        else:
+            assert when == [False, True, True], name
+
+
+def test_reconstruction_background_and_bodies_agree(crossing) -> None:
+    scene, image, _, found = crossing
+    assert found.reconstruction.shape == found.background.shape == SHAPE
+    assert found.score == pytest.approx(np.mean((image - found.reconstruction) ** 2), rel=1e-4)
+    assert found.score < 0.5 * np.mean((image - found.background) ** 2)
+    bodies = phases.render_bodies(found)
+    assert bodies.shape == (2, *SHAPE)
+    expected = found.alpha * bodies.max(0) + (1 - found.alpha) * bodies.sum(0)
+    apart = bodies.min(0) < 1e-6
+    drawn = found.reconstruction - found.background
+    np.testing.assert_allclose(drawn[apart], expected[apart], atol=0.05)
+    for body, line in zip(bodies, scene.centrelines, strict=True):
+        row, col = np.round(line).astype(int).T
+        assert np.median(body[row, col]) > 5 * np.median(body)
+
+
+def test_fixed_curves_are_drawn_and_do_not_move(crossing) -> None:
+    scene, image, sketches, _ = crossing
+    still = np.column_stack([scene.centrelines[1], scene.half_widths[1]])
+    still = spline.fit_knots(still, 8)
+    found = phases.refine_paper(
+        image,
+        sketches[:1],
+        half_width=HALF_WIDTH,
+        seed=0,
+        report=lambda *_: True,
+        fixed=[still],
+        settings=SETTINGS,
+    )
+    assert len(found.knots) == 1
+    assert average_dtw(points(found)[0], scene.centrelines[0]) < 0.8
+    kept = np.asarray(spline_knots(found.scene, found.place))[1]
+    np.testing.assert_allclose(kept[:, :2], still[:, :2], atol=0.2)
+    row, col = np.round(scene.centrelines[1][10:-10]).astype(int).T
+    drawn = found.reconstruction - found.background
+    assert np.median(drawn[row, col]) > 0.5 and len(phases.render_bodies(found)) == 1
+
+
+def test_half_widths_are_those_of_the_bodies(crossing) -> None:
+    scene, _, _, found = crossing
+    for knots, truth in zip(found.knots, scene.half_widths, strict=True):
+        assert knots[2:-2, 2].mean() == pytest.approx(truth[25:75].mean(), rel=0.15)
+
+
+def test_of_several_seeds_the_best_reconstruction_is_kept(crossing) -> None:
+    _, image, sketches, _ = crossing
+    short = replace(SETTINGS, splines_steps=40, everything_steps=0)
+    alone = [fit(image, sketches, seed=s, settings=short).losses["splines"].min() for s in range(3)]
+    assert len(set(alone)) == 3
+    together = fit(image, sketches, settings=replace(short, seeds=3)).losses["splines"].min()
+    assert together == min(alone)
+
+
+def test_the_seed_decides(crossing) -> None:
+    _, image, sketches, found = crossing
+    np.testing.assert_array_equal(fit(image, sketches).knots, found.knots)
+    assert not np.array_equal(fit(image, sketches, seed=7).knots, found.knots)
+
+
+def test_other_sketches_sizes_and_settings_do_not_compile(crossing) -> None:
+    _, image, sketches, _ = crossing
+    before = compiled()
+    other = PaperSettings(8, 0.7, 20, 30, 10, 1, 2e-2, 1e-3, 0.5, 1.0)
+    found = fit(np.pad(image, ((0, 7), (0, 0))), [*sketches, sketches[0] + 3], settings=other)
+    assert len(found.knots) == 3
+    assert compiled() == before
+
+
+def compiled() -> int:
+    return phases._advance._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_pixels_that_are_not_finite_are_left_out(crossing) -> None:
+    _, image, sketches, _ = crossing
+    spoilt = image.copy()
+    spoilt[:3] = np.nan
+    found = fit(spoilt, sketches)
+    assert np.isfinite(found.knots).all() and np.isfinite(found.reconstruction).all()
+    assert np.isfinite(found.score)
+
+
+def test_reports_rise_to_one_with_the_curves_as_they_move(crossing) -> None:
+    _, image, sketches, _ = crossing
+    told: list[tuple[str, float, list[np.ndarray] | None]] = []
+    fit(image, sketches, report=lambda *record: told.append(record) is None)
+    fractions = [fraction for _, fraction, _ in told]
+    assert fractions == sorted(fractions) and fractions[-1] == pytest.approx(1.0)
+    assert len({stage for stage, _, _ in told}) == 3
+    assert all(lines and [line.shape for line in lines] == [(100, 2)] * 2 for _, _, lines in told)
+
+
+def test_it_stops_when_told_to(crossing) -> None:
+    _, image, sketches, _ = crossing
+    told: list[float] = []
+
+    def report(_stage: str, fraction: float, _lines: list[np.ndarray] | None) -> bool:
+        told.append(fraction)
+        return fraction < 0.4
+
+    found = fit(image, sketches, report=report)
+    assert found.cancelled
+    assert told[-1] >= 0.4 and all(fraction < 0.4 for fraction in told[:-1])
+    assert len(found.losses["everything"]) == 0
+    assert np.isfinite(found.knots).all()
+
+
+def test_noise_is_as_large_as_the_gradient_of_its_spline_and_decays() -> None:
+    gradient = {"offsets": jnp.array([[[3.0, -4.0]], [[0.0, 0.0]]]), "blend": jnp.array(-2.0)}
+    draws: dict[int, list[dict[str, np.ndarray]]] = {0: [], 99: []}
+    for seed in range(300):
+        noise = phases.relative_noise(variance=4.0, decay=1.0, key=jax.random.key(seed))
+        for step, found in draws.items():
+            state = noise.init(gradient)._replace(step=jnp.array(step))  # pyright: ignore
+            noisy, after = noise.update(gradient, state)
+            assert after.step == step + 1  # pyright: ignore
+            found.append(jax.tree.map(lambda a, b: np.asarray(a - b), noisy, gradient))
+    for step, expected in ((0, 2.0), (99, 0.2)):
+        offsets = np.array([draw["offsets"] for draw in draws[step]])
+        blends = np.array([draw["blend"] for draw in draws[step]])
+        assert offsets[:, 0].std() == pytest.approx(expected * np.sqrt(12.5), rel=0.15)
+        assert blends.std() == pytest.approx(expected * 2.0, rel=0.15)
+        assert not offsets[:, 1].any()
+
+
+@pytest.mark.parametrize("bad", [{"knots": 2}, {"seeds": 0}, {"spacing": 0.0}])
+def test_settings_that_cannot_run_are_refused(bad) -> None:
+    with pytest.raises(ValueError, match="cannot run: it needs at least 3 knots"):
+        PaperSettings(**bad)

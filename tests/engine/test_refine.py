@@ -1,0 +1,381 @@
+"""The public call: what comes out is what the caller may rely on."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from napari_splinesketch import Curve, Refinement, refine, synthetic
+
+from .scenes import SHAPE, frame, miss, refined, sketches_of
+
+OUTSIDE = np.array([[500.0, 500.0], [560.0, 540.0]])
+
+
+def assert_whole(result: Refinement, count: int, shape=SHAPE) -> None:
+    """Everything that holds for every result, however bad the sketches were."""
+    assert len(result.curves) == len(result.model.knots) == count
+    for frame_like in (result.reconstruction, result.background):
+        assert frame_like.shape == shape
+        assert np.isfinite(frame_like).all()
+    assert result.seconds > 0
+    for curve, knots in zip(result.curves, result.model.knots, strict=True):
+        assert curve.points.shape == (100, 2)
+        assert curve.half_width.shape == curve.sd.shape == (100,)
+        assert curve.knots.ndim == 2
+        assert curve.knots.shape[1] == 3
+        assert curve.status in ("good", "check", "failed")
+        assert bool(curve.reasons) == (curve.status != "good")
+        assert all(isinstance(r, str) and r for r in curve.reasons)
+        assert np.isfinite(curve.points).all()
+        assert (knots == 0) == (curve.status == "failed")
+        if curve.status != "failed":
+            assert np.isfinite(curve.knots).all()
+            assert (curve.half_width > 0).all()
+            assert (curve.sd >= 0).all()
+            assert knots == len(curve.knots)
+
+
+def test_curves_come_in_the_order_of_the_sketches():
+    made = frame(1, 3)
+    found = refined(1, 3)
+    assert_whole(found, 3)
+    for curve, truth in zip(found.curves, made.centrelines, strict=True):
+        assert miss(curve, truth) < 1.5
+    back = refine(made.image, sketches_of(made)[::-1])
+    for curve, same in zip(back.curves[::-1], found.curves, strict=True):
+        assert miss(curve, same.points) < 0.5
+
+
+def test_a_curve_is_the_natural_spline_through_its_knots():
+    for curve in refined(1, 3).curves:
+        through = CubicSpline(np.arange(len(curve.knots)), curve.knots[:, :2], bc_type="natural")
+        line = through(np.linspace(0, len(curve.knots) - 1, 4000))
+        apart = np.linalg.norm(curve.points[:, None] - line[None], axis=2).min(1)
+        assert apart.max() < 0.05
+        np.testing.assert_allclose(curve.points[[0, -1]], curve.knots[[0, -1], :2], atol=1e-6)
+        steps = np.linalg.norm(np.diff(curve.points, axis=0), axis=1)
+        np.testing.assert_allclose(steps, steps.mean(), rtol=0.02)
+        assert curve.length == pytest.approx(steps.sum())
+        np.testing.assert_allclose(curve.half_width[[0, -1]], curve.knots[[0, -1], 2], rtol=0.05)
+
+
+def test_widths_and_errors_are_those_of_the_bodies():
+    made, found = frame(0), refined(0)
+    curve, truth = found.curves[0], made.half_widths[0]
+    assert curve.status == "good"
+    assert curve.half_width[30:70].mean() == pytest.approx(truth[30:70].mean(), rel=0.15)
+    assert found.model.half_width == pytest.approx(truth.max(), rel=0.25)
+    assert 0.01 < np.median(curve.sd) < 0.2
+    assert 0 < curve.residual < 0.3
+
+
+@pytest.mark.parametrize("polarity", ["bright", "dark"])
+def test_both_polarities(polarity):
+    made = frame(5, 2, polarity=polarity)
+    found = refine(made.image, sketches_of(made))
+    assert found.model.polarity == polarity
+    for curve, truth in zip(found.curves, made.centrelines, strict=True):
+        assert miss(curve, truth) < 1
+    told = refine(made.image, sketches_of(made), polarity=polarity)
+    np.testing.assert_array_equal(told.curves[0].points, found.curves[0].points)
+
+
+def test_reconstruction_is_in_the_units_of_the_image():
+    made = frame(2, 2)
+    sketches = sketches_of(made)
+    here = refine(made.image, sketches)
+    there = refine(1000 * made.image.astype(float) - 300, sketches)
+    for name in ("reconstruction", "background"):
+        expected = 1000 * getattr(here, name) - 300
+        np.testing.assert_allclose(getattr(there, name), expected, atol=8)
+    assert there.model.contrast == pytest.approx(1000 * here.model.contrast, rel=0.03)
+    assert there.model.noise == pytest.approx(1000 * here.model.noise, rel=0.03)
+    contrast = made.look.contrast
+    assert np.abs(here.reconstruction - made.clean).mean() < 0.05 * contrast
+    body = np.abs(made.clean - made.background) > 0.6 * contrast
+    assert np.abs(here.reconstruction - made.clean)[body].mean() < 0.15 * contrast
+    assert np.abs(here.background - made.background).mean() < 0.06 * contrast
+
+
+def _twelve_bits(image: np.ndarray) -> np.ndarray:
+    return np.clip(image * 4095, 0, 4095).astype(np.uint16)
+
+
+def scaled(kind: str):
+    def convert(image: np.ndarray) -> np.ndarray:
+        high = min(np.iinfo(kind).max, 2**40)
+        return (np.clip(image, 0, 1) * high * 0.99).astype(kind)
+
+    return convert
+
+
+DTYPES = {
+    **{kind: scaled(kind) for kind in ("uint8", "int8", "uint16", "int16", "uint32", "int32")},
+    **{kind: scaled(kind) for kind in ("uint64", "int64")},
+    **{kind: (lambda i, kind=kind: i.astype(kind)) for kind in ("float16", "float32", "float64")},
+    "longdouble": lambda i: i.astype(np.longdouble),
+    "bool": lambda i: i > (i.min() + i.max()) / 2,
+    "12-bit": _twelve_bits,
+    "negative": lambda i: -1000 + 50 * i,
+    "big-endian": lambda i: i.astype(">f4"),
+    "strided": lambda i: np.repeat(np.repeat(i, 2, 0), 2, 1)[::2, ::2],
+    "reversed": lambda i: i[::-1, ::-1].copy()[::-1, ::-1],
+    "read-only": lambda i: np.broadcast_to(i, (1, *i.shape))[0],
+    "list": lambda i: i.tolist(),
+}
+
+
+@pytest.mark.parametrize("kind", DTYPES)
+def test_every_kind_of_image(kind):
+    made = frame(3, gradient=(0.0, 0.0), polarity="bright", texture=0.0)
+    image = DTYPES[kind](made.image)
+    found = refine(image, sketches_of(made))
+    assert_whole(found, 1)
+    assert miss(found.curves[0], made.centrelines[0]) < (1.0 if kind == "bool" else 0.7)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_pixels_that_are_not_finite_are_masked_and_do_not_spread(value):
+    made = frame(0)
+    image = made.image.copy()
+    rows, cols = np.rint(made.centrelines[0][45:50]).astype(int).T
+    image[rows, cols] = value
+    image[5:12, 60:70] = value
+    image[:, 120] = value
+    found = refine(image, sketches_of(made))
+    assert_whole(found, 1)
+    assert miss(found.curves[0], made.centrelines[0]) < 0.7
+    apart = np.abs(found.reconstruction - refined(0).reconstruction)
+    assert apart[np.isfinite(image)].max() < 0.25 * made.look.contrast
+
+
+def test_scattered_pixels_may_be_missing():
+    made = frame(2, 2)
+    image = made.image.copy()
+    image[np.random.default_rng(0).random(SHAPE) < 0.04] = np.nan
+    found = refine(image, sketches_of(made))
+    for curve, truth in zip(found.curves, made.centrelines, strict=True):
+        assert miss(curve, truth) < 1
+
+
+BLANK = {"missing": (np.nan, "no pixel around the sketch is finite"), "even": (7.0, "one and the")}
+
+
+@pytest.mark.parametrize("kind", BLANK)
+def test_nothing_to_be_seen_around_the_sketches(kind):
+    value, reason = BLANK[kind]
+    image = np.full((110, 520), value)
+    image[:, 480:] = np.random.default_rng(0).normal(size=(110, 40))
+    lines = [np.array([[30.0, 20.0], [60.0, 80.0]]), np.array([[50.0, 30.0], [50.0, 30.0]])]
+    found = refine(image, lines)
+    assert_whole(found, 2, image.shape)
+    assert [c.status for c in found.curves] == ["failed", "failed"]
+    assert reason in found.curves[0].reasons[0]
+    assert "shorter" in found.curves[1].reasons[0]
+
+
+@pytest.mark.parametrize("shape", [(104, 150), (190, 92)])
+def test_images_that_are_not_square(shape):
+    made = synthetic.scene(6, bodies=2, shape=shape, length=75)
+    found = refine(made.image, sketches_of(made))
+    assert_whole(found, 2, shape)
+    for curve, truth in zip(found.curves, made.centrelines, strict=True):
+        assert miss(curve, truth) < 1
+
+
+def test_a_part_of_an_image_gives_the_same_curve_moved():
+    """The image is larger than what the sketch needs: only its surroundings count."""
+    made = frame(0)
+    rng = np.random.default_rng(0)
+    large = made.background.mean() + made.noise_sd.mean() * rng.standard_normal((420, 400))
+    large[200:304, 150:278] = made.image
+    found = refine(large, [s + np.array([200, 150]) for s in sketches_of(made)])
+    assert_whole(found, 1, large.shape)
+    assert miss(found.curves[0], made.centrelines[0] + np.array([200, 150])) < 0.7
+
+
+DEGENERATE = {
+    "a click": np.array([[40.0, 40.0], [40.0, 40.0]]),
+    "a dot": np.array([[40.0, 40.0], [40.5, 40.5], [40.2, 40.9]]),
+    "not finite": np.array([[40.0, 40.0], [np.nan, 60.0], [50.0, 90.0]]),
+    "infinite": np.array([[40.0, 40.0], [np.inf, 60.0]]),
+    "all missing": np.full((3, 2), np.nan),
+    "outside": OUTSIDE,
+    "above": np.array([[-300.0, 20.0], [-240.0, 90.0]]),
+}
+
+
+@pytest.mark.parametrize("kind", DEGENERATE)
+def test_a_sketch_that_cannot_be_refined_fails_alone(kind):
+    made, bad = frame(2, 2), DEGENERATE[kind]
+    first, second = sketches_of(made)
+    found = refine(made.image, [first, bad, second])
+    assert_whole(found, 3)
+    assert [c.status == "failed" for c in found.curves] == [False, True, False]
+    failed = found.curves[1]
+    assert len(failed.reasons) == 1
+    assert "sketch" in failed.reasons[0]
+    assert np.isinf(failed.sd).all()
+    assert np.isnan(failed.half_width).all()
+    if np.isfinite(bad).all():
+        np.testing.assert_array_equal(failed.knots[:, :2], bad)
+        np.testing.assert_allclose(failed.points[[0, -1]], bad[[0, -1]])
+    alone = refined(2, 2)
+    for curve, same in zip((found.curves[0], found.curves[2]), alone.curves, strict=True):
+        np.testing.assert_array_equal(curve.points, same.points)
+
+
+def test_only_degenerate_sketches():
+    found = refine(frame(0).image, list(DEGENERATE.values()))
+    assert_whole(found, len(DEGENERATE))
+    assert all(c.status == "failed" for c in found.curves)
+    np.testing.assert_array_equal(found.reconstruction, found.background)
+
+
+def test_no_sketches():
+    found = refine(frame(0).image, [])
+    assert_whole(found, 0)
+
+
+IMAGE, SKETCH = np.zeros((30, 40)), np.array([[3.0, 3.0], [20.0, 30.0]])
+SENSELESS = {
+    "one row of pixels": ((np.zeros(30), [SKETCH]), r"image has shape \(30,\).*\(H, W\)"),
+    "colour": ((np.zeros((30, 40, 3)), [SKETCH]), r"image has shape \(30, 40, 3\).*2-D"),
+    "empty": ((np.zeros((0, 40)), [SKETCH]), r"image has shape \(0, 40\)"),
+    "none": ((None, [SKETCH]), "image has shape"),
+    "complex": ((IMAGE + 1j, [SKETCH]), "image has dtype complex128; give real"),
+    "text": ((np.full((3, 3), "a"), [SKETCH]), "image has dtype <U1"),
+    "nothing finite": ((IMAGE * np.nan, [SKETCH]), "no finite pixel"),
+    "3-D sketch": ((IMAGE, [SKETCH, np.zeros((4, 3))]), r"sketch 1 has shape \(4, 3\).*\(N, 2\)"),
+    "one point": ((IMAGE, [np.zeros((1, 2))]), r"sketch 0 has shape \(1, 2\).*N ≥ 2"),
+    "no points": ((IMAGE, [np.zeros((0, 2))]), r"sketch 0 has shape \(0, 2\)"),
+    "flat sketch": ((IMAGE, [np.zeros(4)]), r"sketch 0 has shape \(4,\)"),
+    "preset": ((IMAGE, [SKETCH], "best"), "preset is 'best'; choose one of fast, balanced"),
+}
+
+
+@pytest.mark.parametrize("case", SENSELESS)
+def test_senseless_calls_say_what_is_wrong(case):
+    given, message = SENSELESS[case]
+    with pytest.raises(ValueError, match=message):
+        refine(*given)
+
+
+OPTIONS = {
+    "polarity": ({"polarity": "grey"}, "polarity is 'grey'.*bright"),
+    "no width": ({"half_width": 0.0}, "half_width is 0.*positive"),
+    "negative": ({"half_width": -2.0}, "half_width is -2.*positive"),
+    "missing": ({"half_width": np.nan}, "half_width is nan"),
+    "endless": ({"half_width": np.inf}, "half_width is inf"),
+}
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_senseless_options_say_what_is_wrong(case):
+    options, message = OPTIONS[case]
+    with pytest.raises(ValueError, match=message):
+        refine(IMAGE, [SKETCH], **options)
+
+
+def test_fixed_curves_take_part_and_do_not_move():
+    """A body that a fixed curve explains is not found again by a sketch between two bodies."""
+    made = frame(5, 2)
+    both = refine(made.image, sketches_of(made))
+    first, second = both.curves
+    alone = refine(made.image, sketches_of(made)[1:], fixed=[first])
+    assert_whole(alone, 1)
+    assert miss(alone.curves[0], second.points) < 0.4
+    bodies = np.abs(made.clean - made.background) > 0.5 * made.look.contrast
+    without = refine(made.image, sketches_of(made)[1:])
+    gap = [np.abs(r.reconstruction - made.clean)[bodies].mean() for r in (alone, without)]
+    assert gap[0] < 0.6 * gap[1]
+
+
+def test_a_fixed_curve_keeps_a_sketch_off_its_body():
+    made = frame(4, 2)
+    first, second = made.centrelines
+    fixed = refine(made.image, sketches_of(made)).curves[0]
+    between = 0.55 * synthetic.resample(first, 30) + 0.45 * synthetic.resample(second, 30)
+    found = refine(made.image, [between], fixed=[fixed]).curves[0]
+    assert miss(found, first) > 4
+
+
+def test_a_fixed_curve_far_away_changes_nothing():
+    made = frame(0)
+    curve = refined(0).curves[0]
+    far = dataclasses.replace(curve, points=curve.points + 3000, knots=curve.knots + 3000)
+    image = np.pad(made.image, ((0, 60), (0, 0)), mode="median")
+    plain, beside = (refine(image, sketches_of(made), fixed=f).curves[0] for f in ([], [far]))
+    assert miss(beside, plain.points) < 0.02
+
+
+def test_a_failed_curve_may_be_fixed():
+    """What came back as drawn has no half-width."""
+    made = frame(2, 2)
+    first, second = sketches_of(made)
+    drawn = refine(made.image, [first, OUTSIDE]).curves[1]
+    assert_whole(refine(made.image, [second], fixed=[drawn]), 1)
+
+
+def test_same_from_the_other_end():
+    made = frame(2, 2)
+    forth = refined(2, 2)
+    back = refine(made.image, [s[::-1] for s in sketches_of(made)])
+    for a, b in zip(forth.curves, back.curves, strict=True):
+        assert np.abs(a.points - b.points[::-1]).max() < 0.25
+        assert np.abs(a.half_width - b.half_width[::-1])[10:90].max() < 0.3
+        assert a.status == b.status
+
+
+def test_same_every_time():
+    made = frame(2, 2)
+    again = refine(made.image, sketches_of(made))
+    for a, b in zip(refined(2, 2).curves, again.curves, strict=True):
+        np.testing.assert_array_equal(a.knots, b.knots)
+
+
+def test_turned_image_gives_the_turned_curve():
+    made = frame(0)
+    turned = refine(made.image.T, [s[:, ::-1] for s in sketches_of(made)])
+    assert miss(turned.curves[0], refined(0).curves[0].points[:, ::-1]) < 0.1
+
+
+def test_input_is_not_changed():
+    made = frame(0)
+    image, sketches = made.image.copy(), sketches_of(made)
+    copies = [s.copy() for s in sketches]
+    refine(image, sketches)
+    np.testing.assert_array_equal(image, made.image)
+    for sketch, copy in zip(sketches, copies, strict=True):
+        np.testing.assert_array_equal(sketch, copy)
+
+
+def test_sketches_may_be_lists_of_integers():
+    made = frame(0)
+    whole = [np.rint(s).astype(int).tolist() for s in sketches_of(made)]
+    found = refine(made.image, whole)
+    assert miss(found.curves[0], made.centrelines[0]) < 0.7
+
+
+@pytest.mark.parametrize("preset", ["fast", "balanced", "thorough"])
+def test_presets(preset):
+    made = frame(1, 3)
+    found = refine(made.image, sketches_of(made), preset)
+    assert_whole(found, 3)
+    assert (
+        np.median([miss(c, t) for c, t in zip(found.curves, made.centrelines, strict=True)]) < 0.6
+    )
+
+
+def test_the_result_is_complete_and_immutable():
+    found = refined(0)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.curves[0].status = "good"  # pyright: ignore[reportAttributeAccessIssue]
+    assert isinstance(found.curves[0], Curve)
+    assert all(note.endswith(".") for note in found.model.notes)
+    began = time.perf_counter()
+    again = refine(frame(0).image, sketches_of(frame(0)))
+    assert again.seconds <= time.perf_counter() - began

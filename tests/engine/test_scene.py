@@ -1,0 +1,149 @@
+"""What an image is made of, against what generated scenes are made of."""
+
+import numpy as np
+import pytest
+
+from napari_splinesketch import synthetic
+from napari_splinesketch.engine import background, scene
+from napari_splinesketch.engine.types import Polarity
+
+SHAPE = (140, 100)
+EVERYWHERE = np.ones(SHAPE, bool)
+
+
+def frame(seed: int = 2, **look) -> synthetic.Scene:
+    return synthetic.scene(seed, bodies=2, shape=SHAPE, length=70, **look)
+
+
+def read(image: np.ndarray, polarity: Polarity = "auto", half_width=None, near=None) -> scene.Scene:
+    near = np.ones(image.shape, bool) if near is None else near
+    return scene.read_scene(image, near, polarity, half_width)
+
+
+@pytest.mark.parametrize("polarity", ["bright", "dark"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_polarity_contrast_and_background_are_found(seed, polarity):
+    made = frame(seed, polarity=polarity)
+    seen = read(made.image)
+    assert seen.polarity == polarity
+    sign = 1 if polarity == "bright" else -1
+    assert seen.contrast == pytest.approx(sign * made.look.contrast, rel=0.3)
+    assert np.abs(seen.background - made.background).mean() < 0.1 * made.look.contrast
+    assert seen.normal.dtype == np.float32
+    assert seen.valid.all()
+
+
+def test_polarity_is_what_it_is_told():
+    made = frame(0, polarity="dark")
+    assert read(made.image, "bright").polarity == "bright"
+    assert read(made.image, "dark").polarity == "dark"
+
+
+@pytest.mark.parametrize("factor", [1.0, 40_000.0, 1e-6])
+def test_normal_image_does_not_depend_on_the_units(factor):
+    made = frame(1)
+    seen, scaled = read(made.image), read(made.image * factor - 3 * factor)
+    np.testing.assert_allclose(scaled.normal, seen.normal, atol=2e-3)
+    assert scaled.contrast == pytest.approx(seen.contrast * factor, rel=1e-3)
+    assert scaled.noise == pytest.approx(seen.noise, rel=1e-3)
+
+
+@pytest.mark.parametrize("snr", [5.0, 15.0])
+def test_noise_is_measured(snr):
+    made = frame(3, snr=snr, photon_share=0.0)
+    sd = made.look.contrast / snr
+    assert scene.pixel_noise(made.image.astype(float)) == pytest.approx(sd, rel=0.1)
+    assert read(made.image).noise == pytest.approx(1 / snr, rel=0.3)
+
+
+def test_noise_does_not_see_a_gradient():
+    rows, cols = np.indices(SHAPE)
+    white = 0.3 * np.random.default_rng(0).normal(size=SHAPE)
+    assert scene.pixel_noise(white + 5 * rows - 2 * cols) == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.parametrize(("half_width", "error"), [(1.2, 0.8), (2.0, 0.3), (3.0, 0.3), (5.0, 0.3)])
+def test_half_width_is_measured(half_width, error):
+    measured = []
+    for seed in range(3):
+        made = synthetic.scene(
+            seed, bodies=2, shape=(200, 160), length=100, half_width=half_width, crossing=False
+        )
+        true = np.median([w.max() for w in made.half_widths])
+        measured.append(read(made.image).half_width / true)
+    assert np.median(measured) == pytest.approx(1, abs=error)
+
+
+def test_a_given_half_width_is_used():
+    assert read(frame().image, half_width=7.5).half_width == 7.5
+
+
+def test_only_the_surroundings_of_the_sketches_tell_contrast_and_width():
+    rows, cols = np.indices((160, 160))
+    image = np.zeros((160, 160))
+    image[np.abs(rows - 40) < 2.5] = 1.0
+    image[np.hypot(rows - 120, cols - 80) < 25] = 20.0
+    image += 0.02 * np.random.default_rng(0).normal(size=image.shape)
+    near = rows < 70
+    seen = read(image, near=near)
+    assert seen.contrast == pytest.approx(1, rel=0.2)
+    assert seen.half_width == pytest.approx(2.5, abs=1)
+
+
+def test_pixels_that_are_not_finite_are_left_out():
+    made = frame(4)
+    holed = made.image.copy()
+    holed[30:60, 20:40] = np.nan
+    holed[0, 0], holed[100, 50] = np.inf, -np.inf
+    seen = read(holed)
+    assert np.isfinite(seen.normal).all()
+    np.testing.assert_array_equal(seen.valid, np.isfinite(holed))
+    inside = np.s_[40:50, 27:33]  # of the hole: too far from anything to be guessed
+    assert np.abs(seen.normal[inside]).max() < 0.5
+    whole = read(made.image)
+    assert seen.contrast == pytest.approx(whole.contrast, rel=0.15)
+
+
+@pytest.mark.parametrize("value", [0.0, 7.0, -1e6])
+def test_a_constant_image_is_all_background(value):
+    seen = read(np.full(SHAPE, value), polarity="bright")
+    np.testing.assert_allclose(seen.background, value)
+    np.testing.assert_allclose(seen.normal, 0, atol=1e-6)
+    assert np.isfinite([seen.contrast, seen.noise, seen.half_width]).all()
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 30), (30, 2), (5, 200)])
+def test_narrow_images(shape):
+    image = np.random.default_rng(0).normal(size=shape)
+    with np.errstate(all="raise"):
+        seen = read(image, half_width=2.0)
+    assert seen.normal.shape == seen.background.shape == shape
+    assert np.isfinite(seen.normal).all()
+
+
+KINDS = {
+    "constant": lambda r, c: 3.0 + 0 * r,
+    "linear": lambda r, c: 3 + 0.0005 * r - 0.001 * c,
+    "textured": lambda r, c: 0.5 * np.cos(r / 120) * np.sin(c / 100),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_background_is_as_simple_as_it_can_be(kind):
+    r, c = np.indices((250, 330))
+    truth = KINDS[kind](r, c)
+    image = truth + 0.05 * np.random.default_rng(1).normal(size=truth.shape)
+    found, chosen = background.estimate_background(image, 0.05)
+    assert chosen == kind
+    inner = np.s_[50:-50, 50:-50]  # medians of blocks, and of those, say less near the border
+    assert np.abs(found - truth)[inner].mean() < (0.01 if kind != "textured" else 0.06)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_wanted_kind_of_background_is_used(kind):
+    image = np.random.default_rng(1).normal(size=(70, 90))
+    found, chosen = background.estimate_background(image, 1.0, kind)
+    assert chosen == kind
+    second = np.abs(np.diff(found, 2, axis=0)).max() + np.abs(np.diff(found, 2, axis=1)).max()
+    assert (second < 1e-9) == (kind != "textured")
+    assert (np.ptp(found) == 0) == (kind == "constant")

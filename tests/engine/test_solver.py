@@ -1,0 +1,296 @@
+"""The solver: padding changes nothing, cost never rises, bodies that cross see each other."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from napari_splinesketch import metrics, synthetic
+from napari_splinesketch.engine import bands, fitting, scene, solver, spline
+from napari_splinesketch.engine.settings import LevelSettings
+from napari_splinesketch.engine.tube import GLOBALS, INDEX
+
+KNOTS = 8
+SHAPE = (110, 128)
+LEVEL = LevelSettings(0.0, (6, 6, 6, 6, 6, 6))
+
+
+def seen_of(frame: synthetic.Scene) -> scene.Scene:
+    everywhere = np.ones(frame.image.shape, dtype=bool)
+    return scene.read_scene(frame.image, everywhere, "auto", 3.0)
+
+
+def begin(lines, priors: bands.Priors) -> np.ndarray:
+    return np.array(
+        [bands.start_values(spline.fit_knots(line, KNOTS), priors.mean[0]) for line in lines]
+    )
+
+
+class Problem:
+    """Two crossing bodies, begun beside where they are."""
+
+    def __init__(self):
+        self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, length=80)
+        self.seen = seen_of(self.frame)
+        self.priors = bands.default_priors(2, 3.0)
+        self.theta = begin(
+            [synthetic.displace(c, 2, 40) for c in self.frame.centrelines], self.priors
+        )
+        self.pixels = [
+            bands.band_pixels(line, 8.0, self.seen.valid, 1)
+            for line in fitting.lines_of(self.theta)
+        ]
+        self.basis, self.bend = bands.spline_basis(KNOTS)
+        edge = np.full(2 * KNOTS, 1e6)
+        self.level = solver.Level(
+            np.concatenate([-edge, self.priors.low]).astype(np.float32),
+            np.concatenate([edge, self.priors.high]).astype(np.float32),
+            np.float32(self.seen.noise),
+            np.float32(0),
+        )
+
+    def bands(self, count: int = 2):
+        return bands.make_bands(
+            self.seen.normal, self.pixels[:count], np.zeros(count, int), self.theta[:count], 3.0,
+            replace(self.priors, mean=self.priors.mean[:count], sd=self.priors.sd[:count]),
+        )  # fmt: skip
+
+    def sweep(self, made: solver.Bands, fit: solver.Fit, order, steps: int) -> solver.Fit:
+        padded = np.zeros(len(fit.theta), np.int32)
+        padded[: len(order)] = order
+        numbers = np.int32(len(order)), np.int32(steps)
+        return solver.sweep(made, self.level, fit, self.basis, self.bend, padded, *numbers)
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return Problem()
+
+
+def wider(made: solver.Bands, start: solver.Fit, more: int) -> tuple[solver.Bands, solver.Fit]:
+    """The same with `more` pixels of padding for every curve, filled with nonsense."""
+    n, m = made.values.shape
+    unused = n * (m + more) - 1
+
+    def pad(a: np.ndarray, value: float) -> np.ndarray:
+        return np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, more)], constant_values=value)
+
+    slots = np.where(made.weight > 0, made.slots, unused).astype(np.int32)
+    made = made._replace(
+        pixels=pad(made.pixels, 1e4),
+        values=pad(made.values, 77.0),
+        weight=pad(made.weight, 0.0),
+        slots=pad(slots, unused),
+    )
+    return made, start._replace(own=np.zeros((n, m + more), np.float32))
+
+
+def test_padding_changes_nothing(problem):
+    made, _, theta = problem.bands()
+    plain, roomy = (made, solver.start(theta, made.values.shape[1])), None
+    roomy = wider(*plain, more=3 * solver.TILE)
+    results = []
+    for given, fit in (plain, roomy):
+        fit = problem.sweep(given, fit, [0, 1], 1)
+        results.append(problem.sweep(given, fit, [0, 1], 6))
+    for name in ("theta", "cost", "hessian"):
+        a, b = (np.asarray(getattr(r, name)) for r in results)
+        np.testing.assert_allclose(a[:2], b[:2], rtol=1e-4, atol=1e-5 * np.abs(a).max())
+    m = made.values.shape[1]
+    np.testing.assert_allclose(results[0].own, results[1].own[:, :m], atol=1e-4)
+
+
+def test_curves_that_are_not_there_stay_as_they_are(problem):
+    made, _, theta = problem.bands()
+    fit = problem.sweep(made, solver.start(theta, made.values.shape[1]), [0, 1], 6)
+    assert np.abs(np.asarray(fit.theta[:2]) - theta[:2]).max() > 0.1
+    np.testing.assert_array_equal(fit.theta[2:], theta[2:])
+    np.testing.assert_array_equal(fit.own[2:], 0)
+    assert all(np.isfinite(np.asarray(a)).all() for a in fit)
+
+
+def test_cost_never_rises(problem):
+    made, _, theta = problem.bands(1)
+    fit = problem.sweep(made, solver.start(theta, made.values.shape[1]), [0], 1)
+    costs = [float(fit.cost[0])]
+    for steps in (2, 3, 2, 6, 6):
+        fit = problem.sweep(made, fit, [0], steps)
+        assert float(fit.gain[0]) >= 0
+        costs.append(float(fit.cost[0]))
+    assert (np.diff(costs) <= 1e-4 * costs[0]).all()
+    assert costs[-1] < 0.3 * costs[0]
+
+
+def test_one_step_looks_and_does_not_move(problem):
+    made, _, theta = problem.bands()
+    fit = problem.sweep(made, solver.start(theta, made.values.shape[1]), [0, 1], 1)
+    np.testing.assert_array_equal(fit.theta, theta)
+    assert (np.asarray(fit.cost[:2]) > 0).all()
+    assert (np.asarray(fit.own[:2]).max(1) > 0.5).all()
+
+
+def test_parameters_stay_within_their_bounds(problem):
+    low, high = (np.asarray(a) for a in (problem.level.lower, problem.level.upper))
+    made, _, theta = problem.bands()
+    fit = problem.sweep(made, solver.start(theta, made.values.shape[1]), [0, 1], 6)
+    found = np.asarray(fit.theta[:2])
+    assert ((found >= low) & (found <= high)).all()
+
+
+def test_two_crossing_bodies_are_both_recovered(problem):
+    bodies = fitting.fit_level(
+        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL
+    )
+    for body, truth in zip(bodies, problem.frame.centrelines, strict=True):
+        before = metrics.average_dtw(synthetic.displace(truth, 2, 40), truth)
+        assert metrics.average_dtw(body.points(), truth) < 0.7 < before
+        assert body.settled
+        assert 0 <= body["overlap"] <= 1
+
+
+def test_curves_of_another_replica_are_not_seen(problem):
+    """Twice the same scene, side by side as replicas, comes out as the scene alone."""
+    lines = np.concatenate([problem.theta, problem.theta])
+    both = fitting.fit_level(
+        problem.seen.normal, problem.seen, lines, bands.default_priors(4, 3.0), LEVEL,
+        replica=np.array([0, 0, 1, 1]),
+    )  # fmt: skip
+    alone = fitting.fit_level(
+        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL
+    )
+    for i, body in enumerate(both):
+        np.testing.assert_allclose(body.theta, alone[i % 2].theta, atol=2e-3)
+
+
+def test_curves_that_do_not_move_are_still_drawn(problem):
+    held = fitting.fit_level(
+        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, moving=1
+    )
+    assert np.abs(held[0].theta - problem.theta[0]).max() > 0.5
+    np.testing.assert_allclose(held[1].theta, problem.theta[1], atol=1e-4)
+    assert held[1].own.max() > 0.5
+
+
+def test_the_report_rises_and_its_exception_stops():
+    problem, shares = Problem(), []
+
+    def report(share, _):
+        shares.append(share)
+        if len(shares) == 3:
+            raise fitting.Stopped
+
+    with pytest.raises(fitting.Stopped):
+        fitting.fit_level(
+            problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, report=report
+        )
+    assert len(shares) == 3
+    assert shares == sorted(shares)
+
+
+def test_sum_and_maximum_of_the_others_by_brute_force():
+    rng = np.random.default_rng(0)
+    n, m, there, width = 4, 2 * solver.TILE, 3, 900
+    unused = n * m - 1
+    own = np.zeros((n, m), np.float32)
+    slots = np.full((n, m), unused, np.int32)
+    frame = np.zeros((n, n * m))
+    for i, count in enumerate((500, width, 800)):
+        slots[i, :count] = rng.permutation(width)[:count]
+        own[i, :count] = rng.uniform(0, 5, count)
+        frame[i, slots[i, :count]] = own[i, :count]
+    tiles = np.array([1, 2, 2, 0], np.int32)
+    maps = jax.jit(solver.brightness_maps)(own, slots, tiles)
+    for i in range(there):
+        total, most = jax.jit(solver.others_of)(maps, own[i], slots[i])
+        others = np.delete(frame, i, axis=0)[:, slots[i]]
+        used = slots[i] != unused
+        np.testing.assert_allclose(np.asarray(total)[used], others.sum(0)[used], atol=1e-5)
+        np.testing.assert_allclose(np.asarray(most)[used], others.max(0)[used], atol=1e-6)
+
+
+@pytest.mark.parametrize(("overlap", "expected"), [(1.0, 0.7), (0.0, 1.4), (0.5, 1.05)])
+def test_blend_is_between_maximum_and_sum(overlap, expected):
+    one, total, most = (np.float32(x) for x in (0.6, 0.8, 0.7))
+    assert solver.blend(np.float32(overlap), one, total, most) == pytest.approx(expected)
+
+
+def test_huber_is_quadratic_then_linear_and_smooth():
+    r = np.array([0, 1, -2, solver.HUBER, 10, -10], np.float32)
+    h = solver.HUBER
+    expected = [0, 1, 4, h**2, 20 * h - h**2, 20 * h - h**2]
+    np.testing.assert_allclose(solver._huber(r), expected)
+
+
+def test_energy_of_the_knots_is_that_of_its_normal_matrix():
+    """Gradient and matrix of the priors against finite differences, in double precision."""
+    rng = np.random.default_rng(3)
+    bend = spline.bending_matrix(KNOTS)
+    knots = np.cumsum(rng.uniform(2, 8, (2, KNOTS)), axis=1)
+
+    with jax.enable_x64(True):
+
+        def energy(flat):
+            return float(solver._knot_priors(flat.reshape(2, -1), 0.3, 0.0, bend)[2])
+
+        matrix, pull, value = (
+            np.asarray(a) for a in solver._knot_priors(jax.numpy.asarray(knots), 0.3, 0.0, bend)
+        )
+        flat, step = knots.ravel(), 1e-4
+        slope = [
+            (energy(flat + step * e) - energy(flat - step * e)) / (2 * step)
+            for e in np.eye(2 * KNOTS)
+        ]
+    np.testing.assert_allclose(2 * pull, slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+    assert value == pytest.approx(flat @ matrix @ flat)
+
+
+def test_evenly_spaced_knots_cost_nothing_and_uneven_ones_do():
+    bend = spline.bending_matrix(KNOTS)
+    even = np.stack([np.linspace(0, 21, KNOTS), np.linspace(5, 40, KNOTS)])
+    uneven = even.copy()
+    uneven[:, 3] += 0.4 * (uneven[:, 4] - uneven[:, 3])
+    costs = [float(solver._knot_priors(k, 0.0, 2.0, bend)[2]) for k in (even, uneven)]
+    assert costs[0] == pytest.approx(0, abs=1e-6)
+    assert costs[1] > 1
+
+
+def test_padded_sizes():
+    assert bands.padded(3, (4, 8)) == 4
+    assert bands.padded(8, (4, 8)) == 8
+    assert bands.padded(9, (4, 8)) == 8
+
+
+def test_band_pixels_are_those_near_the_curve(problem):
+    valid = np.ones(SHAPE, bool)
+    valid[40:50, 30:90] = False
+    line = problem.frame.centrelines[0]
+    found = bands.band_pixels(line, 6.0, valid, 1)
+    assert len(np.unique(found)) == len(found)
+    rows, cols = np.divmod(found, SHAPE[1])
+    assert valid[rows, cols].all()
+    grid = np.indices(SHAPE).reshape(2, -1).T
+    apart = np.linalg.norm(grid[:, None] - line[None], axis=2).min(1)
+    inside = np.flatnonzero((apart < 5) & valid.ravel())
+    assert set(inside) <= set(found.tolist())
+    assert apart[found].max() < 9
+
+
+def test_sparse_bands_of_all_curves_lie_on_one_lattice(problem):
+    valid = np.ones(SHAPE, bool)
+    for line in problem.frame.centrelines:
+        rows, cols = np.divmod(bands.band_pixels(line, 6.0, valid, 2), SHAPE[1])
+        assert len(rows) > 50
+        assert (rows % 2 == 0).all()
+        assert (cols % 2 == 0).all()
+
+
+def test_start_values_by_name():
+    mean = bands.default_priors(1, 3.0).mean[0]
+    knots = np.arange(16.0).reshape(8, 2)
+    theta = bands.start_values(knots, mean, contrast=2.5)
+    np.testing.assert_array_equal(theta[:16].reshape(2, 8).T, knots)
+    assert theta[16 + INDEX["contrast"]] == 2.5
+    assert theta[16 + INDEX["log_width_0"]] == pytest.approx(np.log(3))
+    assert len(theta) == 16 + len(GLOBALS)
+    assert mean[INDEX["contrast"]] == 1

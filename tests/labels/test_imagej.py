@@ -1,0 +1,164 @@
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import roifile
+
+from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, write_labels
+
+from .samples import FULL, bent, same_keys, same_points, same_sd, same_widths
+
+
+def test_all_that_rois_can_hold_round_trips(tmp_path: Path) -> None:
+    losses = " ".join(write_labels(tmp_path / "a.zip", FULL))
+    assert all(word in losses for word in ("32-bit", "scale", "provenance"))
+    back = read_labels(tmp_path / "a.zip")
+    assert same_points(FULL, back, tolerance=1e-5)
+    assert same_keys(FULL, back)
+    assert same_widths(FULL, back)
+    assert same_sd(FULL, back)
+
+
+def test_coordinates_of_32_bits_round_trip_bit_for_bit(tmp_path: Path) -> None:
+    points = bent().points.astype(np.float32)
+    labels = Labels((Label.from_sketch(points),))
+    write_labels(tmp_path / "a.zip", labels)
+    assert same_points(labels, read_labels(tmp_path / "a.zip"))
+
+
+def test_roifile_sees_polylines_in_x_and_y_with_frames_from_1(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.zip", FULL)
+    rois = roifile.roiread(tmp_path / "a.zip")
+    assert isinstance(rois, list)
+    assert len(rois) == 3
+    roi = rois[2]
+    assert roi.roitype == roifile.ROI_TYPE.POLYLINE
+    assert (roi.position, roi.t_position, roi.name) == (5, 5, "4-5")
+    points = FULL.labels[2].points
+    assert np.abs(roi.coordinates() - points[:, ::-1]).max() < 1e-5
+    assert roi.float_stroke_width == pytest.approx(2 * np.median(FULL.labels[2].half_width))
+    assert roi.properties["splinesketch.status"] == "good"
+    assert rois[1].float_stroke_width == 0
+
+
+@pytest.mark.parametrize(
+    "points",
+    [[[-6000.0, 70000.0], [5.5, 6.25]], [[-1e9, 1e9], [0.0, 1.0]]],
+    ids=["beyond 16 bits", "at the limit"],
+)
+def test_places_far_away_round_trip(tmp_path: Path, points: list[list[float]]) -> None:
+    labels = Labels((Label.from_sketch(np.array(points)),))
+    write_labels(tmp_path / "a.zip", labels)
+    assert same_points(labels, read_labels(tmp_path / "a.zip"))
+
+
+def test_more_points_than_16_bits_count_round_trip(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).integers(0, 4000, (70_000, 2)) / 4
+    labels = Labels((Label.from_sketch(points),))
+    write_labels(tmp_path / "a.zip", labels)
+    assert same_points(labels, read_labels(tmp_path / "a.zip"))
+
+
+def roi(kind: roifile.ROI_TYPE, **fields: int) -> roifile.ImagejRoi:
+    made = roifile.ImagejRoi.frompoints([[10, 20], [30, 25], [40, 20]], name="mine")
+    made.roitype = kind
+    for name, value in fields.items():
+        setattr(made, name, value)
+    return made
+
+
+def test_rois_of_other_programs_are_sketches(tmp_path: Path) -> None:
+    kinds = roifile.ROI_TYPE
+    line = roifile.ImagejRoi()
+    line.roitype, line.x1, line.y1, line.x2, line.y2 = kinds.LINE, 1.5, 2.5, 3.5, 4.5
+    rois = [
+        roi(kinds.POLYLINE, position=3),
+        roi(kinds.FREELINE, t_position=2, position=9),
+        line,
+        roi(kinds.POLYGON),
+        roi(kinds.POINT),
+    ]
+    for i, one in enumerate(rois):
+        one.name = str(i)
+    roifile.roiwrite(tmp_path / "a.zip", rois, mode="w")
+    labels = read_labels(tmp_path / "a.zip")
+    keys = [(label.frame, label.curve, label.status) for label in labels.labels]
+    assert keys == [(2, 0, "sketch"), (1, 1, "sketch"), (0, 2, "sketch")]
+    assert labels.labels[0].points.tolist() == [[20, 10], [25, 30], [20, 40]]
+    assert labels.labels[2].points.tolist() == [[2.5, 1.5], [4.5, 3.5]]
+    assert labels.notes == ("left out 1 point, 1 polygon: only lines can be sketches",)
+
+
+def test_a_single_roi(tmp_path: Path) -> None:
+    roi(roifile.ROI_TYPE.POLYLINE).tofile(tmp_path / "a.roi")
+    assert len(read_labels(tmp_path / "a.roi").labels) == 1
+
+
+def archive(path: Path, **entries: bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in entries.items():
+            file.writestr(f"{name}.roi", content)
+    return path
+
+
+def test_other_files_in_the_zip_are_not_touched(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        file.writestr("../../evil.txt", "x")
+        file.writestr("../evil.roi", roi(roifile.ROI_TYPE.POLYLINE).tobytes())
+    assert len(read_labels(tmp_path / "a.zip").labels) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
+
+
+def test_a_zip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    archive(tmp_path / "a.zip", a=bytes(2**24 + 1))
+    with pytest.raises(LabelsError, match=r"a\.zip, a\.roi: too large when unpacked"):
+        read_labels(tmp_path / "a.zip")
+    monkeypatch.setattr("napari_splinesketch.labels.imagej.MAX_BYTES", 1000)
+    archive(tmp_path / "b.zip", a=bytes(600), b=bytes(600))
+    with pytest.raises(LabelsError, match=r"b\.zip, b\.roi: too large when unpacked"):
+        read_labels(tmp_path / "b.zip")
+
+
+def test_broken_files_are_said(tmp_path: Path) -> None:
+    (tmp_path / "a.zip").write_bytes(b"PK\x03\x04 no zip")
+    with pytest.raises(LabelsError, match=r"a\.zip: not a zip of ROIs"):
+        read_labels(tmp_path / "a.zip")
+    archive(tmp_path / "b.zip", x=b"Iout" + bytes(10))
+    with pytest.raises(LabelsError, match=r"b\.zip, x\.roi: not an ImageJ ROI"):
+        read_labels(tmp_path / "b.zip")
+
+
+def test_damaged_properties_are_said(tmp_path: Path) -> None:
+    for props, reason in (
+        ("splinesketch.curve: x\n", "damaged .*'x'"),
+        (
+            "splinesketch.curve: 1\nsplinesketch.half_width: 1\nsplinesketch.sd: 1 1 1\n",
+            "damaged .*status",
+        ),
+        (
+            "splinesketch.curve: 1\nsplinesketch.half_width: 1\nsplinesketch.sd: 1 1 1\n"
+            "splinesketch.status: good\n",
+            "half_width has shape",
+        ),
+    ):
+        broken = roi(roifile.ROI_TYPE.POLYLINE)
+        broken.props = props
+        archive(tmp_path / "a.zip", x=broken.tobytes())
+        with pytest.raises(LabelsError, match=rf"a\.zip, x\.roi: .*{reason}"):
+            read_labels(tmp_path / "a.zip")
+
+
+def test_the_same_curve_twice_is_refused(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.zip", Labels((bent(),)))
+    with zipfile.ZipFile(tmp_path / "a.zip") as file:
+        content = file.read(file.namelist()[0])
+    archive(tmp_path / "b.zip", a=content, b=content)
+    with pytest.raises(LabelsError, match=r"b\.zip, b\.roi: curve 0 occurs twice"):
+        read_labels(tmp_path / "b.zip")
+
+
+def test_a_frame_beyond_what_imagej_counts_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="more than an ImageJ ROI can hold"):
+        write_labels(tmp_path / "a.zip", Labels((bent(frame=2**31),)))
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,108 @@
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.labels import LabelsError, read_labels
+
+SPLINES = np.random.default_rng(0).uniform(0, 100, (3, 4, 9, 2)).astype(np.float32)
+
+
+def test_frames_and_numbers_are_kept_and_x_comes_first(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", SPLINES)
+    labels = read_labels(tmp_path / "a.npy").labels
+    assert [(label.frame, label.curve) for label in labels] == [
+        (f, s) for f in range(3) for s in range(4)
+    ]
+    assert np.array_equal(labels[5].points, SPLINES[1, 1, :, ::-1])
+    assert labels[0].status == "sketch"
+
+
+def test_one_frame_and_packed_arrays(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", SPLINES[0])
+    np.savez(tmp_path / "b.npz", anything=SPLINES[0])
+    np.savez_compressed(tmp_path / "c.npz", splines=SPLINES[0], scores=np.ones(4))
+    for name in ("a.npy", "b.npz", "c.npz"):
+        labels = read_labels(tmp_path / name).labels
+        assert [(label.frame, label.curve) for label in labels] == [(0, s) for s in range(4)]
+
+
+def test_points_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
+    splines = SPLINES.copy()
+    splines[0, 0, 3:5] = np.nan
+    splines[0, 1] = np.nan
+    splines[2, 3, 1:, 0] = np.inf
+    np.save(tmp_path / "a.npy", splines)
+    labels = read_labels(tmp_path / "a.npy")
+    assert len(labels.labels[0].points) == 7
+    assert len(labels.labels) == 10
+    assert labels.notes == ("left out 2 splines of fewer than two finite points",)
+
+
+def test_nothing_is_unpickled(tmp_path: Path) -> None:
+    class Evil:
+        def __reduce__(self) -> tuple[object, tuple[object, ...]]:
+            return (tmp_path / "evil").write_text, ("x",)
+
+    evil = np.array([Evil()], dtype=object)
+    np.save(tmp_path / "a.npy", evil, allow_pickle=True)
+    np.savez(tmp_path / "b.npz", splines=evil, allow_pickle=True)
+    (tmp_path / "c.npy").write_bytes(pickle.dumps(Evil()))
+    for name in ("a.npy", "b.npz", "c.npy"):
+        with pytest.raises(LabelsError):
+            read_labels(tmp_path / name)
+    assert not (tmp_path / "evil").exists()
+
+
+def claim(path: Path, shape: tuple[int, ...], packed: bool) -> None:
+    """Write an array that claims a shape but holds nothing."""
+    with (path.with_suffix(".npy")).open("wb") as file:
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": "<f4", "fortran_order": False, "shape": shape}
+        )
+    if packed:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.write(path.with_suffix(".npy"), "splines.npy")
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+@pytest.mark.parametrize("shape", [(10**6, 10**6, 100, 2), (10**30, 1, 1, 2), (5, 4, 9, 2)])
+def test_an_array_that_claims_too_much_takes_no_memory(
+    tmp_path: Path, name: str, shape: tuple[int, ...]
+) -> None:
+    import tracemalloc
+
+    claim(tmp_path / name, shape, packed=name.endswith("npz"))
+    tracemalloc.start()
+    with pytest.raises(LabelsError):
+        read_labels(tmp_path / name)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10_000_000
+
+
+WRONG = {
+    "flat": (np.ones(4), r"shape \(4,\)"),
+    "three coordinates": (np.ones((2, 3, 4, 3)), "expected numbers of shape"),
+    "words": (np.full((2, 3, 4, 2), "x"), "expected numbers"),
+    "complex": (np.ones((2, 3, 4, 2), complex), "expected numbers"),
+    "far": (np.full((1, 1, 3, 2), 1e12), "frame 0, spline 0: .*within"),
+}
+
+
+@pytest.mark.parametrize(("array", "reason"), WRONG.values(), ids=WRONG.keys())
+def test_other_arrays_are_refused(tmp_path: Path, array: np.ndarray, reason: str) -> None:
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(LabelsError, match=reason):
+        read_labels(tmp_path / "a.npy")
+
+
+def test_a_choice_of_arrays_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", a=SPLINES, b=SPLINES)
+    with pytest.raises(LabelsError, match=r"holds a\.npy, b\.npy; expected one array"):
+        read_labels(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz")
+    with pytest.raises(LabelsError, match="holds nothing"):
+        read_labels(tmp_path / "b.npz")

@@ -1,0 +1,177 @@
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
+
+from .samples import FILM, FULL, same_keys, same_points, same_sd, same_widths
+
+NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
+RECORD = {
+    "type": "object",
+    "required": ["id", "t", "x", "y"],
+    "properties": {
+        "id": {"type": "string"},
+        "t": NUMBERS,
+        "x": {"type": "array", "items": NUMBERS},
+        "y": {"type": "array", "items": NUMBERS},
+    },
+}
+RULES = {
+    "type": "object",
+    "required": ["units", "data"],
+    "properties": {
+        "units": {
+            "type": "object",
+            "required": ["t", "x", "y"],
+            "additionalProperties": {"type": "string"},
+        },
+        "metadata": {
+            "properties": {"software": {"properties": {"featureID": {"type": "string"}}}},
+        },
+        "data": {"type": "array", "items": RECORD},
+    },
+}
+"""The rules of the published schema that concern what we write."""
+
+
+def test_everything_round_trips(tmp_path: Path) -> None:
+    assert write_labels(tmp_path / "a.wcon", FULL) == ()
+    back = read_labels(tmp_path / "a.wcon")
+    assert same_points(FULL, back, tolerance=1e-12)
+    assert same_keys(FULL, back)
+    assert same_widths(FULL, back)
+    assert same_sd(FULL, back)
+    assert (back.scale, back.units, back.shape) == (FULL.scale, FULL.units, FULL.shape)
+    assert back.provenance == FULL.provenance
+
+
+def test_pixels_round_trip_bit_for_bit(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.wcon", FILM)
+    back = read_labels(tmp_path / "a.wcon")
+    assert same_points(FILM, back)
+    assert back.scale is None
+
+
+def test_the_file_follows_the_published_rules(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.wcon", FULL)
+    root = json.loads((tmp_path / "a.wcon").read_text(encoding="utf-8"))
+    jsonschema.validate(root, RULES)
+    assert root["units"] == {"t": "1", "x": "um", "y": "um"}
+    record = root["data"][2]
+    assert (record["id"], record["t"]) == ("5", [4])
+    assert np.allclose(record["x"][0], FULL.labels[2].points[:, 1] * 0.25)
+    assert np.allclose(record["y"][0], FULL.labels[2].points[:, 0] * 0.5)
+
+
+def test_a_file_of_another_program(tmp_path: Path) -> None:
+    foreign = {
+        "units": {"t": "s", "x": "mm", "y": "mm"},
+        "data": [
+            {"id": "b", "t": 0.3, "x": [1, 2, 3], "y": [4, 5, 7]},
+            {"id": "a", "t": [0.1, 0.3], "x": [[1, 2], [5, 6]], "y": [[3, 4], [7, 8]]},
+            {"id": "c", "t": [0.1], "x": [9], "y": [9]},
+        ],
+    }
+    (tmp_path / "a.json").write_text(json.dumps(foreign))
+    labels = read_labels(tmp_path / "a.json")
+    keys = [(label.frame, label.curve) for label in labels.labels]
+    assert keys == [(1, 0), (0, 1), (1, 1)]
+    assert np.array_equal(labels.labels[0].points, [[4, 1], [5, 2], [7, 3]])
+    assert (labels.scale, labels.units) == ((1.0, 1.0), "mm")
+    assert labels.notes == (
+        "left out 1 animals that are only points",
+        "the file has no pixel size: 1 mm is taken as 1 pixel",
+    )
+
+
+@pytest.mark.parametrize(
+    ("origin", "shift"),
+    [
+        ({"ox": 10, "oy": 20}, (20, 10)),
+        ({"ox": [10], "oy": [20]}, (20, 10)),
+        ({"cx": [10], "cy": [20]}, (20, 10)),
+        ({"cx": [1], "cy": [1], "ox": 0, "oy": 0}, (0, 0)),
+    ],
+    ids=["origin", "origin in an array", "centroid is the origin", "origin before centroid"],
+)
+def test_the_origin_is_added(
+    tmp_path: Path, origin: dict[str, object], shift: tuple[float, float]
+) -> None:
+    record = {"id": "1", "t": [0], "x": [[1, 2]], "y": [[3, 5]], **origin}
+    root = {"units": {"t": "s", "x": "1", "y": "1"}, "data": record}
+    (tmp_path / "a.wcon").write_text(json.dumps(root))
+    labels = read_labels(tmp_path / "a.wcon")
+    assert np.array_equal(labels.labels[0].points, np.array([[3, 1], [5, 2]]) + shift)
+    assert labels.scale is None
+
+
+def test_missing_points_are_left_out(tmp_path: Path) -> None:
+    record = {"id": 1, "t": [0], "x": [[1, None, 2]], "y": [[3, 4, 5]]}
+    root = {"units": {"t": "s", "x": "1", "y": "1"}, "data": [record]}
+    (tmp_path / "a.wcon").write_text(json.dumps(root))
+    assert np.array_equal(read_labels(tmp_path / "a.wcon").labels[0].points, [[3, 1], [5, 2]])
+
+
+UNITS = {"t": "s", "x": "mm", "y": "mm"}
+GOOD = {"id": "1", "t": [0], "x": [[1, 2]], "y": [[3, 4]]}
+MALFORMED = {
+    "no data": ({"units": UNITS}, "", "has no 'data'"),
+    "no units": ({"data": [GOOD]}, "", "has no 'units'"),
+    "two units": ({"units": {**UNITS, "y": "m"}, "data": [GOOD]}, "units", "one unit"),
+    "no id": ({"units": UNITS, "data": [{"t": [0]}]}, "data[0]", "has no 'id'"),
+    "times": (
+        {"units": UNITS, "data": [{**GOOD, "t": [0, 1]}]},
+        "data[0]",
+        "t, x and y have 2, 1 and 1 elements",
+    ),
+    "short y": ({"units": UNITS, "data": [{**GOOD, "y": [[3]]}]}, "data[0].y[0]", "x has 2"),
+    "origin": (
+        {"units": UNITS, "data": [{**GOOD, "ox": [1, 2]}]},
+        "data[0].ox",
+        "has 2 numbers; expected 1",
+    ),
+    "twice": ({"units": UNITS, "data": [GOOD, GOOD]}, "data", "occurs twice"),
+    "our id": (
+        {"units": UNITS, "data": [{**GOOD, "id": "x"}], "@splinesketch": {}},
+        "data[0].id",
+        "whole number",
+    ),
+    "our frame": (
+        {"units": UNITS, "data": [{**GOOD, "t": [0.5]}], "@splinesketch": {}},
+        "data[0].t",
+        "whole number",
+    ),
+    "our width": (
+        {
+            "units": UNITS,
+            "data": [
+                {
+                    **GOOD,
+                    "@splinesketch": {"half_width_px": [-1, 1], "sd_px": [1, 1], "status": "good"},
+                }
+            ],
+        },
+        "data[0]",
+        "half_width is negative",
+    ),
+}
+
+
+@pytest.mark.parametrize(("value", "place", "reason"), MALFORMED.values(), ids=MALFORMED.keys())
+def test_a_malformed_file_names_place_and_reason(
+    tmp_path: Path, value: object, place: str, reason: str
+) -> None:
+    (tmp_path / "bad.wcon").write_text(json.dumps(value))
+    with pytest.raises(LabelsError) as caught:
+        read_labels(tmp_path / "bad.wcon")
+    assert caught.value.place == place
+    assert reason in caught.value.reason
+
+
+def test_no_curves(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.wcon", Labels())
+    assert read_labels(tmp_path / "a.wcon").labels == ()

@@ -1,0 +1,42 @@
+"""A real window with the dock."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from napari import Viewer
+from npe2 import PluginManifest
+
+from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import add_dock
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
+    """Put an engine that answers at once in the place of the real one."""
+    made = FakeEngine()
+    made.go.set()
+    monkeypatch.setattr(engine, "refine", made.refine)
+    monkeypatch.setattr(engine, "warm_up", lambda report: None)
+    return made
+
+
+@pytest.fixture
+def viewer(make_napari_viewer: Callable[..., Viewer]) -> Viewer:
+    """A window with a canvas that draws."""
+    return make_napari_viewer(show=True)
+
+
+@pytest.fixture
+def dock(viewer: Any, fake: FakeEngine) -> SplinesketchDock:
+    """The dock in the window."""
+    return add_dock(viewer)
+
+
+@pytest.fixture
+def npe2pm_installed(npe2pm: Any) -> None:
+    """Let napari's own menus know the plugin, which its fixtures hide."""
+    npe2pm.register(PluginManifest.from_distribution("napari-splinesketch"))

@@ -1,0 +1,371 @@
+"""The dock in a real window, worked with mouse and keys."""
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
+
+from napari_splinesketch.labels import read_labels
+from napari_splinesketch.labels.formats import WRITERS
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, click, draw, drawn, fit_view, refine, until
+
+LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
+
+
+def image(viewer: Any, **how: Any) -> Any:
+    rng = np.random.default_rng(0)
+    return viewer.add_image(rng.normal(100, 5, (96, 128)).astype(np.float32), name="cells", **how)
+
+
+def sketched(viewer: Any, **how: Any) -> Any:
+    image(viewer)
+    return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches", **how)
+
+
+def test_drawing_with_the_mouse_then_refine(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    image(viewer)
+    fit_view(viewer)
+    click(dock.new)
+    layer = viewer.layers["cells sketches"]
+    assert dock.sketches.currentText() == "cells sketches"
+    assert layer.mode == "add_line"
+    assert viewer.layers.selection.active is layer
+    for line in LINES:
+        draw(viewer, layer, line)
+    assert list(layer.shape_type) == ["line", "path"]
+    assert dock.refine.text() == "Refine 2 sketches"
+    before = drawn(layer)
+    refine(dock)
+    for line, curve in zip(LINES, viewer.layers["cells curves"].data, strict=True):
+        # napari begins a dragged line with a length of its own, a fraction of a pixel.
+        np.testing.assert_allclose(curve[[0, -1]], line[[0, -1]], atol=1)
+    assert [shape.shape for shape in viewer.layers["cells outlines"].data] == [(201, 2)] * 2
+    assert viewer.layers["cells reconstruction"].data.shape == (96, 128)
+    for old, new in zip(before, layer.data, strict=True):
+        np.testing.assert_array_equal(old, new)
+    assert viewer.layers.selection.active is layer, "she can draw on at once"
+    assert layer.mode == "add_polyline"
+    assert threading.main_thread() is not fake.calls[0]["thread"]
+    assert "2 curves" in dock.results.text()
+    assert "2 good" in dock.results.text()
+
+
+def test_a_selection_is_refined_alone_among_its_neighbours(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    refine(dock)
+    layer.mode = "select"
+    layer.selected_data = {1}
+    assert dock.refine.text() == "Refine 1 selected"
+    refine(dock)
+    assert len(fake.calls[1]["lines"]) == 1
+    np.testing.assert_array_equal(fake.calls[1]["lines"][0], LINES[1])
+    (neighbour,) = fake.calls[1]["fixed"]
+    np.testing.assert_allclose(neighbour.points[[0, -1]], LINES[0])
+    assert list(viewer.layers["cells curves"].features["id"]) == [1, 2]
+    layer.mode = "add_line"
+    assert dock.refine.text() == "Refine 2 sketches", "while drawing, the last line is selected"
+
+
+def test_refining_again_updates_in_place(viewer: Any, dock: SplinesketchDock) -> None:
+    layer = sketched(viewer)
+    refine(dock)
+    layers = list(viewer.layers)
+    new = np.array([[90.0, 5], [90, 50]])
+    layer.data = [(LINES[1] + 3, "path"), (LINES[0], "line"), (new, "line")]
+    refine(dock)
+    assert list(viewer.layers) == layers
+    curves = viewer.layers["cells curves"]
+    assert list(curves.features["id"]) == [1, 2, 3], "bodies keep their numbers"
+    np.testing.assert_allclose(curves.data[0][[0, -1]], LINES[0][[0, -1]])
+    np.testing.assert_allclose(curves.data[1][[0, -1]], LINES[1][[0, -1]] + 3)
+    layer.selected_data = {1}
+    layer.remove_selected()
+    refine(dock)
+    assert list(curves.features["id"]) == [2, 3]
+    assert len(viewer.layers["cells outlines"].data) == 2
+
+
+def test_status_is_told_by_colour_breadth_and_sign(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    sketched(viewer)
+    fake.changes = {1: {"status": "check", "reasons": ("its ends <are> lost",)}}
+    refine(dock)
+    curves = viewer.layers["cells curves"]
+    assert list(curves.features["status"]) == ["good", "check"]
+    assert list(curves.features["reasons"]) == ["", "its ends <are> lost"]
+    assert list(curves.text.values) == ["", "2 ?"]
+    assert curves.edge_width[1] > curves.edge_width[0]
+    assert not np.array_equal(curves.edge_color[0], curves.edge_color[1])
+    assert "1 to check" in dock.results.text()
+    assert "curve 2: its ends &lt;are&gt; lost" in dock.results.text()
+
+
+def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock) -> None:
+    layer = sketched(viewer)
+    layer.add([[0, 0], [9, 9]], shape_type="rectangle")
+    layer.add([[[0, 0], [9, 9]], [[30, 30], [40, 40]]], shape_type="ellipse")
+    layer.add([[5, 5], [5, 5.1]], shape_type="path")
+    assert dock.refine.text() == "Refine 2 sketches"
+    assert "1 stray click is skipped" in dock.hint.text()
+    assert "1 rectangle and 2 ellipses are not usable" in dock.hint.text()
+    refine(dock)
+    assert viewer.layers["cells curves"].nshapes == 2
+    assert viewer.layers["cells sketches"].nshapes == 6
+
+
+def test_what_cannot_be_done_says_why(viewer: Any, dock: SplinesketchDock) -> None:
+    assert not dock.refine.isEnabled()
+    assert not dock.new.isEnabled()
+    assert "Open an image" in dock.refine.toolTip()
+    assert "Open an image" in dock.hint.text()
+    layer = image(viewer)
+    assert "New sketch" in dock.hint.text()
+    click(dock.new)
+    assert "Nothing to refine yet" in dock.hint.text()
+    assert not dock.export.isEnabled()
+    assert "refine first" in dock.export.toolTip()
+    viewer.layers["cells sketches"].add([[5, 5], [50, 50]], shape_type="line")
+    assert dock.refine.isEnabled()
+    assert not dock.hint.isVisible()
+    viewer.dims.ndisplay = 3
+    assert not dock.refine.isEnabled()
+    assert "2-D" in dock.hint.text()
+    viewer.dims.ndisplay = 2
+    viewer.layers.remove(layer)
+    assert "Open an image" in dock.hint.text()
+
+
+def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:
+    sketched(viewer)
+    refine(dock)
+    before = drawn(viewer.layers["cells curves"])
+    fake.go.clear()
+    fake.changes = {0: {"points": np.zeros((100, 2))}}
+    click(dock.refine)
+    until(lambda: dock.progress.bar.value() == 50)
+    assert dock.progress.isVisible()
+    assert dock.progress.stage.text() == "Tracing bodies…"
+    assert not dock.refine.isEnabled()
+    assert "running" in dock.refine.toolTip()
+    click(dock.progress.cancel)
+    assert dock.controller.progress is None
+    assert "Cancelled" in dock.notice.text()
+    assert dock.refine.isEnabled()
+    assert not dock.progress.isVisible()
+    until(lambda: fake.calls[-1].get("cancelled"), 2)
+    QTest.qWait(100)
+    for old, new in zip(before, viewer.layers["cells curves"].data, strict=True):
+        np.testing.assert_array_equal(old, new)
+    fake.go.set()
+    refine(dock)
+    assert not dock.notice.isVisible()
+
+
+def test_export_writes_what_is_shown(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    asked = []
+
+    def ask(parent: Any, title: str, proposal: str, kinds: str) -> tuple[str, str]:
+        asked.append(proposal)
+        return str(tmp_path / "mine"), kinds
+
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", ask)
+    click(dock.export)
+    assert asked[0].endswith("cells_labels.csv")
+    labels = read_labels(tmp_path / "mine.csv").labels
+    assert [(label.frame, label.curve) for label in labels] == [(0, 1), (0, 2)]
+    for label, curve in zip(labels, viewer.layers["cells curves"].data, strict=True):
+        np.testing.assert_array_equal(label.points.astype(np.float32), curve)
+    assert "Saved 2 curves to mine.csv" in dock.notice.text()
+    dock.controller.export(tmp_path / "no such folder" / "x.csv")
+    assert "Not saved" in dock.notice.text()
+
+
+@pytest.mark.parametrize(
+    ("typed", "kind", "written"),
+    [
+        ("a.geojson", "labels CSV (*.csv)", "a.geojson"),
+        ("cells_labels.csv", "SWC (*.swc)", "cells_labels.swc"),
+        ("a", "COCO keypoints (*.coco.json)", "a.coco.json"),
+        ("A.CSV", "labels CSV (*.csv)", "A.CSV"),
+        ("a.b", "ImageJ ROIs (*.zip)", "a.b.zip"),
+        ("a.masks.tif", "napari Shapes CSV (*.shapes.csv)", "a.masks.tif"),
+    ],
+)
+def test_export_in_another_format(
+    viewer: Any,
+    dock: SplinesketchDock,
+    tmp_path: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    typed: str,
+    kind: str,
+    written: str,
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    offered = []
+
+    def ask(parent: Any, title: str, proposal: str, kinds: str) -> tuple[str, str]:
+        offered.extend(kinds.split(";;"))
+        return str(tmp_path / typed), kind
+
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", ask)
+    click(dock.export)
+    assert kind in offered
+    assert len(offered) == len(WRITERS)
+    assert [path.name for path in tmp_path.iterdir()] == [written]
+    said = dock.notice.text().replace("\u200b", "")
+    assert f"Saved 2 curves to {written}." in said
+    assert ("no place for" in said) == (written.endswith(".swc"))
+    (tmp_path / written).write_text("mine")
+    click(dock.export)
+    asked_for = typed == written
+    assert ((tmp_path / written).read_bytes() == b"mine") != asked_for
+    assert ("exists already" in dock.notice.text()) != asked_for
+
+
+def test_the_size_of_the_image_is_exported(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Any
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    dock.controller.export(tmp_path / "a.geojson")
+    assert read_labels(tmp_path / "a.geojson").shape == (96, 128)
+
+
+def test_what_the_image_needed_unfolds(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    sketched(viewer)
+    fake.notes = ("The background varies <much>.", "One half-width for each body is enough. " * 4)
+    assert not dock.notes.isVisible()
+    refine(dock)
+    assert dock.notes.isVisible()
+    assert not dock.notes.text.isVisible()
+    click(dock.notes.title)
+    assert dock.notes.text.isVisible()
+    assert "varies &lt;much&gt;.<br>" in dock.notes.text.text()
+    dock.resize(250, 700)
+    QTest.qWait(50)
+    text = dock.notes.text
+    assert text.mapTo(dock, text.rect().topRight()).x() <= 250
+    assert text.height() >= text.heightForWidth(text.width()), "all of it is seen"
+    fake.notes = ()
+    refine(dock)
+    assert not dock.notes.isVisible()
+
+
+def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    curves = viewer.layers["cells curves"]
+    curves.selected_data = {0}
+    curves.remove_selected()
+    until(lambda: "1 curve<" in dock.results.text())
+    assert [record.id for record in dock.controller.records()] == [2]
+    until(lambda: viewer.layers["cells outlines"].nshapes == 1)
+    curves.data = [curves.data[0] + 7]
+    until(lambda: np.allclose(curves.data[0][0], LINES[1][0]))
+    until(lambda: "draw and move lines in 'cells sketches'" in dock.notice.text())
+    curves.add([[0, 0], [9, 9]], shape_type="line")
+    until(lambda: curves.nshapes == 1)
+    viewer.layers.remove(curves)
+    assert not dock.controller.records()
+    assert not dock.results.isVisible()
+    refine(dock)
+    assert viewer.layers["cells curves"].nshapes == 2
+    assert len(viewer.layers) == 5
+
+
+def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    refine(dock)
+    buttons = dock.visibility.findChildren(QAbstractButton)
+    assert [b.isChecked() for b in buttons] == [True, True, False]
+    click(buttons[2])
+    assert viewer.layers["cells reconstruction"].visible
+    viewer.layers["cells curves"].visible = False
+    assert [b.isChecked() for b in buttons] == [False, True, True]
+
+
+def test_every_control_has_a_tooltip_and_fits_250_pixels(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    layer.name = "a name that is far longer than any dock of this world is wide"
+    fake.changes = {0: {"status": "check", "reasons": ("something takes many words to tell",)}}
+    fake.notes = ("Some sentence.",)
+    refine(dock)
+    for kind in (QAbstractButton, QComboBox, QProgressBar):
+        for control in dock.content.findChildren(kind):
+            assert control.toolTip(), control
+    dock.resize(250, 700)
+    QTest.qWait(50)
+    assert dock.content.width() <= 250
+    for control in dock.content.findChildren(QAbstractButton):
+        right = control.mapTo(dock, control.rect().topRight()).x()
+        assert right <= 250
+        assert control.width() >= min(control.sizeHint().width(), 60)
+
+
+def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    refine(dock)
+    assert [dock.image.itemText(i) for i in range(dock.image.count())] == ["cells"]
+    assert [dock.sketches.itemText(i) for i in range(dock.sketches.count())] == ["cells sketches"]
+
+
+def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> None:
+    first = sketched(viewer)
+    second = viewer.add_shapes([[[0, 0], [30, 30]]], shape_type="line", name="more")
+    assert dock.sketches.currentText() == "more"
+    second.name = "other"
+    assert dock.sketches.currentText() == "other"
+    dock.sketches.setCurrentIndex(dock.sketches.findText("cells sketches"))
+    dock.sketches.activated.emit(dock.sketches.currentIndex())
+    assert dock.refine.text() == "Refine 2 sketches"
+    viewer.layers.remove(first)
+    assert dock.sketches.currentText() == "other"
+    assert dock.refine.text() == "Refine 1 sketch"
+    viewer.layers.clear()
+    assert not dock.image.isEnabled()
+    assert not dock.sketches.isEnabled()
+
+
+def test_a_dock_that_is_opened_again_knows_the_results(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    viewer.window.remove_dock_widget(dock)
+    again = SplinesketchDock(viewer)
+    viewer.window.add_dock_widget(again, name="again")
+    assert "2 curves" in again.results.text()
+    refine(again)
+    assert len(viewer.layers) == 5
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_text_can_be_read_in_both_themes(viewer: Any, dock: SplinesketchDock, theme: str) -> None:
+    viewer.theme = theme
+    sketched(viewer)
+    refine(dock)
+    QTest.qWait(50)
+    picture = dock.results.grab().toImage()
+    grey = [picture.pixelColor(x, 8).lightness() for x in range(picture.width())]
+    assert max(grey) - min(grey) > 100

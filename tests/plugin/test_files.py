@@ -1,0 +1,301 @@
+"""Labels in napari's own menus, and the manifest that puts them there."""
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from napari.layers import Layer, Shapes
+from napari.utils.notifications import notification_manager
+from npe2 import PluginManager, PluginManifest, io_utils
+
+import napari_splinesketch
+from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, write_labels
+from napari_splinesketch.labels.formats import READERS, WRITERS, Writer
+from napari_splinesketch.labels.types import LabelStatus
+from napari_splinesketch.plugin.adapter.labels import layer_of_labels
+from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.files import get_reader, read, write
+
+from .hand import refine
+
+MANIFEST = Path(napari_splinesketch.__file__).with_name("napari.yaml")
+PLUGIN = "napari-splinesketch"
+LINES = [np.array([[2.0, 20.0, 20], [2, 20, 60]]), np.array([[1.0, 50, 30], [1, 80, 80]])]
+
+SHAPES = "index,shape-type,vertex-index,axis-0,axis-1\n0,line,0,1,2\n0,line,1,3,4\n"
+NEEDS = {".slp": "sleap_io", "_skeletons.hdf5": "h5py"}
+"""Libraries that are not always there."""
+
+
+@pytest.fixture
+def labels() -> Labels:
+    rng = np.random.default_rng(3)
+    kinds: list[tuple[int, int, LabelStatus]] = [(0, 3, "good"), (2, 3, "check"), (2, 9, "failed")]
+    made = [
+        Label(frame, number, rng.random((7, 2)) * 50, rng.random(7), rng.random(7), status)
+        for frame, number, status in kinds
+    ]
+    return Labels(tuple(made), scale=(0.5, 2.0), units="µm")
+
+
+def saved(labels: Labels, path: Path, name: str = "a") -> list[str]:
+    """Save labels as napari does: through a layer; give what the user is told."""
+    data, meta, kind = layer_of_labels(labels, name)
+    layer: Any = Layer.create(data, meta, kind)  # pyright: ignore[reportArgumentType]
+    before = len(notification_manager.records)
+    io_utils.write(path, [layer], plugin_name=PLUGIN)
+    return [record.message for record in notification_manager.records[before:]]
+
+
+def same(a: Labels, b: Labels) -> None:
+    assert (a.scale, a.units) == (b.scale, b.units)
+    for one, other in zip(a.labels, b.labels, strict=True):
+        assert (one.frame, one.curve, one.status) == (other.frame, other.curve, other.status)
+        for name in ("points", "half_width", "sd"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_the_manifest_is_valid_and_its_commands_exist() -> None:
+    manifest = PluginManifest.from_file(MANIFEST)
+    manifest.validate_imports()
+    assert manifest.name == "napari-splinesketch"
+    commands = {command.id for command in manifest.contributions.commands or []}
+    samples: list[Any] = manifest.contributions.sample_data or []
+    assert {sample.key for sample in samples} == {"worms_dense", "worms_swimming", "generated"}
+    assert {sample.command for sample in samples} <= commands
+
+
+def test_napari_finds_the_installed_plugin() -> None:
+    manager = PluginManager()
+    manager.discover(include_npe1=False)
+    assert "napari-splinesketch" in manager
+
+
+def test_what_is_read_and_saved_again_is_the_same(tmp_path: Path, labels: Labels) -> None:
+    path = str(tmp_path / "a.csv")
+    write_labels(path, labels)
+    reader = get_reader(path)
+    assert reader is not None
+    data, meta, kind = reader(path)[0]
+    layer = Layer.create(data, meta, kind)  # pyright: ignore[reportArgumentType]
+    assert isinstance(layer, Shapes)
+    assert layer.name == "a"
+    np.testing.assert_array_equal(layer.scale, [1, 0.5, 2])
+    assert [str(unit) for unit in layer.units] == ["pixel", "micrometer", "micrometer"]
+    assert list(layer.features["status"]) == ["good", "check", "failed"]
+    out, attributes, _ = layer.as_layer_data_tuple()
+    again = str(tmp_path / "b.csv")
+    assert write(again, out, dict(attributes)) == [again]
+    same(read_labels(again), labels)
+
+
+def test_a_line_that_was_moved_is_saved_as_a_sketch(tmp_path: Path, labels: Labels) -> None:
+    path = str(tmp_path / "a.csv")
+    write_labels(path, labels)
+    data, meta, kind = read(path)[0]
+    data[1] = data[1] + [0.0, 1, 1]
+    layer: Any = Layer.create(data, meta, kind)  # pyright: ignore[reportArgumentType]
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    found = read_labels(path).labels
+    assert [label.status for label in found] == ["good", "sketch", "failed"]
+    np.testing.assert_allclose(found[1].points, labels.labels[1].points + 1, rtol=1e-6)
+
+
+def test_any_lines_can_be_saved_as_sketches(tmp_path: Path) -> None:
+    kinds: Any = ["line", "rectangle", "path"]
+    layer = Shapes(
+        [[[0, 0], [9, 9]], [[1, 1], [4, 5]], [[2, 2], [3, 9], [7, 7]]],
+        shape_type=kinds,
+        scale=(0.5, 0.5),
+        units=("um", "um"),
+    )
+    path = str(tmp_path / "a.csv")
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    labels = read_labels(path)
+    assert [(label.curve, label.status) for label in labels.labels] == [
+        (1, "sketch"),
+        (3, "sketch"),
+    ]
+    assert (labels.scale, labels.units) == ((0.5, 0.5), "µm")
+
+
+def test_the_manifest_offers_every_format() -> None:
+    contributions: Any = PluginManifest.from_file(MANIFEST).contributions
+    (writer,), (reader,) = contributions.writers, contributions.readers
+    offered = [each.suffix.removeprefix("_skeletons") for each in WRITERS]
+    assert writer.filename_extensions == offered
+    assert {"." + pattern.rpartition(".")[2] for pattern in reader.filename_patterns} == {
+        each.suffix for each in READERS
+    }
+
+
+@pytest.mark.parametrize("writer", WRITERS, ids=lambda writer: writer.suffix)
+def test_every_format_is_saved_with_what_it_loses(
+    tmp_path: Path, labels: Labels, npe2pm_installed: None, writer: Writer
+) -> None:
+    if writer.suffix in NEEDS:
+        pytest.importorskip(NEEDS[writer.suffix])
+    said = saved(labels, tmp_path / f"a{writer.suffix}")
+    direct = tmp_path / f"b{writer.suffix}"
+    lost = write_labels(direct, labels)
+    assert (tmp_path / f"a{writer.suffix}").stat().st_size == pytest.approx(
+        direct.stat().st_size, rel=0.05
+    )
+    assert len(said) == bool(lost)
+    for text in lost:
+        assert text[1:].removesuffix(".") in said[0]
+
+
+@pytest.mark.parametrize(
+    "name", ["a.csv", "a.geojson", "a.json", "a.zip", "a.swc", "a.wcon", "w.json"]
+)
+def test_every_format_is_opened(
+    tmp_path: Path, labels: Labels, npe2pm_installed: None, name: str
+) -> None:
+    path = tmp_path / name
+    written = {"a.json": "a.geojson", "w.json": "a.wcon"}.get(name, name)
+    write_labels(tmp_path / written, labels)
+    (tmp_path / written).rename(path)
+    layers = io_utils.read([str(path)], stack=False, plugin_name=PLUGIN)
+    layer: Any = Layer.create(*layers[0])  # pyright: ignore[reportArgumentType]
+    assert layer.name == path.stem
+    assert list(layer.features["id"]) == [3, 3, 9]
+    assert list(layer.features["status"]) == ["good", "check", "failed"]
+    for line, label in zip(layer.data, labels.labels, strict=True):
+        np.testing.assert_allclose(line[:, 0], label.frame)
+        np.testing.assert_allclose(line[:, 1:], label.points, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["splines.npy", "my_splines.npz"])
+def test_predicted_splines_are_opened(tmp_path: Path, npe2pm_installed: None, name: str) -> None:
+    splines = np.random.default_rng(1).random((2, 3, 5, 2)) * 40
+    write_array(tmp_path / name, splines)
+    layers: Any = io_utils.read([str(tmp_path / name)], stack=False, plugin_name=PLUGIN)
+    assert list(layers[0][1]["features"]["id"]) == [0, 1, 2, 0, 1, 2]
+    np.testing.assert_allclose(layers[0][0][1][:, 1:], splines[0, 1, :, ::-1])
+
+
+def test_what_is_left_out_of_a_file_is_said(tmp_path: Path, npe2pm_installed: None) -> None:
+    square = {"type": "Polygon", "coordinates": [[[0, 0], [0, 1], [1, 1], [0, 0]]]}
+    path = tmp_path / "cells.geojson"
+    path.write_text(json.dumps({"type": "Feature", "geometry": square, "properties": {}}))
+    before = len(notification_manager.records)
+    layers = io_utils.read([str(path)], stack=False, plugin_name=PLUGIN)
+    layer: Any = Layer.create(*layers[0])  # pyright: ignore[reportArgumentType]
+    assert layer.nshapes == 0
+    (said,) = notification_manager.records[before:]
+    assert said.message == "cells.geojson: Left out 1 Polygon: only lines can be sketches."
+
+
+def test_provenance_and_the_size_of_the_image_survive(
+    tmp_path: Path, labels: Labels, npe2pm_installed: None
+) -> None:
+    known = replace(labels, shape=(64, 96), provenance={"preset": "fast"})
+    assert not saved(known, tmp_path / "a.geojson")
+    found = read_labels(tmp_path / "a.geojson")
+    assert (found.shape, found.provenance) == ((64, 96), {"preset": "fast"})
+
+
+def test_a_file_that_napari_could_not_ask_for_is_not_replaced(
+    tmp_path: Path, labels: Labels
+) -> None:
+    data, meta, _ = layer_of_labels(labels, "a")
+    attributes = Layer.create(data, meta, "shapes").as_layer_data_tuple()[1]
+    assert write(str(tmp_path / "a"), data, dict(attributes)) == [str(tmp_path / "a.csv")]
+    (tmp_path / "a.csv").write_text("mine")
+    with pytest.raises(FileExistsError, match="choose another name"):
+        write(str(tmp_path / "a"), data, dict(attributes))
+    assert (tmp_path / "a.csv").read_text() == "mine"
+    with pytest.raises(ValueError, match=r"no format has this ending.*\.geojson"):
+        write(str(tmp_path / "a.txt"), data, dict(attributes))
+
+
+def write_array(path: Path, array: np.ndarray) -> None:
+    if path.suffix == ".npz":
+        np.savez_compressed(path, splines=array)
+    else:
+        np.save(path, array)
+
+
+def write_zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "nothing")
+
+
+FOREIGN: dict[str, Callable[[Path], Any]] = {
+    "shapes.csv": lambda path: path.write_text(SHAPES),
+    "table.csv": lambda path: path.write_text("curve,area\n1,2\n"),
+    "empty.csv": lambda path: path.touch(),
+    "settings.json": lambda path: path.write_text('{"units": "um", "Features": [1]}'),
+    "units.json": lambda path: path.write_text('{"units": {"length": "um"}, "data": []}'),
+    "labels.coco.json": lambda path: write_labels(path, Labels()),
+    "archive.zip": write_zip,
+    "broken.zip": lambda path: path.write_bytes(b"PK\x03\x04"),
+    "envi.roi": lambda path: path.write_text("; ENVI output of ROIs"),
+    "splines.npy": lambda path: np.save(path, np.zeros((9, 8))),
+    "text.npy": lambda path: path.write_text("no array"),
+    "image.tif": lambda path: path.write_bytes(b"II*\x00"),
+    "labels.masks.tif": lambda path: write_labels(path, Labels(shape=(4, 5))),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_files_of_others_are_left_to_them(tmp_path: Path, name: str) -> None:
+    FOREIGN[name](tmp_path / name)
+    assert get_reader(str(tmp_path / name)) is None
+    assert get_reader([str(tmp_path / name)]) is None
+
+
+@pytest.mark.parametrize("name", ["image.tif", "image.npy", "stack.npz", "image.ome.tif"])
+def test_napari_never_asks_who_should_read_an_image(npe2pm_installed: None, name: str) -> None:
+    readers = PluginManager.instance().iter_compatible_readers([name])
+    assert PLUGIN not in {reader.plugin_name for reader in readers}
+
+
+def test_a_malformed_file_is_named_with_line_and_reason(tmp_path: Path, labels: Labels) -> None:
+    path = tmp_path / "a.csv"
+    write_labels(path, labels)
+    lines = path.read_text().splitlines()
+    lines[3] = lines[3].replace(",good", ",splendid")
+    path.write_text("\n".join(lines))
+    reader = get_reader(str(path))
+    assert reader is not None
+    with pytest.raises(LabelsError, match="line 4"):
+        reader(str(path))
+
+
+def test_through_the_window(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Path, npe2pm_installed: None
+) -> None:
+    viewer.add_image(
+        np.random.default_rng(0).random((3, 96, 128)),
+        name="film",
+        scale=(1, 0.5, 2),
+        units=("s", "um", "um"),
+    )
+    viewer.add_shapes(LINES, shape_type="line", name="film sketches", scale=(1, 0.5, 2))
+    for frame in (1, 2):
+        viewer.dims.set_point(0, frame)
+        refine(dock)
+    exported, saved = tmp_path / "exported.csv", tmp_path / "saved.csv"
+    dock.controller.export(exported)
+    viewer.layers.selection.active = viewer.layers["film curves"]
+    viewer.layers.save(str(saved), selected=True, plugin="napari-splinesketch")
+    same(read_labels(saved), read_labels(exported))
+    labels = read_labels(exported)
+    assert (labels.scale, labels.units) == ((0.5, 2.0), "µm")
+    assert [label.frame for label in labels.labels] == [1, 2]
+    (opened,) = viewer.open(str(saved), plugin="napari-splinesketch")
+    for curve, there in zip(viewer.layers["film curves"].data, opened.data, strict=True):
+        np.testing.assert_array_equal(curve, there)
+        np.testing.assert_allclose(
+            opened.data_to_world(there[9])[-2:],
+            viewer.layers["film curves"].data_to_world(curve[9])[-2:],
+        )

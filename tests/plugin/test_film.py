@@ -1,0 +1,56 @@
+"""A film of some frames reads like the array that it stands for."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.plugin.adapter.film import Film, Patch
+from napari_splinesketch.plugin.adapter.pixels import Grid
+
+KEYS: dict[str, Any] = {
+    "frame": 1,
+    "frame and rows": (1, slice(2, 5)),
+    "pixel": (2, 3, 4),
+    "rows of all frames": (slice(None), 3),
+    "some frames": (slice(0, 3, 2), slice(None), slice(1, 4)),
+    "everything": (),
+    "dots": (Ellipsis, 2),
+}
+
+
+def patch(value: float, origin: tuple[float, float], step: float = 1.0) -> Patch:
+    grid = Grid(np.array(origin), np.array([step, step]))
+    return Patch(grid, np.full((4, 5), value))
+
+
+@pytest.mark.parametrize("name", KEYS)
+def test_it_reads_like_an_array(name: str) -> None:
+    film = Film({0: patch(1.0, (10, 20)), 2: patch(2.0, (12, 21))}, (3,))
+    dense = np.full((3, 6, 6), np.nan, np.float32)
+    dense[0, :4, :5] = 1
+    dense[2, 2:, 1:] = 2
+    np.testing.assert_array_equal(np.asarray(film), dense)
+    np.testing.assert_array_equal(film[KEYS[name]], dense[KEYS[name]])
+    np.testing.assert_array_equal(film.grid.origin, [10, 20])
+
+
+def test_frames_over_two_axes() -> None:
+    film = Film({4: patch(7.0, (0, 0))}, (2, 3))
+    assert film.shape == (2, 3, 4, 5)
+    assert film[1, 1, 2, 2] == 7
+    assert np.isnan(film[0, 1]).all()
+    assert film[1].shape == (3, 4, 5)
+
+
+def test_an_image_without_frames() -> None:
+    film = Film({0: patch(7.0, (0, 0))}, ())
+    assert film.shape == (4, 5)
+    assert (np.asarray(film) == 7).all()
+    assert film[1:3, 2].shape == (2,)
+
+
+def test_frames_on_another_step_than_the_last_are_left_out() -> None:
+    film = Film({0: patch(1.0, (0, 0), 2.0), 1: patch(2.0, (0, 0))}, (2,))
+    assert np.isnan(film[0]).all()
+    assert (film[1] == 2).all()

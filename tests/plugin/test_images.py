@@ -1,0 +1,103 @@
+"""Images of every kind go in, and the results lie on them."""
+
+from typing import Any
+
+import dask.array as da
+import numpy as np
+import pytest
+from napari.utils.notifications import notification_manager
+
+from napari_splinesketch.plugin.adapter import pixels
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import click, refine
+
+CHUNKS: Any = 64
+LINE = np.array([[60.0, 70], [90, 130]])
+PLACE = {"scale": (0.5, 2.0), "translate": (3.0, -4.0), "rotate": 12.0, "units": ("um", "um")}
+
+
+def refined(viewer: Any, dock: SplinesketchDock, image: Any) -> tuple[Any, Any]:
+    """Refine a line drawn in a layer of its own; give curve and reconstruction."""
+    click(dock.new)
+    viewer.layers[f"{image.name} sketches"].add(LINE, shape_type="line")
+    refine(dock)
+    return viewer.layers[f"{image.name} curves"], viewer.layers[f"{image.name} reconstruction"]
+
+
+def test_colour_is_said_once(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:
+    data = np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    image = viewer.add_image(data, rgb=True, name="photo", **PLACE)
+    notification_manager.records.clear()
+    curves, reconstruction = refined(viewer, dock, image)
+    refine(dock)
+    said = [record.message for record in notification_manager.records]
+    assert len([message for message in said if "luminance" in message]) == 1
+    assert fake.calls[0]["image"].shape == (120, 160)
+    assert reconstruction.data.shape == (120, 160)
+    np.testing.assert_allclose(curves.data[0][[0, -1]], LINE, atol=1e-4)
+
+
+def levels() -> list[Any]:
+    fine = np.random.default_rng(0).random((400, 640)).astype(np.float32)
+    return [da.from_array(fine, chunks=CHUNKS), da.from_array(fine[::2, ::2], chunks=CHUNKS)]
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_multiscale(
+    viewer: Any,
+    dock: SplinesketchDock,
+    fake: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    coarse: bool,
+) -> None:
+    monkeypatch.setattr(pixels, "LARGEST_BLOCK", 20_000 if coarse else 2**24)
+    image = viewer.add_image(levels(), multiscale=True, name="slide", **PLACE)
+    curves, reconstruction = refined(viewer, dock, image)
+    step = 2 if coarse else 1
+    assert fake.calls[0]["image"].size < 400 * 640 / 2 / step**2
+    np.testing.assert_allclose(curves.data[0][[0, -1]], LINE, atol=1e-4)
+    # Pixels of the reconstruction lie on the image's, whatever their size.
+    line = fake.calls[0]["lines"][0]
+    there = [reconstruction.data_to_world(point) for point in line]
+    np.testing.assert_allclose(there, [image.data_to_world(point) for point in LINE], atol=1e-6)
+    outline = np.array(viewer.layers["slide outlines"].data[0])
+    assert np.ptp(outline @ [2, -1]) == pytest.approx(4 * step * 5**0.5, rel=1e-3)
+
+
+def test_a_lazy_film(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:
+    made = []
+
+    def frame(block_info: Any = None) -> np.ndarray:
+        made.append(block_info[None]["chunk-location"][0])
+        return np.full(block_info[None]["chunk-shape"], made[-1] + 0.5)
+
+    film = da.map_blocks(
+        frame, chunks=((1,) * 9, (200,), (300,)), dtype=float, meta=np.empty((0, 0, 0))
+    )
+    viewer.add_image(film, name="film", contrast_limits=(0, 9), cache=False)
+    shapes = viewer.add_shapes(LINE, shape_type="line", name="film sketches")
+    viewer.dims.set_point(0, 7)
+    made.clear()
+    refine(dock)
+    assert set(made) <= {7}
+    assert (fake.calls[0]["image"] == 7.5).all()
+    viewer.dims.set_point(0, 2)
+    refine(dock)
+    curves = viewer.layers["film curves"]
+    assert [int(curve[0, 0]) for curve in curves.data] == [2, 7]
+    assert list(curves.features["id"]) == [2, 1]
+    reconstruction = viewer.layers["film reconstruction"]
+    reconstruction.visible = True
+    assert reconstruction.data.shape[0] == 9
+    assert np.nanmax(reconstruction.data[7]) == 7.5
+    assert np.nanmax(reconstruction.data[2]) == 2.5
+    assert shapes.ndim == 2
+
+
+@pytest.mark.parametrize("dtype", [bool, np.uint16, np.int32, np.float16, np.float64])
+def test_every_real_type(viewer: Any, dock: SplinesketchDock, fake: FakeEngine, dtype: Any) -> None:
+    image = viewer.add_image(np.eye(150, 160).astype(dtype), name="x", contrast_limits=(0, 1))
+    refined(viewer, dock, image)
+    assert fake.calls[0]["image"].dtype == dtype

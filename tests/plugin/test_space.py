@@ -1,0 +1,162 @@
+"""Everything lands where the window shows it, whatever the layers' scales and units."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from napari.components import ViewerModel
+from napari.layers import Image, Shapes
+
+from napari_splinesketch.plugin.adapter.space import (
+    current_frame,
+    frame_index,
+    frame_numbers,
+    in_stack,
+    pixel_size,
+    placement,
+    plane_problem,
+    to_pixels,
+)
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import canvas_point, click, draw, fit_view, refine
+
+AFFINE = np.array([[0.9, 0.2, 3.0], [-0.1, 1.1, -4.0], [0.0, 0.0, 1.0]])
+TURNED = {"rotate": 25.0, "shear": [0.2], "affine": AFFINE}
+PLACES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "pixels": ({}, {}),
+    "anisotropic": ({"scale": (0.5, 2.0)}, {}),
+    "translated": ({"scale": (0.5, 2.0), "translate": (7, -3)}, {"translate": (1, 2)}),
+    "turned": ({"scale": (0.5, 2.0), **TURNED}, {"scale": (3, 0.7), "rotate": -40}),
+    "nm on um": (
+        {"scale": (0.5, 0.2), "units": ("um", "um"), **TURNED},
+        {"scale": (30, 20), "units": ("nm", "nm"), "translate": (5, 9)},
+    ),
+    "mm on um": ({"units": ("um", "um")}, {"scale": (1e-3, 2e-3), "units": ("mm", "mm")}),
+    "units that do not match": ({"units": ("um", "um")}, {"scale": (2, 3)}),
+}
+
+
+def pair(image: dict[str, Any], sketches: dict[str, Any], shape: tuple[int, ...] = (40, 60)) -> Any:
+    viewer: Any = ViewerModel()
+    layer = viewer.add_image(np.zeros(shape), **image)
+    return viewer, layer, viewer.add_shapes(ndim=2, **sketches)
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
+def test_pixels_are_where_the_canvas_shows_them(viewer: Any, name: str) -> None:
+    image, sketches = PLACES[name]
+    layer = viewer.add_image(np.zeros((40, 60)), **image)
+    shapes = viewer.add_shapes([[[0, 0], [9, 9]]], shape_type="line", **sketches)
+    viewer.reset_view()
+    viewer.window._qt_viewer.canvas.on_draw(None)
+    points = np.array([[3.0, 4.0], [10.5, 2.0], [-7.0, 20.0]])
+    visuals = viewer.window._qt_viewer.canvas.layer_to_visual
+    shown = visuals[shapes].node.transform.map(points[:, ::-1])
+    expected = visuals[layer].node.transform.imap(shown)[:, 1::-1]
+    # The visual of an image counts from the corner of the first pixel, not from its centre.
+    found = to_pixels(viewer, shapes, layer, points)
+    offset = np.unique(np.round(expected - found, 3))
+    assert len(offset) == 1
+    assert offset[0] in (0.0, 0.5)
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
+def test_a_layer_placed_on_the_image_has_its_pixels(name: str) -> None:
+    viewer, image, _ = pair(PLACES[name][0], {})
+    shapes = viewer.add_shapes(ndim=2, **placement(image))
+    points = np.array([[3.0, 4.0], [10.5, 2.0]])
+    np.testing.assert_allclose(to_pixels(viewer, shapes, image, points), points, atol=1e-9)
+
+
+def test_a_flat_sketch_lies_in_the_frame_in_view() -> None:
+    viewer, image, shapes = pair({"scale": (2.0, 0.5, 3)}, {"scale": (1.0, 6)}, (5, 40, 60))
+    viewer.dims.set_point(0, 6.0)
+    assert current_frame(viewer, image) == 3
+    found = to_pixels(viewer, shapes, image, np.array([[1.0, 2.0]]))
+    np.testing.assert_allclose(found, [[3, 2, 4]])
+
+
+def test_fractions_of_frames_are_rounded_in_the_image() -> None:
+    viewer: Any = ViewerModel()
+    image = viewer.add_image(np.zeros((5, 40, 60)))
+    shapes = viewer.add_shapes(ndim=3, scale=(2, 1, 1))
+    pixels = to_pixels(viewer, shapes, image, np.array([[1.3, 4, 5], [0.0, 1, 1], [9, 2, 2]]))
+    np.testing.assert_allclose(pixels[0], [2.6, 4, 5])
+    assert frame_numbers(image, pixels) == [3, 0, 4]
+
+
+def test_frames_over_several_axes_are_counted_through() -> None:
+    image = Image(np.zeros((2, 3, 8, 9)))
+    assert [frame_index(image, n) for n in (0, 2, 3, 5)] == [(0, 0), (0, 2), (1, 0), (1, 2)]
+    points = in_stack(image, 5, np.array([[4.0, 5.0]]))
+    np.testing.assert_array_equal(points, [[1, 2, 4, 5]])
+    assert frame_numbers(image, points) == [5]
+    assert frame_index(Image(np.zeros((8, 9))), 0) == ()
+
+
+def test_planes_that_cannot_be_sketched_on_are_named() -> None:
+    viewer, image, _ = pair({}, {}, (5, 40, 60))
+    assert plane_problem(viewer, image) == ""
+    viewer.dims.ndisplay = 3
+    assert "2-D" in plane_problem(viewer, image)
+    viewer.dims.ndisplay = 2
+    viewer.dims.order = (1, 0, 2)
+    assert "last two axes" in plane_problem(viewer, image)
+    viewer.dims.order = (0, 2, 1)
+    assert plane_problem(viewer, image) == "", "a transposed view shows the same plane"
+
+
+SIZES: dict[str, tuple[dict[str, Any], Any]] = {
+    "none": ({}, (None, None)),
+    "scale alone": ({"scale": (0.5, 2)}, ((0.5, 2.0), None)),
+    "units": ({"scale": (0.5, 2), "units": ("um", "um")}, ((0.5, 2.0), "µm")),
+    "two units": ({"scale": (0.5, 2), "units": ("um", "nm")}, ((0.5, 0.002), "µm")),
+    "no lengths both": ({"scale": (0.5, 2), "units": ("s", "nm")}, (None, None)),
+    "mirrored": ({"scale": (-0.5, 2)}, ((0.5, 2.0), None)),
+}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_pixel_size(name: str) -> None:
+    how, expected = SIZES[name]
+    layer = Image(np.zeros((4, 4)), **how)
+    size, unit = pixel_size(layer.scale.tolist(), layer.units)
+    assert unit == expected[1]
+    assert size == (pytest.approx(expected[0][0:2]) if expected[0] else None)
+
+
+def test_sketches_drawn_on_a_turned_image_land_under_the_mouse(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    place = {
+        "scale": (3.0, 0.5, 2.0),
+        "translate": (1, 2, 3),
+        "rotate": 20.0,
+        "units": ("s", "um", "um"),
+        "axis_labels": ("time", "y", "x"),
+    }
+    image = viewer.add_image(np.random.default_rng(1).random((4, 90, 60)), name="film", **place)
+    viewer.dims.set_point(0, image.data_to_world((2, 0, 0))[0])
+    fit_view(viewer)
+    click(dock.new)
+    sketches = viewer.layers["film sketches"]
+    assert isinstance(sketches, Shapes)
+    truth = np.array([[2, 20.0, 10], [2, 70.0, 40]])
+    world = [image.data_to_world(point) for point in truth]
+    draw(viewer, sketches, world)
+    np.testing.assert_allclose(sketches.data[0], truth, atol=2.0)
+    refine(dock)
+    assert [record.frame for record in dock.controller.records()] == [2]
+    for role in ("curves", "outlines", "reconstruction"):
+        layer = viewer.layers[f"film {role}"]
+        assert layer.units == image.units
+        assert layer.axis_labels == image.axis_labels
+        np.testing.assert_allclose(layer.data_to_world((2, 5, 9)), image.data_to_world((2, 5, 9)))
+    curve = viewer.layers["film curves"].data[0]
+    seen = canvas_point(viewer, viewer.layers["film curves"].data_to_world(curve[-1]))
+    wanted = canvas_point(viewer, world[-1])
+    assert (seen - wanted).manhattanLength() <= 12

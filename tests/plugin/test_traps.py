@@ -1,0 +1,195 @@
+"""What users do while a refinement runs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, until
+
+LINES = [np.array([[1.0, 20.0, 20], [1, 20, 60]]), np.array([[1.0, 50, 30], [1, 80, 80]])]
+
+
+@pytest.fixture
+def running(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> Any:
+    """A film whose refinement has begun."""
+    viewer.add_image(np.random.default_rng(0).random((3, 96, 128)), name="film")
+    layer = viewer.add_shapes(LINES, shape_type="line", name="film sketches")
+    viewer.dims.set_point(0, 1)
+    fake.go.clear()
+    click(dock.refine)
+    until(lambda: fake.calls)
+    return layer
+
+
+def finish(dock: SplinesketchDock, fake: FakeEngine) -> None:
+    fake.go.set()
+    until(lambda: dock.controller.progress is None)
+
+
+def check_result(viewer: Any) -> None:
+    curves = viewer.layers["film curves"]
+    assert curves.nshapes == 2
+    for line, curve in zip(LINES, curves.data, strict=True):
+        np.testing.assert_allclose(curve[[0, -1]], line, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("XLA ran out"), ValueError("bad"), KeyError("k"), MemoryError("full")]
+)
+def test_an_error_of_the_engine_lets_go_of_the_widget(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any, error: Exception
+) -> None:
+    fake.error = error
+    finish(dock, fake)
+    assert type(error).__name__ in dock.notice.text()
+    assert "nothing was changed" in dock.notice.text()
+    assert dock.refine.isEnabled()
+    assert len(viewer.layers) == 2
+    fake.error = None
+    refine(dock)
+    check_result(viewer)
+    assert not dock.notice.isVisible()
+
+
+def test_changing_the_frame(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    viewer.dims.set_point(0, 2)
+    finish(dock, fake)
+    check_result(viewer)
+    assert not dock.results.isVisible(), "this frame has none"
+    viewer.dims.set_point(0, 1)
+    assert "2 curves" in dock.results.text()
+    film = viewer.layers["film reconstruction"].data
+    assert np.isnan(film[2]).all()
+    assert np.isfinite(film[1]).all()
+
+
+def test_editing_the_sketches(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    running.data = [line + np.array([0, 9, 9]) for line in LINES]
+    running.add([[1, 5, 5], [1, 5, 50]], shape_type="line")
+    edited = drawn(running)
+    finish(dock, fake)
+    check_result(viewer)
+    for old, new in zip(edited, running.data, strict=True):
+        np.testing.assert_array_equal(old, new)
+    assert dock.refine.text() == "Refine 3 sketches"
+
+
+def test_drawing_goes_on(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    fit_view(viewer)
+    draw(viewer, running, [[30, 30], [60, 50]])
+    finish(dock, fake)
+    assert viewer.layers.selection.active is running
+    assert running.mode == "add_line"
+    draw(viewer, running, [[40, 90], [70, 110]])
+    assert running.nshapes == 4
+    assert {shape[0, 0] for shape in running.data} == {1.0}
+
+
+def test_renaming_layers(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    running.name = "mine"
+    viewer.layers["film"].name = "other"
+    finish(dock, fake)
+    check_result(viewer)
+    viewer.layers["film curves"].name = "the curves"
+    refine(dock)
+    assert len(viewer.layers) == 5, "they are known whatever their names"
+    assert viewer.layers["the curves"].nshapes == 2
+
+
+@pytest.mark.parametrize("name", ["film", "film sketches"])
+def test_deleting_a_layer(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any, name: str
+) -> None:
+    viewer.layers.remove(name)
+    finish(dock, fake)
+    assert len(viewer.layers) == 1
+    assert "gone" in dock.notice.text()
+    assert not dock.refine.isEnabled()
+
+
+def test_deleting_all_layers_and_beginning_anew(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    viewer.layers.clear()
+    viewer.add_image(np.zeros((30, 40)), name="new")
+    finish(dock, fake)
+    viewer.add_shapes([[[2, 2], [20, 30]]], shape_type="line", name="new sketches")
+    refine(dock)
+    assert viewer.layers["new curves"].nshapes == 1
+
+
+def test_a_double_click_refines_once(
+    dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    click(dock.refine)
+    dock.controller.refine()
+    finish(dock, fake)
+    assert len(fake.calls) == 1
+
+
+def test_closing_the_dock(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    viewer.window.remove_dock_widget(dock)
+    until(lambda: fake.calls[0].get("cancelled"), 5)
+    QTest.qWait(100)
+    assert len(viewer.layers) == 2
+    fake.go.set()
+    viewer.dims.set_point(0, 0)
+    viewer.dims.set_point(0, 1)
+    again = add_dock(viewer)
+    refine(again)
+    check_result(viewer)
+
+
+def test_closing_the_window(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    viewer.close()
+    until(lambda: fake.calls[0].get("cancelled"), 5)
+    QTest.qWait(100)
+
+
+def test_closing_the_window_while_results_are_drawn(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    fake.go.set()
+    until(lambda: "film outlines" in viewer.layers)
+    assert dock.controller.progress, "the curves are still to come"
+    viewer.close()
+    QTest.qWait(200)
+
+
+def test_deleting_the_image_while_results_are_drawn(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    fake.go.set()
+    until(lambda: "film outlines" in viewer.layers)
+    viewer.layers.remove("film")
+    until(lambda: dock.controller.progress is None)
+    assert "film curves" not in viewer.layers
+    assert not dock.refine.isEnabled()
+
+
+def test_cancelling_twice_and_running_again_at_once(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    dock.controller.cancel()
+    dock.controller.cancel()
+    click(dock.refine)
+    until(lambda: len(fake.calls) == 2)
+    finish(dock, fake)
+    check_result(viewer)
+    assert len(viewer.layers) == 5

@@ -1,0 +1,88 @@
+"""What the dock says."""
+
+import re
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.records import Record
+
+from .fakes import as_drawn
+
+LINE = np.array([[0.0, 0], [0, 40]])
+
+
+def records(*curves: tuple[str, tuple[str, ...]]) -> list[Record]:
+    made = [as_drawn(LINE, status=status, reasons=reasons) for status, reasons in curves]
+    return [Record(i + 1, 0, LINE, curve) for i, curve in enumerate(made)]
+
+
+def plain(rich: str) -> str:
+    return re.sub("<[^>]*>", " ", rich.replace("<br>", "\n").replace("&nbsp;", ""))
+
+
+@pytest.mark.parametrize(
+    ("number", "selected", "text"),
+    [
+        (0, False, "Refine"),
+        (1, False, "Refine 1 sketch"),
+        (7, False, "Refine 7 sketches"),
+        (2, True, "Refine 2 selected"),
+    ],
+)
+def test_button(number: int, selected: bool, text: str) -> None:
+    assert words.button(number, selected) == text
+
+
+def test_summary_counts_and_gives_reasons_together() -> None:
+    said = plain(
+        words.summary(
+            records(
+                ("good", ()),
+                ("check", ("its position is uncertain by up to 0.8 px", "it left the frame")),
+                ("check", ("its position is uncertain by up to 0.6 px",)),
+                ("check", ("its position is uncertain by up to 1.2 px",)),
+                ("failed", ("it lies on the same body as curve 2",)),
+            ),
+            2.34,
+        )
+    )
+    assert "5 curves  in 2.3 s" in said
+    assert "1 good" in said
+    assert "? 3 to check" in said
+    assert "curves 2, 3, 4: its position is uncertain by up to 0.6–1.2 px" in said
+    assert "curve 2: it left the frame" in said
+    assert "! 1 failed" in said
+    assert "curve 5: it lies on the same body as curve 2" in said
+    assert said.index("good") < said.index("check") < said.index("failed")
+
+
+def test_summary_does_not_list_a_hundred_numbers() -> None:
+    said = plain(words.summary(records(*[("check", ("why",))] * 100), None))
+    assert "curves 1, 2, 3, 4, 5, 6 and 94 more: why" in said
+    assert " in " not in said.splitlines()[0]
+
+
+def test_reasons_name_curves_by_their_numbers() -> None:
+    said = words.renumbered("it lies on the same body as curve 1", [11, 12])
+    assert said == "it lies on the same body as curve 12"
+
+
+def test_every_preset_is_explained() -> None:
+    assert set(SETTINGS) <= set(words.PRESET_TIPS)
+
+
+def test_sentences_together() -> None:
+    said = words.together(("ROIs hold no scale", "the size is not known: it is guessed."))
+    assert said == "ROIs hold no scale. The size is not known: it is guessed."
+    assert words.together(()) == ""
+
+
+def test_long_words_can_be_broken_and_others_are_left_alone() -> None:
+    said = words.notice("failed", "Not saved: /home/someone/a_long/path/to.csv <denied>")
+    assert said.replace("\u200b", "").endswith("/home/someone/a_long/path/to.csv &lt;denied&gt;")
+    assert max(len(word) for word in re.split("[\\s\u200b]", said)) < 24
+    assert words.notice("done", "Saved 2 curves to my_labels.csv.").count("\u200b") == 0
+    assert words.notice("none", "") == ""

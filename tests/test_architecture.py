@@ -1,0 +1,67 @@
+"""Who may import whom: each case is imported in a fresh interpreter."""
+
+import subprocess
+import sys
+from importlib.resources import files
+
+import yaml
+
+GUI = {"napari", "qtpy", "PyQt6", "magicgui", "vispy"}
+PROBE = """
+import importlib, sys
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+print(*sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+
+
+def imported_by(*modules: str) -> set[str]:
+    """Top-level packages that a fresh interpreter holds after importing `modules`."""
+    result = subprocess.run(
+        [sys.executable, "-c", PROBE, *modules], capture_output=True, text=True, check=True
+    )
+    return set(result.stdout.split())
+
+
+def modules_of(package: str) -> list[str]:
+    """Every module of a subpackage, by its dotted name."""
+    folder = files("napari_splinesketch") / package
+    names = (entry.name.removesuffix(".py") for entry in folder.iterdir() if _is_module(entry.name))
+    return [f"napari_splinesketch.{package}.{name}".removesuffix(".__init__") for name in names]
+
+
+def _is_module(name: str) -> bool:
+    return name.endswith(".py")
+
+
+def manifest_modules() -> list[str]:
+    """The modules that napari imports when it runs one of the plugin's commands."""
+    text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")
+    commands = yaml.safe_load(text).get("contributions", {}).get("commands", [])
+    return sorted({command["python_name"].partition(":")[0] for command in commands})
+
+
+def test_the_package_imports_nothing_heavy() -> None:
+    assert not imported_by("napari_splinesketch") & (GUI | {"jax", "numpy", "scipy", "skimage"})
+
+
+def test_labels_import_neither_jax_nor_a_window() -> None:
+    names = modules_of("labels")
+    assert len(names) > 3
+    assert not imported_by(*names) & (GUI | {"jax", "scipy", "skimage"})
+
+
+def test_the_engine_imports_no_window_and_no_files() -> None:
+    names = modules_of("engine")
+    assert len(names) > 2
+    assert not imported_by(*names) & GUI
+
+
+def test_the_command_line_imports_nothing_heavy() -> None:
+    assert not imported_by("napari_splinesketch.cli") & (GUI | {"jax", "scipy", "skimage"})
+
+
+def test_opening_the_plugin_menu_does_not_import_jax() -> None:
+    modules = manifest_modules()
+    assert len(modules) >= 3
+    assert "jax" not in imported_by(*modules)
