@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from napari_splinesketch.engine.types import Curve
 
 Line = Float[np.ndarray, "N 2"]
+Review = Literal["open", "accepted", "rejected"]
 
 SAMPLES = 16
 """Points at which two sketches are compared."""
@@ -29,12 +31,18 @@ class Record:
         (N, 2): the sketch as it was, px.
     curve
         The result.
+    review
+        What the user said of it.
+    locked
+        Whether it stays as it is when its frame is refined again.
     """
 
     id: int
     frame: int
     sketch: Line
     curve: Curve
+    review: Review = "open"
+    locked: bool = False
 
 
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
