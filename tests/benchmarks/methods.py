@@ -99,7 +99,7 @@ def _ours(preset: str) -> Method:
         result = napari_splinesketch.refine(frame.image, frame.sketches, preset=preset)  # pyright: ignore[reportArgumentType]
         return Answer([c.points for c in result.curves], [c.status for c in result.curves])
 
-    return Method(preset, _source_digest(), run)
+    return Method(preset, source_digest(), run)
 
 
 def _paper() -> Method:
@@ -159,11 +159,31 @@ def _digest(text: str) -> str:
     return sha256(text.encode()).hexdigest()[:8]
 
 
-def _source_digest() -> str:
-    """Digest of the engine's program: comments, docstrings and layout do not count."""
+def source_digest(first: str = "refine") -> str:
+    """Digest of an engine module's program, and of all that it imports from the engine.
+
+    Comments, docstrings and layout do not count.
+    """
     folder = Path(napari_splinesketch.__file__).parent / "engine"
-    trees = [ast.parse(p.read_text(encoding="utf-8")) for p in sorted(folder.glob("*.py"))]
-    return _digest("".join(ast.dump(_without_texts(tree)) for tree in trees))
+    trees: dict[str, ast.Module] = {}
+    names = [first]
+    while names:
+        name = names.pop()
+        if name not in trees:
+            trees[name] = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
+            names.extend(_engine_imports(trees[name], folder))
+    return _digest("".join(ast.dump(_without_texts(trees[name])) for name in sorted(trees)))
+
+
+def _engine_imports(tree: ast.Module, folder: Path) -> set[str]:
+    """Names of the engine's modules that a module imports, wherever in it."""
+    package = f"{napari_splinesketch.__name__}.{folder.name}"
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package):
+            parent = (node.module or "").removeprefix(package).removeprefix(".")
+            found |= {parent} if parent else {alias.name for alias in node.names}
+    return {name for name in found if (folder / f"{name}.py").is_file()}
 
 
 def _without_texts(tree: ast.Module) -> ast.Module:

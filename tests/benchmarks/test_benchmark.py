@@ -6,11 +6,12 @@ import bound
 import numpy as np
 import pytest
 from frames import Cell, frame, table_cells
-from methods import make, missing
+from methods import make, missing, source_digest
 from rows import Row, Store, read
 from runner import run
 from stats import summary
 
+import napari_splinesketch
 from napari_splinesketch import metrics, synthetic
 
 CELL = Cell(2, "displacement", 10.0)
@@ -19,6 +20,23 @@ CELL = Cell(2, "displacement", 10.0)
 def row(index: int = 0, body: int = 0, dtw: float = 1.0, **changes: object) -> Row:
     made = Row("m", "1", "aa", 2, "pca", 2.0, index, body, 6.0, dtw, 0.1, 0.5, "good", 1.0, 2.0)
     return replace(made, **changes)  # pyright: ignore[reportArgumentType]
+
+
+def test_the_version_counts_what_refining_imports_and_no_more(tmp_path, monkeypatch):
+    engine = tmp_path / "engine"
+    engine.mkdir()
+    package = "napari_splinesketch.engine"
+    (engine / "refine.py").write_text(f"from {package} import a\ndef f():\n    import numpy\n")
+    (engine / "a.py").write_text(f"def g():\n    from {package}.b import h\n    return h\n")
+    for name in ("b", "other"):
+        (engine / f"{name}.py").write_text("def h(): return 1\n")
+    monkeypatch.setattr(napari_splinesketch, "__file__", str(tmp_path / "__init__.py"))
+    before = source_digest()
+    (engine / "other.py").write_text("def h(): return 2\n")
+    (engine / "b.py").write_text("# why\ndef h():  return 1\n")
+    assert source_digest() == before
+    (engine / "b.py").write_text("def h(): return 2\n")
+    assert source_digest() != before
 
 
 def test_frames_are_the_same_every_time_and_tuning_frames_are_others():
