@@ -58,7 +58,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_there_are_examples_of_every_command() -> None:
-    assert {line.split()[1] for line in examples()} == {"demo", "refine", "convert", "compare"}
+    assert {line.split()[1] for line in examples()} == {
+        *("demo", "refine", "suggest", "convert", "compare")
+    }
     assert len(examples()) > 12
 
 

@@ -5,14 +5,15 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch.cli import report
 from napari_splinesketch.cli.parser import make_parser
 
 if TYPE_CHECKING:
-    from napari_splinesketch.cli.refining import Job
+    from napari_splinesketch.cli.refining import Job, Outcome
 
 BAR = "{percentage:3.0f}% |{bar}| frame {n:.1f} of {total:.0f}, {elapsed} gone, {remaining} to go"
 
@@ -26,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         As on the command line, without the program's name; None takes them from there.
     """
     options = make_parser().parse_args(arguments)
-    commands = {"demo": _demo, "refine": _refine, "convert": _convert, "compare": _compare}
+    commands = {"demo": _demo, "refine": _refine, "suggest": _suggest}
+    commands |= {"convert": _convert, "compare": _compare}
     try:
         return commands[options.command](options)
     except (ValueError, OSError) as error:
@@ -34,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"napari-splinesketch {options.command}: {_sentence(error)}")
         return report.NOTHING
     except KeyboardInterrupt:
-        kept = options.command == "refine"
+        kept = options.command in ("refine", "suggest")
         _say("interrupted; finished frames are kept: add --resume" if kept else "interrupted")
         return report.INTERRUPTED
 
@@ -58,9 +60,23 @@ def _demo(options: argparse.Namespace) -> int:
 def _refine(options: argparse.Namespace) -> int:
     from napari_splinesketch.cli import refining
 
+    return _run(options, refining.Job(**_given(options, refining.Job)))
+
+
+def _suggest(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import suggesting
+
+    job = suggesting.SuggestJob(**_given(options, suggesting.SuggestJob))
+    with _progress() as progress:
+        outcome = suggesting.suggest_job(job, progress)
+    return _tell(options, outcome, job.outputs())
+
+
+def _given(options: argparse.Namespace, job: type) -> dict[str, Any]:
+    """Give the options that a job has."""
     scale, units = _pixel_size(options)
     given = {**vars(options), "scale": scale, "units": units}
-    return _run(options, refining.Job(**{name: given[name] for name in refining.OPTIONS}))
+    return {field.name: given[field.name] for field in fields(job)}
 
 
 def _run(options: argparse.Namespace, job: "Job") -> int:
@@ -68,9 +84,14 @@ def _run(options: argparse.Namespace, job: "Job") -> int:
 
     with _progress() as progress:
         outcome = refining.refine_job(job, progress)
+    return _tell(options, outcome, tuple(job.outputs()))
+
+
+def _tell(options: argparse.Namespace, outcome: "Outcome", outputs: Sequence[Path]) -> int:
+    """Report what was done; gives the exit code."""
     for note in outcome.notes:
         _say(note)
-    written = [str(path) for path in job.outputs()]
+    written = [str(path) for path in outputs]
     _show(
         options,
         report.as_json(outcome.frames, written=written, notes=outcome.notes),

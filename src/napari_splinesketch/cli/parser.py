@@ -23,6 +23,7 @@ and uncertainties.
 
   napari-splinesketch demo                              look at it, on swimming worms
   napari-splinesketch refine worms.tif lines.csv -o labels.csv
+  napari-splinesketch suggest worms.tif -o suggested.csv
   napari-splinesketch convert labels.csv labels.geojson
   napari-splinesketch compare labels.csv truth.csv
 
@@ -48,6 +49,16 @@ examples:
   napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
   napari-splinesketch refine worms.png sketches.csv -o labels.csv \\
       --overlay overlay.png --reconstruction model.tif --masks masks.tif
+
+{EXIT_CODES}"""
+
+SUGGEST = f"""\
+Suggest a sketch over each slender body that stands out, on every frame or on one. The lines are a
+first draft: look at them, mend them, then refine. IMAGE is what `refine` takes.
+
+examples:
+  napari-splinesketch suggest worms.tif -o suggested.csv
+  napari-splinesketch suggest film.tif -o suggested.shapes.csv --frame 0 --sensitivity 0.7
 
 {EXIT_CODES}"""
 
@@ -96,6 +107,7 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_demo(_command(commands, "demo", "look at it, on swimming worms", DEMO))
     _add_refine(_command(commands, "refine", "refine sketches on an image or film", REFINE))
+    _add_suggest(_command(commands, "suggest", "suggest sketches on an image or film", SUGGEST))
     _add_convert(_command(commands, "convert", "translate labels into another format", CONVERT))
     _add_compare(_command(commands, "compare", "measure labels against the truth", COMPARE))
     return parser
@@ -127,6 +139,40 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, metavar="LABELS", required=True, help="file of labels to write"
     )
     add("--preset", choices=PRESETS, default="balanced", help="speed or accuracy (%(default)s)")
+    _add_look(parser)
+    add("--seed", type=int, default=0, help="of random numbers, where a preset uses any")
+    _add_pixel_size(parser)
+    add("--reconstruction", type=Path, metavar="TIFF", help="also write the image as explained")
+    add("--masks", type=Path, metavar="TIFF", help="also write masks: body i has the value i + 1")
+    add("--overlay", type=Path, metavar="PNG", help="also draw the curves over the first frame")
+    _add_resume(parser)
+
+
+def _add_suggest(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("image", metavar="IMAGE")
+    add = parser.add_argument
+    add("-o", "--output", type=Path, metavar="SKETCHES", required=True, help="file to write")
+    add(
+        "--sensitivity",
+        type=_share,
+        default=0.5,
+        metavar="S",
+        help="0 suggests only what stands out, 1 also what is faint or short (%(default)s)",
+    )
+    add("--frame", type=int, metavar="N", help="only on this frame, from 0")
+    _add_look(parser)
+    _add_pixel_size(parser)
+    _add_resume(parser)
+
+
+def _add_resume(parser: argparse.ArgumentParser) -> None:
+    text = "go on with an interrupted run of this command"
+    parser.add_argument("--resume", action="store_true", help=text)
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
+    """Add what is said of the image."""
+    add = parser.add_argument
     add(
         "--polarity",
         choices=get_args(Polarity),
@@ -139,14 +185,8 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         metavar="PX",
         help="rough distance from a body's centreline to its edge (measured if not given)",
     )
-    add("--seed", type=int, default=0, help="of random numbers, where a preset uses any")
     add("--channel", type=int, metavar="N", help="channel of a multi-channel image, from 0")
     add("--z", type=int, metavar="N", help="plane of an image with planes and times, from 0")
-    _add_pixel_size(parser)
-    add("--reconstruction", type=Path, metavar="TIFF", help="also write the image as explained")
-    add("--masks", type=Path, metavar="TIFF", help="also write masks: body i has the value i + 1")
-    add("--overlay", type=Path, metavar="PNG", help="also draw the curves over the first frame")
-    add("--resume", action="store_true", help="go on with an interrupted run of this command")
 
 
 def _add_convert(parser: argparse.ArgumentParser) -> None:
@@ -179,6 +219,13 @@ def _add_pixel_size(parser: argparse.ArgumentParser) -> None:
         help="size of a pixel in --units; one number where pixels are square",
     )
     parser.add_argument("--units", metavar="NAME", help="unit of --pixel-size, such as µm")
+
+
+def _share(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 1")
+    return value
 
 
 def _positive(text: str) -> float:

@@ -1,8 +1,8 @@
 """Refining the frames of an image or film, one after another, without losing any."""
 
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +52,6 @@ class Job:
         yield from (p for p in (self.reconstruction, self.masks, self.overlay) if p)
 
 
-OPTIONS = tuple(field.name for field in fields(Job))
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What `refine_job` did.
@@ -102,16 +99,21 @@ def refine_job(job: Job, report: Report) -> Outcome:
 
 def check_outputs(job: Job) -> None:
     """Refuse a job whose outputs could not be written, before it has cost any time."""
-    writer_of(job.output)
-    for path in job.outputs():
-        if not path.parent.is_dir():
-            raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
-        if path.exists() and not job.overwrite:
-            raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
+    check_files(job.output, tuple(job.outputs()), overwrite=job.overwrite)
     for path, endings in ((job.reconstruction, TIFF), (job.masks, TIFF), (job.overlay, PICTURE)):
         if path and path.suffix.lower() not in endings:
             raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
-    if len({path.resolve() for path in job.outputs()}) < len(list(job.outputs())):
+
+
+def check_files(labels: Path, outputs: Sequence[Path], *, overwrite: bool) -> None:
+    """Refuse outputs that cannot be written, of which `labels` is the file of labels."""
+    writer_of(labels)
+    for path in outputs:
+        if not path.parent.is_dir():
+            raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
+        if path.exists() and not overwrite:
+            raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
+    if len({path.resolve() for path in outputs}) < len(outputs):
         raise ValueError("two outputs have the same name; give each its own")
 
 
@@ -159,7 +161,7 @@ def _refine_frame(
         )
     except Exception as error:  # one bad frame must not stop the others
         seconds = time.perf_counter() - began
-        failed = FrameReport(frame, (), _words(error), round(seconds, 3), digest)
+        failed = FrameReport(frame, (), words(error), round(seconds, 3), digest)
         partial.save(failed, Labels(tuple(_failed(label) for label in sketches)), None)
         return failed
     curves = tuple(map(CurveReport.of, result.curves, ids))
@@ -169,7 +171,8 @@ def _refine_frame(
     return finished
 
 
-def _words(error: Exception) -> str:
+def words(error: Exception) -> str:
+    """Say why a frame could not be worked on, in one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 

@@ -27,7 +27,7 @@ class CurveReport:
     sd
         Median standard error along the normal.
     status
-        "good", "check" or "failed".
+        "good", "check" or "failed"; "sketch" for a line that was only suggested.
     reasons
         Why the status is not "good".
     """
@@ -115,6 +115,8 @@ def summary(frames: Sequence[FrameReport]) -> str:
     """Give one line of counts."""
     total = _total(frames)
     text = ", ".join(f"{total[key]} {key}" for key in ("good", "check", "failed"))
+    if "sketch" in total:
+        text = f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
     lost = total["frames not refined"]
     if lost:
         text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
@@ -131,6 +133,7 @@ def _total(frames: Sequence[FrameReport]) -> dict[str, int]:
     statuses = sum((_counts(frame) for frame in frames), Counter())
     return {
         **{status: statuses[status] for status in ("good", "check", "failed")},
+        **({"sketch": statuses["sketch"]} if "sketch" in statuses else {}),
         "frames not refined": sum(frame.error is not None for frame in frames),
     }
 

@@ -1,0 +1,214 @@
+"""The fewest, smoothest paths of plausible length that explain a graph of traces."""
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import LinearConstraint, milp
+from scipy.sparse import csc_array, csr_array, eye_array, hstack
+from scipy.sparse.csgraph import connected_components
+
+from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine.tracing import TraceGraph
+from napari_splinesketch.engine.types import Array
+
+TURN = np.cos(np.deg2rad(75))
+"""Sharpest turn at a node, as a cosine."""
+BODY = 5.0
+BENDING = 4.0
+KINK = 40.0
+SHARPEST = 0.3
+SHORT = 0.5
+LONG = 0.8
+TWICE = 0.6
+SHARED = 0.1
+"""Costs in half-widths of skeleton left unexplained: of a body; of bending; of curvature beyond
+`SHARPEST` (times the half-width); of each half-width of length missing or too many; of explaining
+skeleton twice, and of doing so where bodies cross."""
+PLAUSIBLE = (0.75, 1.3)
+"""Lengths that cost nothing, in usual lengths of the bodies."""
+LONGEST = 2.2
+"""No path is longer, in usual lengths."""
+UNUSUAL = 400.0
+"""No path is longer where the usual length is not known, half-widths."""
+ENOUGH = 2
+"""More bodies than this tell the usual length."""
+SHORTEST = 8.0
+"""Chains shorter than this many half-widths tell nothing of the usual length."""
+ROUTES = 300
+"""Most paths looked at from each node and side."""
+SAMPLES = 24
+SECONDS = 5.0
+"""Longest search for the best set in one connected part of the graph."""
+
+Route = tuple[int, ...]
+
+
+def explain(
+    graph: TraceGraph, weight: Float[Array, " E"], half_width: float, body: float = BODY
+) -> list[Float[Array, "N 2"]]:
+    """Choose the paths that explain the graph best.
+
+    Parameters
+    ----------
+    graph
+        Pieces of skeleton.
+    weight
+        (E,) how much each piece asks for an explanation, 0 to 1.
+    half_width
+        Typical half-width of the bodies, px.
+    body
+        What a body costs, in half-widths of skeleton; the more, the fewer are found.
+    """
+    parts = _parts(graph)
+    usual = usual_length(graph, parts, half_width)
+    found = _explained(graph, parts, weight, half_width, body, usual)
+    if usual is None and len(found) > ENOUGH:
+        usual = float(np.median([arc_length(line)[-1] for line in found]))
+        found = _explained(graph, parts, weight, half_width, body, usual)
+    return found
+
+
+def _explained(
+    graph: TraceGraph,
+    parts: list[Int[Array, " E"]],
+    weight: Float[Array, " E"],
+    half_width: float,
+    body: float,
+    usual: float | None,
+) -> list[Float[Array, "N 2"]]:
+    """Choose the paths of every part, given the usual length of the bodies, if it is known."""
+    longest = LONGEST * usual if usual else UNUSUAL * half_width
+    found = []
+    for pieces in parts:
+        routes = list(_routes(graph, pieces, longest))
+        if routes:
+            lines = [polyline(graph, *route) for route in routes]
+            cost = body + _cost(lines, half_width, usual)
+            best = _best_set(graph, pieces, routes, cost, weight, half_width)
+            found += [lines[i] for i in best]
+    return found
+
+
+def usual_length(
+    graph: TraceGraph, parts: list[Int[Array, " E"]], half_width: float
+) -> float | None:
+    """Median length of the chains that touch no other, px; None where there are too few."""
+    lengths = [
+        float(graph.lengths[pieces].sum())
+        for pieces in parts
+        if graph.tips[graph.ends[pieces]].sum() == 2 and not graph.bridges[pieces].any()
+        if len(np.unique(graph.ends[pieces])) == len(pieces) + 1
+    ]
+    lengths = [length for length in lengths if length > SHORTEST * half_width]
+    return float(np.median(lengths)) if len(lengths) > ENOUGH else None
+
+
+def polyline(graph: TraceGraph, pieces: Route, sides: Route) -> Float[Array, "N 2"]:
+    """Points of a path."""
+    parts = [graph.pieces[p][:: 1 - 2 * side] for p, side in zip(pieces, sides, strict=True)]
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
+def _parts(graph: TraceGraph) -> list[Int[Array, " E"]]:
+    """Numbers of the pieces of each connected part."""
+    count = len(graph.nodes)
+    if not count:
+        return []
+    first, second = graph.ends.T
+    links = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    label = connected_components(links, directed=False)[1][first]
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _routes(
+    graph: TraceGraph, pieces: Int[Array, " E"], longest: float
+) -> Iterator[tuple[Route, Route]]:
+    """Paths that begin and end with a piece of body, each once, without sharp turns."""
+    ends, lengths, headings, bridges = graph.lists
+    leaving: dict[int, list[tuple[int, int]]] = {}
+    for piece in pieces.tolist():
+        for side in (0, 1):
+            leaving.setdefault(ends[piece][side], []).append((piece, side))
+    seen: set[frozenset[int]] = set()
+    for step in [s for steps in leaving.values() for s in steps if not bridges[s[0]]]:
+        queue: deque[tuple[Route, Route, float, list[float]]] = deque()
+        queue.append(((step[0],), (step[1],), lengths[step[0]], []))
+        for _ in range(ROUTES):
+            if not queue:
+                break
+            route, sides, length, heading = queue.popleft()
+            last = route[-1]
+            if not bridges[last]:
+                heading = headings[last][1 - sides[-1]]
+                key = frozenset(route)
+                if key not in seen:
+                    seen.add(key)
+                    yield route, sides
+            for piece, side in leaving[ends[last][1 - sides[-1]]]:
+                reached = length + lengths[piece]
+                if piece in route or reached > longest:
+                    continue
+                if bridges[piece] or _goes_on(heading, headings[piece][side]):
+                    queue.append(((*route, piece), (*sides, side), reached, heading))
+
+
+def _goes_on(out: list[float], back: list[float]) -> bool:
+    return -(out[0] * back[0] + out[1] * back[1]) > TURN
+
+
+def _cost(
+    lines: list[Float[Array, "N 2"]], half_width: float, usual: float | None
+) -> Float[Array, " R"]:
+    """What each path costs for its bends and its length, in half-widths."""
+    drawn = np.array([resample(line, SAMPLES) for line in lines])
+    step = np.diff(drawn, axis=1)
+    total = np.linalg.norm(step, axis=2).sum(1)
+    # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
+    for _ in range(3):
+        middle = (drawn[:, :-2] + 2 * drawn[:, 1:-1] + drawn[:, 2:]) / 4
+        drawn = np.concatenate([drawn[:, :1], middle, drawn[:, -1:]], axis=1)
+    step = np.diff(drawn, axis=1)
+    heading = np.arctan2(step[..., 1], step[..., 0])
+    turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
+    spacing = np.maximum(total / (SAMPLES - 1), 0.5 * half_width)[:, None]
+    bend = turn * half_width / spacing
+    bending = (bend**2 * spacing / half_width).sum(1)
+    cost = BENDING * bending + KINK * np.maximum(bend.max(1) - SHARPEST, 0)
+    if usual:
+        low, high = (factor * usual for factor in PLAUSIBLE)
+        excess = SHORT * np.maximum(low - total, 0) + LONG * np.maximum(total - high, 0)
+        cost = cost + excess / half_width
+    return cost
+
+
+def _best_set(
+    graph: TraceGraph,
+    pieces: Int[Array, " E"],
+    routes: list[tuple[Route, Route]],
+    cost: Float[Array, " R"],
+    weight: Float[Array, " E"],
+    half_width: float,
+) -> list[int]:
+    """The cheapest set of paths: a mixed-integer program of covering every piece once."""
+    row = {piece: i for i, piece in enumerate(pieces.tolist())}
+    size = len(pieces)
+    entries = [(row[p], k) for k, (route, _) in enumerate(routes) for p in route]
+    at, of = np.array(entries).T
+    covers = csc_array((np.ones(len(at)), (at, of)), shape=(size, len(routes)))
+    lengths = graph.lengths[pieces] / half_width
+    missed = lengths * np.where(graph.bridges[pieces], SHARED, weight[pieces])
+    again = lengths * np.where(graph.bridges[pieces], SHARED, TWICE)
+    result = milp(
+        np.concatenate([cost, missed, again]),
+        integrality=np.concatenate([np.ones(len(routes)), np.zeros(2 * size)]),
+        constraints=LinearConstraint(
+            csc_array(hstack([covers, eye_array(size), -eye_array(size)])), 1, 1
+        ),
+        options={"time_limit": SECONDS},
+    )
+    if result.x is None:
+        return []
+    return np.flatnonzero(result.x[: len(routes)] > 0.5).tolist()

@@ -1,0 +1,118 @@
+"""Suggestions: bodies found by nobody's hand, few lines that are on none."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from suggested import FOUND, judged, on, worms
+
+from napari_splinesketch import suggest, synthetic
+from napari_splinesketch.data import load_sample
+
+
+@pytest.fixture(scope="module")
+def crowd() -> np.ndarray:
+    return load_sample("worms_dense")[0]
+
+
+def test_most_isolated_worms_are_found_and_little_else() -> None:
+    row = worms(0.5)
+    assert row.found >= 0.8 * row.bodies
+    assert row.false <= 0.05 * row.suggested
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda image: 255 - image,
+        lambda image: image.astype(np.uint16) * 100,
+        lambda image: image / 1000 - 7,
+    ],
+    ids=["bright", "16 bit", "floats"],
+)
+def test_it_looks_at_contrast_not_at_numbers(crowd: np.ndarray, change) -> None:
+    part = crowd[20:170, 100:340]
+    plain, changed = suggest(part), suggest(change(part))
+    assert len(plain) > 8
+    assert len(on(changed, plain, 1.0)) >= len(plain) - 1
+
+
+def test_transposed_images_give_transposed_lines(crowd: np.ndarray) -> None:
+    part = crowd[20:170, 100:340]
+    turned = [line[:, ::-1] for line in suggest(part.T)]
+    assert len(on(turned, suggest(part), FOUND)) > 8
+
+
+def test_sensitivity_finds_what_is_faint(crowd: np.ndarray) -> None:
+    counts = [len(on(suggest(crowd, s), judged()["isolated"], FOUND)) for s in (0.0, 0.35, 0.5)]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+def test_crossing_bodies_go_straight_on() -> None:
+    rows, cols = np.mgrid[:90, :120].astype(float)
+    image = np.zeros((90, 120))
+    truth = [np.array([[15.0, 20], [75, 100]]), np.array([[75.0, 25], [15, 95]])]
+    for (r0, c0), (r1, c1) in truth:
+        along = np.array([r1 - r0, c1 - c0])
+        t = np.clip(((rows - r0) * along[0] + (cols - c0) * along[1]) / (along @ along), 0, 1)
+        apart = np.hypot(rows - r0 - t * along[0], cols - c0 - t * along[1])
+        image = np.maximum(image, np.clip(3.5 - apart, 0, 1))
+    image += np.random.default_rng(0).normal(0, 0.03, image.shape)
+    found = suggest(image)
+    assert len(found) == 2
+    assert {k for _, k in on(found, truth, 2.0)} == {0, 1}
+
+
+def test_one_body_alone() -> None:
+    made = synthetic.scene(3, bodies=1, shape=(128, 160))
+    (line,) = suggest(made.image)
+    assert on([line], made.centrelines, 3.0)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((40, 50)),
+        np.full((40, 50), 7, np.uint8),
+        np.random.default_rng(0).normal(size=(120, 90)),
+        np.ones((1, 1)),
+        np.ones((1, 80)),
+    ],
+    ids=["zero", "constant", "noise", "a pixel", "a row"],
+)
+def test_nothing_is_found_where_nothing_is(image: np.ndarray) -> None:
+    assert suggest(image) == ()
+
+
+def test_missing_pixels_are_no_bodies() -> None:
+    image = np.random.default_rng(0).normal(size=(120, 90))
+    image[40:44, 20:80] = np.nan
+    assert suggest(image, 1.0) == ()
+
+
+@pytest.mark.parametrize(
+    ("image", "options", "words"),
+    [
+        (np.zeros((3, 4, 5)), {}, r"shape \(3, 4, 5\)"),
+        (np.zeros((0, 4)), {}, "shape"),
+        (np.zeros((4, 4), complex), {}, "real"),
+        (np.full((4, 4), np.nan), {}, "finite"),
+        (np.eye(9), {"sensitivity": 1.5}, "0 to 1"),
+        (np.eye(9), {"sensitivity": np.nan}, "0 to 1"),
+        (np.eye(9), {"polarity": "grey"}, "polarity"),
+        (np.eye(9), {"half_width": 0}, "positive"),
+    ],
+)
+def test_calls_that_make_no_sense_say_so(image, options, words) -> None:
+    with pytest.raises(ValueError, match=words):
+        suggest(image, **options)
+
+
+def test_jax_is_not_needed() -> None:
+    code = (
+        "import sys, numpy as np; from napari_splinesketch import suggest; suggest(np.eye(50));"
+        "sys.exit('jax' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
