@@ -1,24 +1,22 @@
 """The state behind the dock: what would be refined, what runs, what came of it."""
 
-import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
-from psygnal import Signal
-from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, Progress
 from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin.actions import Action, Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
 from napari_splinesketch.plugin.adapter.pixels import block_around
+from napari_splinesketch.plugin.adapter.results import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
     Drawn,
     drawn_in,
@@ -26,15 +24,11 @@ from napari_splinesketch.plugin.adapter.sketches import (
     selected_in,
 )
 from napari_splinesketch.plugin.adapter.space import current_frame, plane_problem
-from napari_splinesketch.plugin.choices import Choices
 from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.records import Record, identify
-from napari_splinesketch.plugin.work import Work, works_in
+from napari_splinesketch.plugin.work import Work
 
-_log = logging.getLogger(__name__)
-
-BREATH_MS = 30
-"""Between two steps of drawing results: time for the window to paint and to answer."""
 STEPS = "Press New sketch, then draw a line over each body."
 OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 
@@ -61,15 +55,7 @@ class Request:
     problem: str = ""
 
 
-@dataclass(frozen=True)
-class Notice:
-    """What the last action came to, where its results do not say it."""
-
-    kind: Literal["none", "done", "cancelled", "failed"] = "none"
-    text: str = ""
-
-
-class Controller:
+class Controller(Keeper):
     """Owns the state; widgets show it.
 
     Parameters
@@ -79,31 +65,23 @@ class Controller:
 
     Attributes
     ----------
-    choices
-        The chosen image and sketches.
     preset
         How much work to do.
-    progress
-        Where the running refinement stands; None when none runs.
-    notice
-        What the last action came to.
+    actions
+        What can be done with a key.
     """
 
-    changed = Signal()
-    """Whoever shows the state should look again."""
-
     def __init__(self, viewer: ViewerModel):
-        self.viewer = viewer
-        self.choices = Choices(viewer)
+        super().__init__(viewer)
         self.preset: PresetName = "balanced"
-        self.progress: Progress | None = None
-        self.notice = Notice()
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
-        self._works = works_in(viewer)
         self._told: list[Image] = []
-        for work in self._works:
-            self._attend(work)
+        self.actions = Actions(viewer, self._is_meant)
+        self.actions.add(
+            Action("undo", "Undo", "Ctrl+Z", self.undo, "Take back the last step"),
+            Action("redo", "Redo", "Ctrl+Shift+Z", self.redo, "Do again what was taken back"),
+        )
         self.choices.changed.connect(self._follow)
         self.choices.edited.connect(self.changed.emit)
 
@@ -122,17 +100,6 @@ class Controller:
         drawn = drawn_in(self.viewer, layer, image, frame, chosen)
         problem = "" if drawn.lines else _nothing_drawn(image, layer, bool(chosen))
         return Request(frame, drawn, bool(chosen), problem)
-
-    @property
-    def work(self) -> Work | None:
-        """What is known of the chosen image through the chosen sketches."""
-        pair = self.choices.image, self.choices.sketches
-        return next((work for work in self._works if (work.image, work.sketches) == pair), None)
-
-    def records(self, frame: int | None = None) -> tuple[Record, ...]:
-        """Give the curves of a frame, or of all."""
-        records = self.work.records if self.work else ()
-        return tuple(r for r in records if frame is None or r.frame == frame)
 
     def refine(self) -> None:
         """Refine what `request` says, in a thread."""
@@ -196,9 +163,16 @@ class Controller:
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
         self.abandon()
+        self.actions.close()
         self.changed.disconnect()
         self.choices.changed.disconnect()
         self.choices.edited.disconnect()
+
+    def _is_meant(self) -> bool:
+        """Whether a key is meant for us: a layer that we have to do with is active, or none."""
+        layer = self.viewer.layers.selection.active
+        ours = None, self.choices.image, self.choices.sketches
+        return layer in ours or (layer is not None and is_result(layer))
 
     def _stop(self, notice: Notice) -> None:
         self.abandon()
@@ -223,41 +197,21 @@ class Controller:
             Record(number, request.frame, line, _renumbered(curve, ids))
             for number, line, curve in zip(ids, request.drawn.lines, refined.curves, strict=True)
         ]
-        work.put(request.frame, fresh, refined, whole=not request.selected)
+        whole = not request.selected
+        what = f"Refine {words.curves([(r.frame, r.id) for r in fresh])}"
+        work.history.apply(what, work.state.refined(request.frame, fresh, refined, whole=whole))
         self._on_progress(Progress("drawing the curves", 1.0))
-        self._draw(work.layers.show(), last=partial(self._stop, Notice()))
+        self._drawing.start(work, last=partial(self._on_all_shown, work))
+
+    def _on_all_shown(self, work: Work) -> None:
+        work.layers.select(self.selection)
+        self._stop(Notice())
 
     def _begin(self, image: Image, sketches: Shapes) -> Work:
         work = Work(image, sketches, self.viewer)
         self._works.append(work)
         self._attend(work)
         return work
-
-    def _attend(self, work: Work) -> None:
-        # Later: napari is still busy with the edit that it tells of.
-        work.layers.toggled.connect(self.changed.emit)
-        work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
-
-    def _adopt(self, work: Work) -> None:
-        """Take over what the user deleted among the curves; what she moved goes back."""
-        if not self.progress or self._job:
-            if not work.adopt_deletions():
-                said = f"Curves are results: draw and move lines in {work.sketches.name!r}."
-                self.notice = Notice("failed", said)
-            self.changed.emit()
-            self._draw(work.layers.show(), last=self.changed.emit)
-
-    def _draw(self, steps: Iterator[None], last: Callable[[], None]) -> None:
-        """Go through the steps of changing layers; the window lives in between."""
-        try:
-            next(steps)
-        except StopIteration:
-            last()
-        except Exception as error:
-            _log.exception("The results could not be shown")
-            self._stop(Notice("failed", f"The results could not be shown. {error}"))
-        else:
-            QTimer.singleShot(BREATH_MS, partial(self._draw, steps, last))
 
     def _follow(self) -> None:
         """Forget what is known of layers that are gone, and what was said of others."""

@@ -9,6 +9,7 @@ from qtpy.QtWidgets import (
     QComboBox,
     QFormLayout,
     QFrame,
+    QHBoxLayout,
     QPushButton,
     QScrollArea,
     QVBoxLayout,
@@ -73,6 +74,7 @@ class SplinesketchDock(QScrollArea):
         self.notes = FoldedText("What the image needed", words.NOTES_TIP)
         self.visibility = VisibilityRow()
         self.export = QPushButton("Export…")
+        self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
 
     def _lay_out(self) -> None:
         form = QFormLayout()
@@ -88,6 +90,12 @@ class SplinesketchDock(QScrollArea):
             layout.addWidget(widget)
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
+        steps = QHBoxLayout()
+        steps.setSpacing(4)
+        for button in (self.undo, self.redo):
+            button.setMinimumWidth(30)
+            steps.addWidget(button)
+        layout.addLayout(steps)
         layout.addWidget(self.export)
         layout.addStretch(1)
         self.setWidget(self.content)
@@ -108,6 +116,8 @@ class SplinesketchDock(QScrollArea):
         self.refine.clicked.connect(controller.refine)
         self.progress.cancelled.connect(controller.cancel)
         self.export.clicked.connect(self._ask_where)
+        self.undo.clicked.connect(controller.undo)
+        self.redo.clicked.connect(controller.redo)
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
@@ -121,6 +131,7 @@ class SplinesketchDock(QScrollArea):
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
             self.controller.abandon()
+            self.controller.actions.close()
 
     def _show_layers(self) -> None:
         choices = self.controller.choices
@@ -162,6 +173,21 @@ class SplinesketchDock(QScrollArea):
             "" if controller.records() else "Nothing to export yet: refine first",
             "Write the curves of all frames to a file: a table, or another format",
         )
+
+        self._show_steps()
+
+    def _show_steps(self) -> None:
+        controller = self.controller
+        history = controller.work.history if controller.work else None
+        running = "Wait until the refinement is over" if controller.progress else ""
+        for button, what, none in (
+            (self.undo, history.done if history else "", "There is nothing to undo"),
+            (self.redo, history.undone if history else "", "There is nothing to redo"),
+        ):
+            action = controller.actions[button.text().lower()]
+            tip = f"{action.tip} ({action.key}): {what[:1].lower()}{what[1:]}"
+            _enable(button, "" if what and not running else running or none, tip)
+            button.setVisible(bool(history and (history.done or history.undone)))
 
     def _ask_where(self) -> None:
         image = self.controller.choices.image

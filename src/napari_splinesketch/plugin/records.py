@@ -12,6 +12,8 @@ from napari_splinesketch.engine.types import Curve
 
 Line = Float[np.ndarray, "N 2"]
 Review = Literal["open", "accepted", "rejected"]
+Key = tuple[int, int]
+"""(frame, id) of a record."""
 
 SAMPLES = 16
 """Points at which two sketches are compared."""
@@ -43,6 +45,11 @@ class Record:
     curve: Curve
     review: Review = "open"
     locked: bool = False
+
+
+def key_of(record: Record) -> Key:
+    """Give what tells a record from all others."""
+    return record.frame, record.id
 
 
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:

@@ -8,7 +8,7 @@ from html import escape
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Status
 from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.records import Key, Record
 
 PRESET_TIPS: dict[PresetName, str] = {
     "fast": "Fast: one guess for each line; for bodies that lie apart",
@@ -28,6 +28,13 @@ def count(number: int, thing: str) -> str:
     """Say how many: "1 sketch", "7 sketches"."""
     plural = thing + ("es" if thing.endswith(("ch", "sh", "s", "x")) else "s")
     return f"{number} {thing if number == 1 else plural}"
+
+
+def curves(keys: Sequence[Key]) -> str:
+    """Name curves of one frame, or count those of several: "curve 3", "4 curves"."""
+    if len(keys) == 1:
+        return f"curve {keys[0][1]}"
+    return count(len(keys), "curve")
 
 
 def button(number: int, selected: bool) -> str:

@@ -1,6 +1,6 @@
 """What is known of one image through one layer of sketches."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field
 
 from napari.components import ViewerModel
@@ -9,13 +9,14 @@ from napari.layers import Image, Shapes
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.results import OWNER, ResultLayers
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX
-from napari_splinesketch.plugin.engine import Refined
-from napari_splinesketch.plugin.records import Record, merge
+from napari_splinesketch.plugin.history import History
+from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.state import State, bytes_beside
 
 
 @dataclass(eq=False)
 class Work:
-    """The curves of an image, and the layers that show them.
+    """The curves of an image, how they came about, and the layers that show them.
 
     Attributes
     ----------
@@ -23,14 +24,8 @@ class Work:
         The user's layers.
     viewer
         Where the results are shown.
-    records
-        The curves of all frames.
-    patches
-        Reconstructions by frame, the latest last.
-    seconds
-        How long the engine took, by frame.
-    notes
-        What the scene needed and why, by frame.
+    history
+        What is known, and what was known before.
     layers
         The layers of results.
     """
@@ -38,10 +33,7 @@ class Work:
     image: Image
     sketches: Shapes
     viewer: InitVar[ViewerModel]
-    records: tuple[Record, ...] = ()
-    patches: dict[int, Patch] = field(default_factory=dict)
-    seconds: dict[int, float] = field(default_factory=dict)
-    notes: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    history: History[State] = field(default_factory=lambda: History(State(), bytes_beside))
     layers: ResultLayers = field(init=False)
 
     def __post_init__(self, viewer: ViewerModel) -> None:
@@ -49,26 +41,35 @@ class Work:
         name = self.sketches.name.removesuffix(SUFFIX)
         self.layers = ResultLayers(viewer, name, self)
 
-    def put(self, frame: int, fresh: Sequence[Record], refined: Refined, *, whole: bool) -> None:
-        """Take in the refinement of a frame; `whole` drops its other curves."""
-        self.records = merge(self.records, frame, fresh, whole=whole)
-        self.patches.pop(frame, None)
-        self.patches[frame] = refined.patch
-        self.seconds[frame] = refined.seconds
-        self.notes[frame] = refined.notes
+    @property
+    def state(self) -> State:
+        """What is known now."""
+        return self.history.value
 
-    def adopt_deletions(self) -> bool:
-        """Drop the curves that the user has deleted from their layer; say if there were any."""
-        before = self.records
-        if not self.layers.deleted():
-            kept = self.layers.kept()
-            self.records = tuple(r for r in before if (r.frame, r.id) in kept)
-        return len(self.records) < len(before)
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The curves of all frames."""
+        return self.state.records
+
+    @property
+    def patches(self) -> Mapping[int, Patch]:
+        """Reconstructions by frame, the latest last."""
+        return self.state.patches
+
+    @property
+    def seconds(self) -> Mapping[int, float]:
+        """How long the engine took, by frame."""
+        return self.state.seconds
+
+    @property
+    def notes(self) -> Mapping[int, tuple[str, ...]]:
+        """What the scene needed and why, by frame."""
+        return self.state.notes
 
     def forget_if_deleted(self) -> None:
-        """Forget the results if the user has removed the layer of curves."""
+        """Forget everything if the user has removed the layer of curves."""
         if self.layers.deleted():
-            self.records, self.patches, self.seconds, self.notes = (), {}, {}, {}
+            self.history = History(State(), bytes_beside)
 
 
 def works_in(viewer: ViewerModel) -> list[Work]:

@@ -1,6 +1,6 @@
 """The layers that show a refinement, updated in place."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, Literal, Protocol, cast
@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.film import Film, Patch
 from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth, outline
 from napari_splinesketch.plugin.adapter.space import frame_shape, in_stack, placement
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.records import Key, Record
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
@@ -32,15 +32,19 @@ class Known(Protocol):
     ----------
     image
         The user's layer.
-    records
-        The curves of all frames.
-    patches
-        Reconstructions by frame, the latest last.
     """
 
     image: Image
-    records: tuple[Record, ...]
-    patches: dict[int, Patch]
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The curves of all frames."""
+        ...
+
+    @property
+    def patches(self) -> Mapping[int, Patch]:
+        """Reconstructions by frame, the latest last."""
+        ...
 
 
 def is_result(layer: Layer) -> bool:
@@ -65,6 +69,8 @@ class ResultLayers:
     """The user has changed the layer of curves."""
     toggled = Signal()
     """A layer was shown or hidden."""
+    selected = Signal()
+    """The user has selected other curves in their layer."""
 
     def __init__(self, viewer: ViewerModel, name: str, owner: Known):
         self._viewer = viewer
@@ -72,6 +78,8 @@ class ResultLayers:
         self._name = name
         self._owner = owner
         self._layers: dict[Role, Layer] = {}
+        self._shown: dict[Role, tuple[Curve, ...]] = {}
+        self._written: set[Key] = set()
         self._busy = False
 
     def layer(self, role: Role) -> Layer | None:
@@ -93,7 +101,7 @@ class ResultLayers:
             self._show_curves,
         )
         for step in steps:
-            if self._owner.patches and self._image in self._viewer.layers:
+            if self._image in self._viewer.layers:
                 with self._undisturbed():
                     step()
             yield
@@ -114,15 +122,34 @@ class ResultLayers:
         """Whether the user has removed the layer of curves, and so the results."""
         return "curves" in self._layers and self.layer("curves") is None
 
-    def kept(self) -> frozenset[tuple[int, int]]:
-        """(frame, id) of the curves that are in their layer."""
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted from their layer."""
+        return set() if self.deleted() else self._written - set(self._keys())
+
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the curves that are selected in their layer."""
         layer = self.layer("curves")
-        if not isinstance(layer, Shapes):
-            return frozenset()
-        return frozenset(zip(layer.features["frame"], layer.features["id"], strict=True))
+        chosen = layer.selected_data if isinstance(layer, Shapes) else ()
+        keys = self._keys()
+        return tuple(keys[i] for i in sorted(chosen) if i < len(keys))
+
+    def select(self, keys: Collection[Key]) -> None:
+        """Select curves in their layer."""
+        layer = self.layer("curves")
+        if isinstance(layer, Shapes) and set(keys) != set(self.selection()):
+            with self._undisturbed():
+                layer.selected_data = {i for i, key in enumerate(self._keys()) if key in keys}
+                layer.refresh()
+
+    def _keys(self) -> list[Key]:
+        layer = self.layer("curves")
+        if not isinstance(layer, Shapes) or "id" not in layer.features:
+            return []
+        return list(zip(layer.features["frame"], layer.features["id"], strict=True))
 
     def _ensure(self, role: Role) -> None:
-        if self.layer(role) is None:
+        if self.layer(role) is None and self._owner.records:
+            self._shown.pop(role, None)
             place = placement(self._image)
             self._add(role, Shapes(ndim=self._image.ndim, **self._keywords(role), **place))
 
@@ -144,10 +171,14 @@ class ResultLayers:
         layer = self.layer(role)
         if not isinstance(layer, Shapes):
             return
-        curves = [r.curve for r in records]
-        layer.selected_data = set()
-        layer.remove(list(range(layer.nshapes)))
-        if records:
+        curves = tuple(r.curve for r in records)
+        anew = list(map(id, curves)) != list(map(id, self._shown.get(role, ())))
+        anew = anew or layer.nshapes != len(curves)
+        if anew:
+            self._shown[role] = curves
+            layer.selected_data = set()
+            layer.remove(list(range(layer.nshapes)))
+        if anew and records:
             layer.add(
                 [in_stack(self._image, r.frame, p) for r, p in zip(records, lines, strict=True)],
                 # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
@@ -158,11 +189,16 @@ class ResultLayers:
             )
         layer.features = features(records)
         if role == "curves":
+            self._written = set(self._keys())
             _write_marks(layer, curves)
 
     def _show_reconstruction(self) -> None:
-        film = Film(self._owner.patches, frame_shape(self._image))
         layer = self.layer("reconstruction")
+        if not self._owner.patches:
+            if layer:
+                self._viewer.layers.remove(layer)
+            return
+        film = Film(self._owner.patches, frame_shape(self._image))
         where = self._film_placement(film)
         if isinstance(layer, Image) and layer.data.shape == film.shape:
             layer.data = cast(Any, film)
@@ -203,15 +239,21 @@ class ResultLayers:
         self._layers[role] = layer
         layers.insert(place, layer)
         layer.events.visible.connect(self._on_visible)
-        if role == "curves":
+        if isinstance(layer, Shapes) and role == "curves":
             layer.events.data.connect(self._on_data)
+            layer.selected_data.events.items_changed.connect(self._on_selected)
 
     def _on_visible(self, event: Any) -> None:
         self.toggled.emit()
 
     def _on_data(self, event: Any) -> None:
         if not self._busy and event.action in EDITS:
+            self._shown.pop("curves", None)
             self.edited.emit()
+
+    def _on_selected(self) -> None:
+        if not self._busy:
+            self.selected.emit()
 
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
@@ -228,6 +270,8 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
             "residual": [curve.residual for curve in curves],
             "status": [str(curve.status) for curve in curves],
             "reasons": ["; ".join(curve.reasons) for curve in curves],
+            "review": [str(record.review) for record in records],
+            "locked": [record.locked for record in records],
         }
     )
 

@@ -1,0 +1,51 @@
+"""Bringing layers in step with what is known, a little at a time."""
+
+import logging
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from qtpy.QtCore import QTimer
+
+from napari_splinesketch.plugin.work import Work
+
+_log = logging.getLogger(__name__)
+
+BREATH_MS = 30
+"""Between two steps of drawing results: time for the window to paint and to answer."""
+
+
+class Drawing:
+    """Shows works in their layers, step by step; the window lives in between.
+
+    Parameters
+    ----------
+    failed
+        Called with the exception if a step fails.
+    """
+
+    def __init__(self, failed: Callable[[Exception], None]):
+        self._failed = failed
+        self._steps: dict[Work, Iterator[None]] = {}
+        self._last: dict[Work, list[Callable[[], None]]] = {}
+
+    def start(self, work: Work, last: Callable[[], None]) -> None:
+        """Show what is known, from the first step on; call `last` when all is shown."""
+        running = work in self._steps
+        self._steps[work] = work.layers.show()
+        self._last.setdefault(work, []).append(last)
+        if not running:
+            self._go_on(work)
+
+    def _go_on(self, work: Work) -> None:
+        try:
+            next(self._steps[work])
+        except StopIteration:
+            del self._steps[work]
+            for last in self._last.pop(work):
+                last()
+        except Exception as error:
+            _log.exception("The results could not be shown")
+            del self._steps[work], self._last[work]
+            self._failed(error)
+        else:
+            QTimer.singleShot(BREATH_MS, partial(self._go_on, work))

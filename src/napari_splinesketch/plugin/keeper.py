@@ -1,0 +1,195 @@
+"""What is known, what is selected, and the one door through which it changes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+from napari.components import ViewerModel
+from psygnal import Signal
+from qtpy.QtCore import QTimer
+
+from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.choices import Choices
+from napari_splinesketch.plugin.drawing import Drawing
+from napari_splinesketch.plugin.records import Key, Record, Review, key_of
+from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin.work import Work, works_in
+
+
+@dataclass(frozen=True)
+class Notice:
+    """What the last action came to, where its results do not say it."""
+
+    kind: Literal["none", "done", "cancelled", "failed"] = "none"
+    text: str = ""
+
+
+class Keeper:
+    """Keeps the curves of each image, as the user corrects and judges them.
+
+    Parameters
+    ----------
+    viewer
+        The viewer whose layers are worked on.
+
+    Attributes
+    ----------
+    choices
+        The chosen image and sketches.
+    progress
+        Where what runs stands; None when nothing runs.
+    notice
+        What the last action came to.
+    """
+
+    changed = Signal()
+    """Whoever shows the state should look again."""
+    selected_changed = Signal()
+    """Other curves are selected."""
+
+    def __init__(self, viewer: ViewerModel):
+        self.viewer = viewer
+        self.choices = Choices(viewer)
+        self.progress: Progress | None = None
+        self.notice = Notice()
+        self._selection: tuple[Key, ...] = ()
+        self._drawing = Drawing(self._on_not_shown)
+        self._works = works_in(viewer)
+        for work in self._works:
+            self._attend(work)
+
+    @property
+    def work(self) -> Work | None:
+        """What is known of the chosen image through the chosen sketches."""
+        pair = self.choices.image, self.choices.sketches
+        return next((work for work in self._works if (work.image, work.sketches) == pair), None)
+
+    def records(self, frame: int | None = None) -> tuple[Record, ...]:
+        """Give the curves of a frame, or of all."""
+        records = self.work.records if self.work else ()
+        return tuple(r for r in records if frame is None or r.frame == frame)
+
+    @property
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the selected curves."""
+        known = {key_of(record) for record in self.records()}
+        return tuple(key for key in self._selection if key in known)
+
+    @property
+    def selected(self) -> Key | None:
+        """(frame, id) of the selected curve; None without one, or with several."""
+        return self.selection[0] if len(self.selection) == 1 else None
+
+    @selected.setter
+    def selected(self, key: Key | None) -> None:
+        self.select(() if key is None else (key,))
+
+    def select(self, keys: Iterable[Key]) -> None:
+        """Select curves, here and in their layer."""
+        chosen = tuple(keys)
+        if self.work:
+            self.work.layers.select(chosen)
+        if chosen != self._selection:
+            self._selection = chosen
+            self.selected_changed.emit()
+            self.changed.emit()
+
+    def apply(self, what: str, state: State) -> None:
+        """Put a state in the place of the present one, as a step that can be taken back.
+
+        Every change of what is known goes through here.
+
+        Parameters
+        ----------
+        what
+            What is done, for the tooltip of Undo: "Accept curve 3".
+        state
+            What is known then.
+        """
+        if self.work:
+            self.work.history.apply(what, state)
+            self._show(self.work)
+
+    def undo(self) -> None:
+        """Take back the last step."""
+        self._travel("Undone", "undo")
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._travel("Done again", "redo")
+
+    def review(self, review: Review, *keys: Key) -> None:
+        """Accept, reject or reopen curves, those selected if none are named."""
+        verb = {"accepted": "Accept", "rejected": "Reject", "open": "Reopen"}[review]
+        chosen = keys or self.selection
+        if self.work and chosen:
+            self.apply(f"{verb} {words.curves(chosen)}", self.work.state.reviewed(chosen, review))
+
+    def lock(self, locked: bool, *keys: Key) -> None:
+        """Lock or unlock curves, those selected if none are named."""
+        chosen = keys or self.selection
+        if self.work and chosen:
+            what = f"{'Lock' if locked else 'Unlock'} {words.curves(chosen)}"
+            self.apply(what, self.work.state.locked(chosen, locked))
+
+    def delete(self, *keys: Key) -> None:
+        """Delete curves, those selected if none are named."""
+        chosen = keys or self.selection
+        if self.work and chosen:
+            self.apply(f"Delete {words.curves(chosen)}", self.work.state.without(chosen))
+
+    def restore(self, *keys: Key) -> None:
+        """Bring deleted curves back, the latest if none are named."""
+        deleted = self.work.state.deleted if self.work else ()
+        chosen = keys or tuple(map(key_of, deleted[-1:]))
+        if self.work and chosen:
+            state = self.work.state
+            for key in chosen:
+                state = state.restored(key)
+            self.apply(f"Restore {words.curves(chosen)}", state)
+            self.select(chosen)
+
+    def _attend(self, work: Work) -> None:
+        # Later: napari is still busy with the edit that it tells of.
+        work.layers.toggled.connect(self.changed.emit)
+        work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
+        work.layers.selected.connect(partial(self._on_selected, work))
+
+    def _adopt(self, work: Work) -> None:
+        """Take over what the user deleted among the curves; what she moved goes back."""
+        gone = work.layers.missing() & set(map(key_of, work.records))
+        if gone:
+            work.history.apply(f"Delete {words.curves(sorted(gone))}", work.state.without(gone))
+        elif not self.progress:
+            said = f"Curves are results: draw and move lines in {work.sketches.name!r}."
+            self.notice = Notice("failed", said)
+        self._show(work)
+
+    def _on_selected(self, work: Work) -> None:
+        if work is self.work and work.layers.selection() != self._selection:
+            self._selection = work.layers.selection()
+            self.selected_changed.emit()
+            self.changed.emit()
+
+    def _travel(self, said: str, way: Literal["undo", "redo"]) -> None:
+        if self.work and not self.progress:
+            what = getattr(self.work.history, way)()
+            if what:
+                self.notice = Notice("done", f"{said}: {what[0].lower()}{what[1:]}.")
+                self._show(self.work)
+
+    def _show(self, work: Work) -> None:
+        self.changed.emit()
+        self._drawing.start(work, last=partial(self._on_shown, work))
+
+    def _on_shown(self, work: Work) -> None:
+        if work is self.work:
+            work.layers.select(self.selection)
+        self.changed.emit()
+
+    def _on_not_shown(self, error: Exception) -> None:
+        self.progress = None
+        self.notice = Notice("failed", f"The results could not be shown. {error}")
+        self.changed.emit()

@@ -1,0 +1,90 @@
+"""All that the plugin knows of an image, as one immutable value; what changes it gives another."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+
+from napari_splinesketch.plugin.adapter.film import Patch
+from napari_splinesketch.plugin.engine import Refined
+from napari_splinesketch.plugin.records import Key, Record, Review, key_of, merge
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The curves of an image and what came with them.
+
+    Whatever the plugin shows and the user may want to take back belongs in here: one step of
+    undo is one such value.
+
+    Attributes
+    ----------
+    records
+        The curves of all frames.
+    deleted
+        Curves that the user has deleted, the latest last; their lines are not refined again.
+    patches
+        Reconstructions by frame, the latest last.
+    seconds
+        How long the engine took, by frame.
+    notes
+        What the scene needed and why, by frame.
+    """
+
+    records: tuple[Record, ...] = ()
+    deleted: tuple[Record, ...] = ()
+    patches: Mapping[int, Patch] = field(default_factory=dict)
+    seconds: Mapping[int, float] = field(default_factory=dict)
+    notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+
+    def record(self, key: Key) -> Record | None:
+        """Give a record by frame and id."""
+        return next((record for record in self.records if key_of(record) == key), None)
+
+    def with_records(self, *changed: Record) -> "State":
+        """Put records in the place of those with the same frame and id, or add them."""
+        keys = {key_of(record) for record in changed}
+        kept = [record for record in self.records if key_of(record) not in keys]
+        return replace(self, records=tuple(sorted([*kept, *changed], key=key_of)))
+
+    def reviewed(self, keys: Collection[Key], review: Review) -> "State":
+        """Note what the user says of some curves."""
+        chosen = [record for record in self.records if key_of(record) in keys]
+        return self.with_records(*(replace(record, review=review) for record in chosen))
+
+    def locked(self, keys: Collection[Key], locked: bool) -> "State":
+        """Let some curves stay as they are, or free them."""
+        chosen = [record for record in self.records if key_of(record) in keys]
+        return self.with_records(*(replace(record, locked=locked) for record in chosen))
+
+    def without(self, keys: Collection[Key]) -> "State":
+        """Delete some curves."""
+        gone = tuple(record for record in self.records if key_of(record) in keys)
+        kept = tuple(record for record in self.records if key_of(record) not in keys)
+        return replace(self, records=kept, deleted=(*self.deleted, *gone))
+
+    def restored(self, key: Key) -> "State":
+        """Bring a deleted curve back."""
+        back = [record for record in self.deleted if key_of(record) == key][-1:]
+        left = tuple(record for record in self.deleted if key_of(record) != key)
+        return replace(self.with_records(*back), deleted=left)
+
+    def refined(
+        self, frame: int, fresh: Collection[Record], refined: Refined, *, whole: bool
+    ) -> "State":
+        """Take in the refinement of a frame; `whole` drops its other curves."""
+        keys = {key_of(record) for record in fresh}
+        older = {number: patch for number, patch in self.patches.items() if number != frame}
+        return replace(
+            self,
+            records=merge(self.records, frame, tuple(fresh), whole=whole),
+            deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
+            patches={**older, frame: refined.patch},
+            seconds={**self.seconds, frame: refined.seconds},
+            notes={**self.notes, frame: refined.notes},
+        )
+
+
+def bytes_beside(state: State, other: State) -> int:
+    """Bytes of the pictures that one state holds and another does not."""
+    shared = {id(patch) for patch in other.patches.values()}
+    own = [patch for patch in state.patches.values() if id(patch) not in shared]
+    return sum(patch.pixels.nbytes for patch in own)

@@ -1,0 +1,108 @@
+"""Selecting, judging, deleting, and taking it back, in a real window."""
+
+from typing import Any
+
+import numpy as np
+from qtpy.QtCore import Qt
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, canvas, canvas_point, click, fit_view, refine, until
+
+CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
+
+
+def sketched(viewer: Any) -> Any:
+    rng = np.random.default_rng(0)
+    viewer.add_image(rng.normal(100, 5, (96, 128)).astype(np.float32), name="cells")
+    return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches")
+
+
+def press(viewer: Any, key: Any, modifiers: Any = Qt.KeyboardModifier.NoModifier) -> None:
+    QTest.keyClick(canvas(viewer), key, modifiers)
+
+
+def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: SplinesketchDock) -> None:
+    sketches = sketched(viewer)
+    refine(dock)
+    controller, curves = dock.controller, viewer.layers["cells curves"]
+    assert dock.undo.toolTip() == "Take back the last step (Ctrl+Z): refine 2 curves"
+    controller.review("accepted", (0, 1))
+    controller.lock(True, (0, 2))
+    until(lambda: list(curves.features["review"]) == ["accepted", "open"])
+    until(lambda: list(curves.features["locked"]) == [False, True])
+    viewer.layers.selection.active = curves
+    curves.selected_data = {1}
+    press(viewer, Qt.Key.Key_Delete)
+    until(lambda: curves.nshapes == 1, 20)
+    until(lambda: [r.id for r in controller.records()] == [1], 20)
+    press(viewer, Qt.Key.Key_Z, CONTROL)
+    until(lambda: curves.nshapes == 2, 20)
+    assert controller.records()[1].locked
+    assert "Undone: delete curve 2" in dock.notice.text()
+    press(viewer, Qt.Key.Key_Z, CONTROL | SHIFT)
+    until(lambda: curves.nshapes == 1, 20)
+    click(dock.undo)
+    click(dock.undo)
+    assert not controller.records()[1].locked
+    click(dock.undo)
+    assert controller.records()[0].review == "open"
+    viewer.layers.selection.active = sketches
+    press(viewer, Qt.Key.Key_Z, CONTROL)
+    assert not controller.records()
+    until(lambda: curves.nshapes == 0)
+    assert "cells reconstruction" not in viewer.layers
+    assert not dock.undo.isEnabled()
+    click(dock.redo)
+    until(lambda: curves.nshapes == 2, 20)
+    until(lambda: "cells reconstruction" in viewer.layers)
+
+
+def test_other_layers_keep_their_own_undo(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    refine(dock)
+    labels = viewer.add_labels(np.zeros((96, 128), int), name="painted")
+    labels.paint((5, 5), 1)
+    press(viewer, Qt.Key.Key_Z, CONTROL)
+    assert labels.data[5, 5] == 0
+    assert len(dock.controller.records()) == 2
+    viewer.add_points([[1, 1]], name="other")
+    press(viewer, Qt.Key.Key_Z, CONTROL)
+    assert len(dock.controller.records()) == 2
+    viewer.window.remove_dock_widget(dock)
+    viewer.layers.selection.active = viewer.layers["cells curves"]
+    press(viewer, Qt.Key.Key_Z, CONTROL)
+    assert len(dock.controller.records()) == 2, "a dock that is closed hears no keys"
+
+
+def test_the_selection_is_the_same_everywhere(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    controller, curves = dock.controller, viewer.layers["cells curves"]
+    heard: list[Any] = []
+    controller.selected_changed.connect(lambda: heard.append(controller.selected))
+    controller.selected = (0, 2)
+    assert curves.selected_data == {1}
+    curves.selected_data = {0}
+    assert controller.selected == (0, 1)
+    assert heard == [(0, 2), (0, 1)]
+    controller.select([(0, 1), (0, 2)])
+    assert controller.selected is None
+    assert curves.selected_data == {0, 1}
+    fit_view(viewer)
+    viewer.layers.selection.active = curves
+    curves.mode = "select"
+    QTest.mouseClick(canvas(viewer), Qt.MouseButton.LeftButton, pos=canvas_point(viewer, (20, 40)))
+    assert controller.selected == (0, 1)
+    controller.delete()
+    assert controller.selected is None
+    until(lambda: curves.nshapes == 1, 20)
+    controller.restore()
+    assert controller.selected == (0, 1)
+    until(lambda: curves.nshapes == 2 and curves.selected_data)
+    chosen = list(curves.features["id"])[next(iter(curves.selected_data))]
+    assert chosen == 1
