@@ -57,6 +57,12 @@ def test_the_engine_imports_no_window_and_no_files() -> None:
     assert not imported_by(*names) & GUI
 
 
+def test_tracking_imports_neither_jax_nor_a_window() -> None:
+    names = modules_of("tracking")
+    assert len(names) > 3
+    assert not imported_by(*names) & (GUI | {"jax"})
+
+
 def test_the_command_line_imports_nothing_heavy() -> None:
     assert not imported_by("napari_splinesketch.cli") & (GUI | {"jax", "scipy", "skimage"})
 

@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_there_are_examples_of_every_command() -> None:
     assert {line.split()[1] for line in examples()} == {
-        *("demo", "refine", "suggest", "convert", "compare")
+        *("demo", "refine", "suggest", "track", "convert", "compare")
     }
     assert len(examples()) > 12
 

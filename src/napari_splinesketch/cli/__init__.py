@@ -13,7 +13,8 @@ from napari_splinesketch.cli import report
 from napari_splinesketch.cli.parser import make_parser
 
 if TYPE_CHECKING:
-    from napari_splinesketch.cli.refining import Job, Outcome
+    from napari_splinesketch.cli.outcome import Outcome
+    from napari_splinesketch.cli.refining import Job
 
 BAR = "{percentage:3.0f}% |{bar}| frame {n:.1f} of {total:.0f}, {elapsed} gone, {remaining} to go"
 
@@ -27,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         As on the command line, without the program's name; None takes them from there.
     """
     options = make_parser().parse_args(arguments)
-    commands = {"demo": _demo, "refine": _refine, "suggest": _suggest}
+    commands = {"demo": _demo, "refine": _refine, "suggest": _suggest, "track": _track}
     commands |= {"convert": _convert, "compare": _compare}
     try:
         return commands[options.command](options)
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"napari-splinesketch {options.command}: {_sentence(error)}")
         return report.NOTHING
     except KeyboardInterrupt:
-        kept = options.command in ("refine", "suggest")
+        kept = options.command in ("refine", "suggest", "track")
         _say("interrupted; finished frames are kept: add --resume" if kept else "interrupted")
         return report.INTERRUPTED
 
@@ -69,6 +70,15 @@ def _suggest(options: argparse.Namespace) -> int:
     job = suggesting.SuggestJob(**_given(options, suggesting.SuggestJob))
     with _progress() as progress:
         outcome = suggesting.suggest_job(job, progress)
+    return _tell(options, outcome, job.outputs())
+
+
+def _track(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import tracking
+
+    job = tracking.TrackJob(**_given(options, tracking.TrackJob))
+    with _progress() as progress:
+        outcome = tracking.track_job(job, progress)
     return _tell(options, outcome, job.outputs())
 
 

@@ -24,6 +24,7 @@ and uncertainties.
   napari-splinesketch demo                              look at it, on swimming worms
   napari-splinesketch refine worms.tif lines.csv -o labels.csv
   napari-splinesketch suggest worms.tif -o suggested.csv
+  napari-splinesketch track film.tif film.csv -o labels.csv
   napari-splinesketch convert labels.csv labels.geojson
   napari-splinesketch compare labels.csv truth.csv
 
@@ -32,7 +33,8 @@ Every command explains itself: napari-splinesketch refine --help"""
 EXIT_CODES = """\
 exit codes:
   0    everything was done
-  1    done, but some frames or curves could not be refined; the report says which
+  1    done, but some frames or curves could not be refined, or were lost; the report says
+       which
   2    nothing was done: an option or a file is wrong; the message says which
   130  interrupted; finished frames are kept, and --resume goes on from there"""
 
@@ -59,6 +61,18 @@ first draft: look at them, mend them, then refine. IMAGE is what `refine` takes.
 examples:
   napari-splinesketch suggest worms.tif -o suggested.csv
   napari-splinesketch suggest film.tif -o suggested.shapes.csv --frame 0 --sensitivity 0.7
+
+{EXIT_CODES}"""
+
+TRACK = f"""\
+Refine the sketches of a film's first frame and carry the curves from frame to frame, each under its
+number. Sketches in later frames are refined there: new numbers join, known ones start anew. What
+drifts (its length or width jumps, it lies on another's body) is reported and not trusted; what
+is not found for three frames is lost. VIDEO and SKETCHES are what `refine` takes.
+
+examples:
+  napari-splinesketch track film.tif film.csv -o labels.csv
+  napari-splinesketch track film.tif film.csv -o labels.csv --preset fast --last 1 --resume
 
 {EXIT_CODES}"""
 
@@ -108,6 +122,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_demo(_command(commands, "demo", "look at it, on swimming worms", DEMO))
     _add_refine(_command(commands, "refine", "refine sketches on an image or film", REFINE))
     _add_suggest(_command(commands, "suggest", "suggest sketches on an image or film", SUGGEST))
+    _add_track(_command(commands, "track", "carry sketches through a film", TRACK))
     _add_convert(_command(commands, "convert", "translate labels into another format", CONVERT))
     _add_compare(_command(commands, "compare", "measure labels against the truth", COMPARE))
     return parser
@@ -145,6 +160,20 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
     add("--reconstruction", type=Path, metavar="TIFF", help="also write the image as explained")
     add("--masks", type=Path, metavar="TIFF", help="also write masks: body i has the value i + 1")
     add("--overlay", type=Path, metavar="PNG", help="also draw the curves over the first frame")
+    _add_resume(parser)
+
+
+def _add_track(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("image", metavar="VIDEO")
+    parser.add_argument("sketches", metavar="SKETCHES", type=Path)
+    add = parser.add_argument
+    add(
+        "-o", "--output", type=Path, metavar="LABELS", required=True, help="file of labels to write"
+    )
+    add("--preset", choices=PRESETS, default="balanced", help="speed or accuracy (%(default)s)")
+    add("--last", type=int, metavar="N", help="stop after this frame, from 0")
+    _add_look(parser)
+    _add_pixel_size(parser)
     _add_resume(parser)
 
 

@@ -1,7 +1,7 @@
 """Refining the frames of an image or film, one after another, without losing any."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import numpy as np
 
 import napari_splinesketch
 from napari_splinesketch.cli.images import Frames, open_frames
+from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
 from napari_splinesketch.cli.partial import Partial
 from napari_splinesketch.cli.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.cli.report import CurveReport, FrameReport
@@ -16,8 +17,7 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Polarity, Progress
 from napari_splinesketch.labels import Label, Labels, masks, read_labels, write_labels
 from napari_splinesketch.labels.files import checksum_of_file
-from napari_splinesketch.labels.formats import writer_of
-from napari_splinesketch.labels.provenance import checksum, provenance
+from napari_splinesketch.labels.provenance import checksum
 
 Report = Callable[[float, int], None]
 """Told how many frames are done, counting part of the one being refined, and how many to do."""
@@ -50,22 +50,6 @@ class Job:
         """Give every file that the job writes."""
         yield self.output
         yield from (p for p in (self.reconstruction, self.masks, self.overlay) if p)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What `refine_job` did.
-
-    Attributes
-    ----------
-    frames
-        A report of each frame that has sketches.
-    notes
-        What was left out of the sketches, or could not be written into the labels.
-    """
-
-    frames: tuple[FrameReport, ...]
-    notes: tuple[str, ...]
 
 
 def refine_job(job: Job, report: Report) -> Outcome:
@@ -103,18 +87,6 @@ def check_outputs(job: Job) -> None:
     for path, endings in ((job.reconstruction, TIFF), (job.masks, TIFF), (job.overlay, PICTURE)):
         if path and path.suffix.lower() not in endings:
             raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
-
-
-def check_files(labels: Path, outputs: Sequence[Path], *, overwrite: bool) -> None:
-    """Refuse outputs that cannot be written, of which `labels` is the file of labels."""
-    writer_of(labels)
-    for path in outputs:
-        if not path.parent.is_dir():
-            raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
-        if path.exists() and not overwrite:
-            raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
-    if len({path.resolve() for path in outputs}) < len(outputs):
-        raise ValueError("two outputs have the same name; give each its own")
 
 
 def _settings(job: Job, images: Frames) -> dict[str, object]:
@@ -171,12 +143,6 @@ def _refine_frame(
     return finished
 
 
-def words(error: Exception) -> str:
-    """Say why a frame could not be worked on, in one line."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
-
-
 def _failed(sketch: Label) -> Label:
     """Give a sketch as drawn, as `refine` does with one that cannot be refined."""
     unknown = np.full(len(sketch.points), np.nan)
@@ -188,59 +154,29 @@ def _write(
     job: Job, images: Frames, partial: Partial, reports: list[FrameReport], sketches: Labels
 ) -> tuple[str, ...]:
     """Write all outputs from the finished frames; say what the labels' format cannot hold."""
-    done = [r.frame for r in reports if r.error is None]
-    first = images[done[0]] if done else None
-    scale, units = _scale(job, images, sketches)
-    labels = Labels(
-        tuple(label for r in reports for label in partial.labels(r.frame).labels),
-        scale,
-        units,
-        first.shape if first is not None else None,
-        _provenance(job, images, reports, first),
+    options = {
+        "polarity": job.polarity,
+        "half_width": job.half_width,
+        "seed": job.seed,
+        "sketches": job.sketches.name,
+    }
+    labels = gather(
+        job, images, partial, reports, preset=job.preset, options=options, sketches=sketches
     )
     losses = write_labels(job.output, labels, overwrite=job.overwrite)
     if job.masks:
         masks.write(job.masks, labels, overwrite=job.overwrite)
-    if job.reconstruction and first is not None:
+    done = [r.frame for r in reports if r.error is None]
+    if job.reconstruction and labels.shape:
         pages = (partial.reconstruction(frame) for frame in done)
         write_reconstruction(
             job.reconstruction,
             (page for page in pages if page is not None),
-            first.shape,
+            labels.shape,
             done,
             overwrite=job.overwrite,
         )
-    if job.overlay and first is not None:
+    if job.overlay and done:
         drawn = [label for label in labels.labels if label.frame == done[0]]
-        write_overlay(job.overlay, first, drawn, overwrite=job.overwrite)
+        write_overlay(job.overlay, images[done[0]], drawn, overwrite=job.overwrite)
     return losses
-
-
-def _scale(
-    job: Job, images: Frames, sketches: Labels
-) -> tuple[tuple[float, float] | None, str | None]:
-    if job.scale:
-        return job.scale, job.units
-    if images.scale:
-        return images.scale, images.units
-    return sketches.scale, sketches.units
-
-
-def _provenance(
-    job: Job, images: Frames, reports: list[FrameReport], first: np.ndarray | None
-) -> dict[str, object]:
-    if first is None:
-        return {}
-    return provenance(
-        image=images.name,
-        shape=first.shape,
-        dtype=str(first.dtype),
-        checksums={r.frame: r.sha256 for r in reports if r.sha256},
-        preset=job.preset,
-        options={
-            "polarity": job.polarity,
-            "half_width": job.half_width,
-            "seed": job.seed,
-            "sketches": job.sketches.name,
-        },
-    )

@@ -10,6 +10,9 @@ from napari_splinesketch.engine.types import Curve
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
+TRACKING = ("drift", "missing", "lost")
+OTHER = ("sketch", *TRACKING)
+"""What is counted only where it occurs."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,9 @@ class CurveReport:
     sd
         Median standard error along the normal.
     status
-        "good", "check" or "failed"; "sketch" for a line that was only suggested.
+        "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body that is
+        tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
+        where it is not looked for any more.
     reasons
         Why the status is not "good".
     """
@@ -88,7 +93,7 @@ class FrameReport:
 
 def exit_code(frames: Sequence[FrameReport]) -> int:
     """Say whether every frame and curve could be refined."""
-    failed = any(frame.error or "failed" in _counts(frame) for frame in frames)
+    failed = any(frame.error or {"failed", "lost"} & set(_counts(frame)) for frame in frames)
     return FAILURES if failed else DONE
 
 
@@ -117,6 +122,7 @@ def summary(frames: Sequence[FrameReport]) -> str:
     text = ", ".join(f"{total[key]} {key}" for key in ("good", "check", "failed"))
     if "sketch" in total:
         text = f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
+    text += "".join(f", {total[key]} {key}" for key in TRACKING if key in total)
     lost = total["frames not refined"]
     if lost:
         text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
@@ -133,7 +139,7 @@ def _total(frames: Sequence[FrameReport]) -> dict[str, int]:
     statuses = sum((_counts(frame) for frame in frames), Counter())
     return {
         **{status: statuses[status] for status in ("good", "check", "failed")},
-        **({"sketch": statuses["sketch"]} if "sketch" in statuses else {}),
+        **{status: statuses[status] for status in OTHER if status in statuses},
         "frames not refined": sum(frame.error is not None for frame in frames),
     }
 

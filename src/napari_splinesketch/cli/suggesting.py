@@ -5,16 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 import napari_splinesketch
 from napari_splinesketch.cli.images import Frames, ImageError, open_frames
+from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
 from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.refining import Outcome, check_files, words
 from napari_splinesketch.cli.report import CurveReport, FrameReport
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.labels import Label, Labels, write_labels
-from napari_splinesketch.labels.provenance import checksum, provenance
+from napari_splinesketch.labels.provenance import checksum
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,14 @@ def suggest_job(job: SuggestJob, report: Callable[[float, int], None]) -> Outcom
         for frame in frames:
             reports.append(partial.done(frame) or _suggest_frame(job, images, frame, partial))
             report(len(reports), len(frames))
-        losses = _write(job, images, partial, reports)
+        options = {
+            "command": "suggest",
+            "sensitivity": job.sensitivity,
+            "polarity": job.polarity,
+            "half_width": job.half_width,
+        }
+        labels = gather(job, images, partial, reports, preset="", options=options)
+        losses = write_labels(job.output, labels, overwrite=job.overwrite)
     partial.remove()
     return Outcome(tuple(reports), losses)
 
@@ -93,29 +98,3 @@ def _suggest_frame(job: SuggestJob, images: Frames, frame: int, partial: Partial
     finished = FrameReport(frame, curves, error, seconds, digest)
     partial.save(finished, Labels(labels), None)
     return finished
-
-
-def _write(
-    job: SuggestJob, images: Frames, partial: Partial, reports: list[FrameReport]
-) -> tuple[str, ...]:
-    labels = tuple(label for r in reports for label in partial.labels(r.frame).labels)
-    scale, units = (job.scale, job.units) if job.scale else (images.scale, images.units)
-    done = [r.frame for r in reports if r.error is None]
-    first: np.ndarray | None = images[done[0]] if done else None
-    if first is None:
-        return write_labels(job.output, Labels(labels, scale, units), overwrite=job.overwrite)
-    source = provenance(
-        image=images.name,
-        shape=first.shape,
-        dtype=str(first.dtype),
-        checksums={r.frame: r.sha256 for r in reports if r.sha256},
-        preset="",
-        options={
-            "command": "suggest",
-            "sensitivity": job.sensitivity,
-            "polarity": job.polarity,
-            "half_width": job.half_width,
-        },
-    )
-    values = Labels(labels, scale, units, first.shape, source)
-    return write_labels(job.output, values, overwrite=job.overwrite)

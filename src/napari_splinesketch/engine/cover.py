@@ -38,6 +38,8 @@ SHORTEST = 8.0
 """Chains shorter than this many half-widths tell nothing of the usual length."""
 ROUTES = 300
 """Most paths looked at from each node and side."""
+ALL_ROUTES = 20_000
+"""The same from all nodes of one connected part."""
 SAMPLES = 24
 SECONDS = 5.0
 """Longest search for the best set in one connected part of the graph."""
@@ -133,10 +135,12 @@ def _routes(
         for side in (0, 1):
             leaving.setdefault(ends[piece][side], []).append((piece, side))
     seen: set[frozenset[int]] = set()
-    for step in [s for steps in leaving.values() for s in steps if not bridges[s[0]]]:
+    starts = [s for steps in leaving.values() for s in steps if not bridges[s[0]]]
+    budget = min(ROUTES, ALL_ROUTES // max(len(starts), 1) + 1)
+    for step in starts:
         queue: deque[tuple[Route, Route, float, list[float]]] = deque()
         queue.append(((step[0],), (step[1],), lengths[step[0]], []))
-        for _ in range(ROUTES):
+        for _ in range(budget):
             if not queue:
                 break
             route, sides, length, heading = queue.popleft()

@@ -1,0 +1,215 @@
+"""Tracking bodies through a film, from the frames that have sketches."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial as bind
+from pathlib import Path
+
+import numpy as np
+
+import napari_splinesketch
+from napari_splinesketch.cli.images import Frames, ImageError, open_frames
+from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
+from napari_splinesketch.cli.partial import Partial
+from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.types import Curve, Polarity, Progress, Refinement
+from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+from napari_splinesketch.labels.files import checksum_of_file
+from napari_splinesketch.labels.provenance import checksum
+from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
+
+DRIFT, MISSING, LOST = "drift", "missing", "lost"
+"""What a report says of a body that tracking does not trust, or does not find."""
+
+
+@dataclass(frozen=True)
+class TrackJob:
+    """What `track` was asked for; the attributes are the command's options."""
+
+    image: str
+    sketches: Path
+    output: Path
+    preset: PresetName = "balanced"
+    polarity: Polarity = "auto"
+    half_width: float | None = None
+    last: int | None = None
+    channel: int | None = None
+    z: int | None = None
+    scale: tuple[float, float] | None = None
+    units: str | None = None
+    resume: bool = False
+    overwrite: bool = False
+
+    def outputs(self) -> tuple[Path]:
+        """Give every file that the job writes."""
+        return (self.output,)
+
+
+def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
+    """Refine the sketches, carry the curves to the last frame, and write them all.
+
+    Sketches in later frames are refined there: new numbers join, known ones start anew. A frame
+    that cannot be read or refined is reported, and the bodies are looked for in the next one.
+    """
+    check_files(job.output, job.outputs(), overwrite=job.overwrite)
+    sketches = read_labels(job.sketches)
+    drawn: dict[int, list[Label]] = {}
+    for label in sketches.labels:
+        drawn.setdefault(label.frame, []).append(label)
+    if not drawn:
+        raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
+    with open_frames(job.image, channel=job.channel, z=job.z) as images:
+        frames = _frames(job, images, min(drawn))
+        partial = Partial(job.output, _settings(job, images), resume=job.resume)
+        bodies: dict[int, Body] = {}
+        reports = []
+        for frame in frames:
+            done = partial.done(frame)
+            if done is None:
+                tell = bind(_tell, report, len(reports), len(frames))
+                done = _track_frame(job, images, frame, drawn.get(frame, []), bodies, partial, tell)
+            reports.append(done)
+            bodies = _after(bodies, done, partial.labels(frame), drawn.get(frame, []))
+            report(len(reports), len(frames))
+        options = {
+            "command": "track",
+            "polarity": job.polarity,
+            "half_width": job.half_width,
+            "sketches": job.sketches.name,
+        }
+        labels = gather(
+            job, images, partial, reports, preset=job.preset, options=options, sketches=sketches
+        )
+        losses = write_labels(job.output, labels, overwrite=job.overwrite)
+    partial.remove()
+    return Outcome(tuple(reports), (*sketches.notes, *losses))
+
+
+def _frames(job: TrackJob, images: Frames, first: int) -> range:
+    last = images.count - 1 if job.last is None else job.last
+    if not 0 <= first <= last < images.count:
+        raise ImageError(
+            f"there is no way from frame {first}, the first with sketches, to frame {last}: "
+            f"{images.name} has {images.count}, counted from 0"
+        )
+    return range(first, last + 1)
+
+
+def _settings(job: TrackJob, images: Frames) -> dict[str, object]:
+    return {
+        "version": napari_splinesketch.__version__,
+        "command": "track",
+        "image": [images.name, images.count],
+        "sketches": checksum_of_file(job.sketches),
+        "preset": job.preset,
+        "polarity": job.polarity,
+        "half-width": job.half_width,
+        "last": job.last,
+        "channel": job.channel,
+        "z": job.z,
+    }
+
+
+def _tell(report: Callable[[float, int], None], done: int, count: int, progress: Progress) -> None:
+    report(done + 0.99 * progress.fraction, count)
+
+
+def _track_frame(
+    job: TrackJob,
+    images: Frames,
+    frame: int,
+    drawn: list[Label],
+    bodies: Mapping[int, Body],
+    partial: Partial,
+    report: Callable[[Progress], None],
+) -> FrameReport:
+    """Refine the frame's sketches, then place the bodies of the frames before; keep both."""
+    began, digest = time.perf_counter(), None
+    curves: dict[int, Curve] = {}
+    tracked = Tracked(frame)
+    try:
+        image = images[frame]
+        digest = checksum(image)
+        if drawn:
+            lines = [label.points for label in drawn]
+            result = _refine(job, image, lines, job.preset, fixed=(), on_progress=report)
+            curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
+        good = {number: c for number, c in curves.items() if c.status != "failed"}
+        (tracked,) = follow(
+            [frame],
+            [body for number, body in bodies.items() if number not in curves],
+            lambda _, lines: View(image),
+            refine=bind(_refine, job),
+            preset=job.preset,
+            given=lambda _: Given(good),
+            on_progress=lambda progress: report(progress),
+        )
+        error = tracked.error or None
+    except Exception as reason:  # one bad frame must not stop the others
+        error = words(reason)
+    curves |= dict(zip(tracked.ids, tracked.curves, strict=True))
+    seconds = round(time.perf_counter() - began, 3)
+    finished = FrameReport(frame, _reports(curves, tracked), error, seconds, digest)
+    partial.save(
+        finished, Labels.from_curves(tuple(curves.values()), frame=frame, ids=curves), None
+    )
+    return finished
+
+
+def _refine(
+    job: TrackJob,
+    image: np.ndarray,
+    lines: Sequence[np.ndarray],
+    preset: PresetName,
+    /,
+    **options: object,
+) -> Refinement:
+    return napari_splinesketch.refine(
+        image,
+        lines,
+        preset,
+        polarity=job.polarity,
+        half_width=job.half_width,
+        **options,  # pyright: ignore[reportArgumentType]
+    )
+
+
+def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:
+    """Report every body, those without a curve too."""
+    placed = [CurveReport.of(curve, number) for number, curve in curves.items()]
+    here = [replace(r, status=DRIFT) if r.curve in tracked.drifting else r for r in placed]
+    gone = [
+        CurveReport(number, 0.0, None, None, LOST if number in tracked.lost else MISSING, (why,))
+        for number, why in tracked.missing.items()
+    ]
+    return (*here, *gone)
+
+
+def _after(
+    bodies: Mapping[int, Body], done: FrameReport, labels: Labels, drawn: list[Label]
+) -> dict[int, Body]:
+    """Give the bodies as they are known after a frame, which may come from an earlier run."""
+    curves = {label.curve: _curve(label) for label in labels.labels if label.status != "failed"}
+    status = {report.curve: report for report in done.curves}
+    anew = {label.curve for label in drawn}
+    given = {number: curve for number, curve in curves.items() if number in anew}
+    placed = {number: curve for number, curve in curves.items() if number not in anew}
+    tracked = Tracked(
+        done.frame,
+        ids=tuple(placed),
+        sketches=tuple(curve.points for curve in placed.values()),
+        curves=tuple(placed.values()),
+        drifting=frozenset(n for n in placed if status[n].status == DRIFT),
+        missing={n: "" for n, r in status.items() if r.status in (MISSING, LOST) and n in bodies},
+        lost=frozenset(n for n, r in status.items() if r.status == LOST),
+    )
+    return after(bodies, tracked, Given(given))
+
+
+def _curve(label: Label) -> Curve:
+    """As much of a curve as its label keeps."""
+    knots = np.column_stack([label.points, label.half_width])
+    status = "check" if label.status == "check" else "good"
+    return Curve(knots, label.points, label.half_width, label.sd, status, (), float("nan"))

@@ -1,0 +1,7 @@
+"""Bodies through time: carried from frame to frame, each under its own number."""
+
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.follow import after, follow
+from napari_splinesketch.tracking.types import NOTHING_GIVEN, Given, Tracked, View
+
+__all__ = ["NOTHING_GIVEN", "Body", "Given", "Tracked", "View", "after", "follow"]

@@ -1,0 +1,84 @@
+"""What speaks against a curve being the body that it was carried over from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+
+from napari_splinesketch.engine.spline import resample
+from napari_splinesketch.engine.types import Array, Curve, Refinement
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.types import Line, View
+
+LONGER = 1.3
+"""Factor by which a body's length may change from what it usually is."""
+WIDER = 0.6
+THIN = 1.5
+"""Share of its half-width by which that may change; of thin bodies it is not known better, px."""
+JUMP = 0.35
+"""Mean distance from where it was expected, as a share of the body's length."""
+FAINT = 0.35
+"""Brightness along the curve, as a share of the bodies' contrast, below which nothing is there."""
+SAME = 0.6
+"""Half-widths between curves that lie on one body ..."""
+ALONG = 0.5
+"""... for this share of the length of one of them."""
+
+
+def doubts(body: Body, curve: Curve, expected: Line) -> list[str]:
+    """Say what looks unlike the body so far, in words for the user."""
+    found = []
+    usual = body.length
+    if not usual / LONGER < curve.length < usual * LONGER:
+        found.append(f"its length jumped from {usual:.0f} to {curve.length:.0f} px")
+    before, now = body.half_width, float(np.median(curve.half_width))
+    if np.isfinite(before) and abs(now - before) > max(WIDER * before, THIN):
+        found.append(f"its half-width jumped from {before:.1f} to {now:.1f} px")
+    apart = distance(curve.points, expected)
+    if apart > JUMP * usual:
+        found.append(f"it jumped by {apart:.0f} px")
+    return found
+
+
+def distance(a: Line, b: Line) -> float:
+    """Mean distance of two lines that run the same way, px."""
+    count = max(len(a), len(b))
+    return float(np.linalg.norm(resample(a, count) - resample(b, count), axis=1).mean())
+
+
+def nothing_there(curves: Sequence[Curve], view: View, refinement: Refinement) -> list[bool]:
+    """Say of each curve, px of the view, whether the image shows hardly anything along it."""
+    pixels = np.nan_to_num(view.pixels.astype(float) - refinement.background)
+    smooth = ndimage.gaussian_filter(pixels, 0.5)
+    contrast = refinement.model.contrast
+    sign = 1.0 if refinement.model.polarity == "bright" else -1.0
+    scale = sign * max(abs(contrast), 1e-30)
+    return [
+        float(np.median(ndimage.map_coordinates(smooth, c.points.T, order=1))) / scale < FAINT
+        for c in curves
+    ]
+
+
+def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
+    """Positions of curves that run along another for much of their length, with the other's."""
+    found = {}
+    low = np.array([c.points.min(0) for c in curves]).reshape(-1, 2)
+    high = np.array([c.points.max(0) for c in curves]).reshape(-1, 2)
+    for i, curve in enumerate(curves):
+        reach = SAME * _half_width(curve)
+        meets = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        for j in np.flatnonzero(meets).tolist():
+            if i != j and _share(curve.points, curves[j].points, reach) > ALONG:
+                found[i] = j
+    return found
+
+
+def _half_width(curve: Curve) -> float:
+    width = float(np.median(curve.half_width))
+    return width if np.isfinite(width) else 1.0
+
+
+def _share(a: Float[Array, "N 2"], b: Float[Array, "M 2"], reach: float) -> float:
+    apart = np.linalg.norm(a[::4, None] - b[None, ::2], axis=2).min(1)
+    return float((apart < reach).mean())

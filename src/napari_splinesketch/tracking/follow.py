@@ -1,0 +1,183 @@
+"""Frame after frame: carry the bodies over, refine, doubt, look again."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.types import Curve, OnProgress, Progress
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.search import Cancelled, Found, Search
+from napari_splinesketch.tracking.types import (
+    NOTHING_GIVEN,
+    Given,
+    Line,
+    Read,
+    Refine,
+    Tracked,
+    View,
+)
+
+NOTHING = "nothing like it is there"
+PATIENCE = 2
+"""Frames for which a body that cannot be trusted is looked for where it was last."""
+OUTSIDE = 0.5
+"""Share of a body beyond the image's border with which it has left."""
+
+
+def follow(
+    frames: Sequence[int],
+    start: Iterable[Body],
+    read: Read,
+    *,
+    refine: Refine | None = None,
+    preset: PresetName = "balanced",
+    given: Callable[[int], Given] = lambda frame: NOTHING_GIVEN,
+    on_progress: OnProgress | None = None,
+) -> Iterator[Tracked]:
+    """Track bodies through frames, giving each frame as it is done.
+
+    Parameters
+    ----------
+    frames
+        Numbers of the frames to go to, in that order: forwards or backwards.
+    start
+        The bodies as they are known before.
+    read
+        Reads a frame.
+    refine
+        Refines sketches; None takes the engine.
+    preset
+        How much work to do.
+    given
+        What stays as it is in a frame: it is not refined again, and tracking goes on from there.
+    on_progress
+        Called with a `Progress` now and then; returning False ends the tracking, without the
+        frame that is being worked on.
+
+    Yields
+    ------
+    A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
+    """
+    bodies = {body.id: body for body in start}
+    step = _Step(read, refine or _engine(), preset)
+    for done, frame in enumerate(frames):
+        report = partial(_report, on_progress, frame, done, len(frames))
+        try:
+            report(Progress("reading the image", 0.0))
+            result = step(frame, bodies, given(frame), report)
+        except Cancelled:
+            return
+        bodies = after(bodies, result, given(frame))
+        yield result
+
+
+def _engine() -> Refine:
+    from napari_splinesketch.engine.refine import refine
+
+    return refine  # pyright: ignore[reportReturnType]
+
+
+def _report(
+    on_progress: OnProgress | None, frame: int, done: int, count: int, progress: Progress
+) -> bool:
+    if on_progress is None:
+        return True
+    fraction = (done + progress.fraction) / count
+    if on_progress(Progress(f"frame {frame}: {progress.stage}", fraction)) is False:
+        raise Cancelled
+    return True
+
+
+def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int, Body]:
+    """Give the bodies as they are known after a frame."""
+    known = dict(bodies)
+    for number, curve in given.curves.items():
+        known[number] = known.get(number, Body(number, ())).with_curve(result.frame, curve)
+    for number, curve in zip(result.ids, result.curves, strict=True):
+        body = known[number]
+        trusted = number not in result.drifting
+        known[number] = body.with_curve(result.frame, curve) if trusted else body.missed()
+    for number in result.missing:
+        known[number] = known[number].missed()
+    return {number: body for number, body in known.items() if number not in result.lost}
+
+
+class _Step:
+    """Places all bodies in one frame."""
+
+    def __init__(self, read: Read, refine: Refine, preset: PresetName):
+        self._read, self._refine = read, refine
+        self._preset: PresetName = preset
+
+    def __call__(
+        self, frame: int, bodies: Mapping[int, Body], given: Given, report: OnProgress
+    ) -> Tracked:
+        kept = tuple(given.curves)
+        wanted = [body for body in bodies.values() if body.id not in given.curves]
+        if given.whole or not wanted:
+            missing = {body.id: "the frame stays as it is" for body in wanted}
+            return Tracked(frame, given=kept, missing=missing)
+        expected = {body.id: body.expected(frame) for body in wanted}
+        try:
+            view = self._read(frame, list(expected.values()))
+            inside = [body for body in wanted if _inside(view, expected[body.id])]
+            search = Search(view, expected, given.curves, self._refine, self._preset, report)
+            found = search(inside) if inside else {}
+        except Cancelled:
+            raise
+        except Exception as error:  # one bad frame must not stop the others
+            said = " ".join(str(error).split())
+            said = said if isinstance(error, ValueError) else f"{type(error).__name__}: {said}"
+            return Tracked(frame, given=kept, error=said)
+        gone = {body.id: "it left the image" for body in wanted if body not in inside}
+        return replace(
+            _judged(frame, inside, found, gone),
+            given=kept,
+            refinement=search.refinement,
+            view=view,
+        )
+
+
+def _judged(
+    frame: int, bodies: Sequence[Body], found: Mapping[int, Found], gone: Mapping[int, str]
+) -> Tracked:
+    """Sort what was found into trusted, drifting, missing and lost."""
+    missing, lost = dict(gone), set(gone)
+    here, drifting = [], set()
+    for body in bodies:
+        one = found[body.id]
+        why = "; ".join(one.said) or NOTHING
+        given_up = body.misses >= PATIENCE and not one.trusted
+        if given_up:
+            lost.add(body.id)
+        if given_up or one.empty:
+            missing[body.id] = why
+            continue
+        here.append(one)
+        if one.said:
+            drifting.add(body.id)
+    return Tracked(
+        frame,
+        tuple(one.id for one in here),
+        tuple(one.sketch for one in here),
+        tuple(_doubted(one.curve, one.said) for one in here),
+        frozenset(drifting),
+        missing,
+        frozenset(lost),
+    )
+
+
+def _inside(view: View, line: Line) -> bool:
+    points = view.place.to_block(line)
+    outside = ((points < 0) | (points > np.array(view.pixels.shape) - 1)).any(1)
+    return float(outside.mean()) <= OUTSIDE
+
+
+def _doubted(curve: Curve, said: Sequence[str]) -> Curve:
+    if not said:
+        return curve
+    reasons = tuple(r for r in curve.reasons if "same body" not in r)
+    return replace(curve, status="check", reasons=(*said, *reasons))

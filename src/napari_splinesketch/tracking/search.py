@@ -1,0 +1,184 @@
+"""Placing the bodies of one frame: first where they are expected, then wherever they may be."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from napari_splinesketch.engine.settings import SETTINGS, PresetName, Settings
+from napari_splinesketch.engine.types import (
+    CANCELLED,
+    Curve,
+    OnProgress,
+    Polarity,
+    Progress,
+    Refinement,
+)
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import doubts, nothing_there, on_one_body
+from napari_splinesketch.tracking.placing import place
+from napari_splinesketch.tracking.types import Line, Refine, View
+
+LOCAL = replace(SETTINGS["balanced"], weigh=0)
+"""Without a search through the traces: the nearest body is the one."""
+SHARES = (0.0, 0.6, 0.75, 0.9)
+"""Progress at which each attempt begins."""
+
+
+class Cancelled(Exception):
+    """The user does not want any more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a body was found.
+
+    Attributes
+    ----------
+    id
+        Its number.
+    sketch
+        Where it was looked for, px of the image.
+    curve
+        What came of it, px of the image.
+    said
+        What speaks against it.
+    empty
+        Whether hardly anything is there.
+    """
+
+    id: int
+    sketch: Line
+    curve: Curve
+    said: tuple[str, ...]
+    empty: bool
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.said and not self.empty
+
+    @property
+    def score(self) -> int:
+        """How much speaks against it."""
+        return len(self.said) + 3 * self.empty
+
+
+class Search:
+    """Places bodies in one frame, those in doubt again and otherwise.
+
+    Parameters
+    ----------
+    view
+        The frame.
+    expected
+        Where each body is expected, by number, px of the image.
+    given
+        Curves that stay as they are, by number, px of the image.
+    refine, preset
+        How sketches are refined.
+    report
+        Told of progress; raises `Cancelled`.
+    """
+
+    def __init__(
+        self,
+        view: View,
+        expected: Mapping[int, Line],
+        given: Mapping[int, Curve],
+        refine: Refine,
+        preset: PresetName,
+        report: OnProgress,
+    ):
+        self.refinement: Refinement | None = None
+        self._view, self._expected, self._given = view, expected, given
+        self._refine, self._report = refine, report
+        self._preset: PresetName = preset
+
+    def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
+        """Place the bodies; gives what was found by number."""
+        found: dict[int, Found] = {}
+        self._attempt(0, bodies, self._expected, self._preset, found)
+        attempts: list[tuple[PresetName | Settings, Callable[[Sequence[Body]], dict[int, Line]]]]
+        attempts = [
+            (self._preset, self._as_expected),
+            (LOCAL, self._as_expected),
+            (self._preset, lambda doubted: self._as_suggested(doubted, found)),
+        ]
+        for number, (preset, choose) in enumerate(attempts, start=1):
+            doubted = [body for body in bodies if not found[body.id].trusted]
+            # The first attempt was the same if there was nobody else to get out of the way.
+            if doubted and (number > 1 or len(doubted) < len(bodies)):
+                self._attempt(number, doubted, choose(doubted), preset, found)
+        return found
+
+    def _as_expected(self, bodies: Sequence[Body]) -> dict[int, Line]:
+        return {body.id: self._expected[body.id] for body in bodies}
+
+    def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
+        """What the image itself suggests for bodies in doubt."""
+        from napari_splinesketch.engine.suggest import suggest
+
+        polarity: Polarity = self.refinement.model.polarity if self.refinement else "auto"
+        to_image = self._view.place.to_image
+        lines = [to_image(line) for line in suggest(self._view.pixels, polarity=polarity)]
+        placed = [curve.points for curve in self._given.values()]
+        placed += [one.curve.points for one in found.values() if one.trusted]
+        return place(bodies, self._expected, lines, placed)
+
+    def _attempt(
+        self,
+        number: int,
+        bodies: Sequence[Body],
+        lines: Mapping[int, Line],
+        preset: PresetName | Settings,
+        found: dict[int, Found],
+    ) -> None:
+        """Refine the lines of some bodies among the others; keep what is better than before."""
+        bodies = [body for body in bodies if body.id in lines]
+        if not bodies:
+            return
+        tried = {body.id for body in bodies}
+        others = [one for one in found.values() if one.id not in tried]
+        fixed = [*self._given.values(), *(one.curve for one in others if not one.empty)]
+        refinement = self._refined([lines[b.id] for b in bodies], fixed, preset, number)
+        curves = [self._view.place.curve_to_image(curve) for curve in refinement.curves]
+        around = {**self._given, **{one.id: one.curve for one in others}}
+        shared = on_one_body([*curves, *around.values()])
+        names = [body.id for body in bodies] + list(around)
+        empty = nothing_there(refinement.curves, self._view, refinement)
+        better = False
+        for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
+            said = doubts(body, curve, self._expected[body.id])
+            if i in shared:
+                said.append(f"it lies on the same body as curve {names[shared[i]]}")
+            failed = curve.status == "failed"
+            one = Found(body.id, lines[body.id], curve, tuple(said), empty[i] or failed)
+            if body.id not in found or one.score < found[body.id].score:
+                found[body.id] = one
+                better = True
+        if better:
+            self.refinement = refinement
+
+    def _refined(
+        self,
+        lines: Sequence[Line],
+        fixed: Sequence[Curve],
+        preset: PresetName | Settings,
+        number: int,
+    ) -> Refinement:
+        place_ = self._view.place
+        begin, end = (*SHARES, 1.0)[number : number + 2]
+
+        def report(progress: Progress) -> bool | None:
+            fraction = begin + (end - begin) * progress.fraction
+            return self._report(replace(progress, fraction=fraction))
+
+        refinement = self._refine(
+            self._view.pixels,
+            [place_.to_block(line) for line in lines],
+            preset,
+            fixed=[place_.curve_to_block(curve) for curve in fixed],
+            on_progress=report,
+        )
+        if all(CANCELLED in curve.reasons for curve in refinement.curves):
+            raise Cancelled
+        return refinement

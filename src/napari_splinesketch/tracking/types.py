@@ -1,0 +1,149 @@
+"""What tracking takes and gives: immutable values, free of JAX, Qt and files."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from napari_splinesketch.engine.types import Array, Curve, OnProgress, Refinement
+
+Line = Float[Array, "N 2"]
+
+
+class Place(Protocol):
+    """Where pixels that were read lie in their image."""
+
+    def to_image(self, points: Line, /) -> Line:
+        """Take (row, col) of the pixels to the image's."""
+        ...
+
+    def to_block(self, points: Line, /) -> Line:
+        """Take (row, col) of the image to the pixels'."""
+        ...
+
+    def curve_to_image(self, curve: Curve, /) -> Curve:
+        """Take a curve of the pixels to the image."""
+        ...
+
+    def curve_to_block(self, curve: Curve, /) -> Curve:
+        """Take a curve of the image to the pixels."""
+        ...
+
+
+class Whole:
+    """The place of a frame that was read whole."""
+
+    def to_image(self, points: Line) -> Line:
+        """Give the points as they are."""
+        return points
+
+    def to_block(self, points: Line) -> Line:
+        """Give the points as they are."""
+        return points
+
+    def curve_to_image(self, curve: Curve) -> Curve:
+        """Give the curve as it is."""
+        return curve
+
+    def curve_to_block(self, curve: Curve) -> Curve:
+        """Give the curve as it is."""
+        return curve
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What was read of a frame.
+
+    Attributes
+    ----------
+    pixels
+        (H, W), grey.
+    place
+        Where they lie in the image.
+    """
+
+    pixels: Real[np.ndarray, "H W"]
+    place: Place = field(default_factory=Whole)
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What stays as it is in a frame.
+
+    Attributes
+    ----------
+    curves
+        Curves by number, px of the image; tracking goes on from them.
+    whole
+        Whether they are all there is: then nothing is added to the frame.
+    """
+
+    curves: Mapping[int, Curve] = field(default_factory=dict)
+    whole: bool = False
+
+
+NOTHING_GIVEN = Given()
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What came of one frame.
+
+    Attributes
+    ----------
+    frame
+        Its number.
+    ids
+        Numbers of the bodies that were placed, without the given ones.
+    sketches
+        Where each was looked for, px of the image.
+    curves
+        One for each number; "check" with the reason where it drifts.
+    drifting
+        Numbers of the bodies whose curves are not trusted: the next frame does not start there.
+    missing
+        Why a body has no curve here, by number.
+    lost
+        Those of the missing that are not looked for any more.
+    given
+        Numbers of the curves that stay as they are.
+    refinement, view
+        What the engine said, of what; None where nothing was refined.
+    error
+        Why the frame could not be read or refined; empty otherwise.
+    """
+
+    frame: int
+    ids: tuple[int, ...] = ()
+    sketches: tuple[Line, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    drifting: frozenset[int] = frozenset()
+    missing: Mapping[int, str] = field(default_factory=dict)
+    lost: frozenset[int] = frozenset()
+    given: tuple[int, ...] = ()
+    refinement: Refinement | None = None
+    view: View | None = None
+    error: str = ""
+
+
+Read = Callable[[int, Sequence[Line]], View]
+"""Reads a frame, at least around some lines."""
+
+
+class Refine(Protocol):
+    """`refine`, as far as tracking needs it."""
+
+    def __call__(
+        self,
+        image: Real[np.ndarray, "H W"],
+        sketches: Sequence[Line],
+        preset: Any,
+        /,
+        *,
+        fixed: Sequence[Curve],
+        on_progress: OnProgress,
+    ) -> Refinement:
+        """Fit the sketched bodies."""
+        ...

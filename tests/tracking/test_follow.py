@@ -1,0 +1,255 @@
+"""Bodies through time: who is carried where, what is doubted, what is left alone."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch import synthetic
+from napari_splinesketch.engine.types import Curve, Progress, Refinement, SceneModel
+from napari_splinesketch.metrics import average_dtw, resample
+from napari_splinesketch.tracking import Body, Given, Tracked, View, follow
+
+
+def moved(line: np.ndarray, rows: float, columns: float) -> np.ndarray:
+    return line + np.array([rows, columns])
+
+
+LINE = np.array([[10.0, 10], [10, 40]])
+OTHER = moved(LINE, 30, 5)
+MODEL = SceneModel("bright", (8,), 2.0, "constant", "constant", None, 1.0, 0.05, 0.7)
+BRIGHT = np.ones((60, 80))
+
+
+def curve(line: np.ndarray, half_width: float = 2.0) -> Curve:
+    points = resample(line)
+    knots = np.column_stack([points[::11], np.full(10, half_width)])
+    wide, sure = np.full(100, half_width), np.full(100, 0.1)
+    return Curve(knots, points, wide, sure, "good", (), 0.05)
+
+
+@dataclass
+class FakeRefine:
+    """Gives every line back moved by a step, or what `answer` makes of it."""
+
+    step: tuple[float, float] = (0.0, 1.0)
+    answer: Callable[[np.ndarray], Curve] = field(default=lambda line: curve(line))
+    calls: list[tuple[list[np.ndarray], list[Curve]]] = field(default_factory=list)
+
+    def __call__(
+        self,
+        image: np.ndarray,
+        sketches: Sequence[np.ndarray],
+        preset: Any,
+        /,
+        *,
+        fixed: Sequence[Curve],
+        on_progress: Callable[[Progress], bool | None],
+    ) -> Refinement:
+        self.calls.append((list(sketches), list(fixed)))
+        on_progress(Progress("tracing", 0.5))
+        if np.isnan(image).all():
+            raise ValueError("image has no finite pixel")
+        curves = tuple(self.answer(np.asarray(line) + self.step) for line in sketches)
+        return Refinement(curves, image, np.zeros(image.shape), MODEL, 0.1)
+
+
+def bright(frame: int, lines: Sequence[np.ndarray]) -> View:
+    return View(BRIGHT)
+
+
+def run(refine: FakeRefine, frames: Sequence[int] = (1, 2, 3), **options: Any) -> list[Tracked]:
+    start = {7: [(0, curve(LINE))], 3: [(0, curve(OTHER))]}
+    start = options.pop("start", start)
+    return list(follow(frames, known(start), options.pop("read", bright), refine=refine, **options))
+
+
+def known(start: dict[int, list[tuple[int, Curve]]]) -> list[Body]:
+    return [Body(number, tuple(seen)) for number, seen in start.items()]
+
+
+def test_bodies_keep_their_numbers_and_their_direction() -> None:
+    results = run(FakeRefine())
+    assert [result.frame for result in results] == [1, 2, 3]
+    assert all(result.ids == (7, 3) and not result.drifting for result in results)
+    moved = np.array([result.curves[0].points[0] for result in results])
+    assert (np.diff(moved[:, 1]) > 0).all()
+    assert results[-1].curves[0].points[-1, 1] > results[-1].curves[0].points[0, 1]
+
+
+def test_two_known_frames_give_a_velocity() -> None:
+    refine = FakeRefine((0, 0))
+    start = {1: [(4, curve(LINE)), (5, curve(moved(LINE, 4, 0)))]}
+    run(refine, [6], start=start)
+    np.testing.assert_allclose(refine.calls[0][0][0][0], LINE[0] + (6, 0))
+    back = FakeRefine((0, 0))
+    run(back, [4], start={1: [(6, curve(LINE)), (5, curve(moved(LINE, 4, 0)))]})
+    np.testing.assert_allclose(back.calls[0][0][0][0], LINE[0] + (6, 0))
+
+
+def test_what_is_given_stays_and_leads_on() -> None:
+    refine = FakeRefine((0, 0))
+    kept = curve(moved(LINE, 9, 0))
+    new = curve(moved(OTHER, 0, 20))
+
+    def given(frame: int) -> Given:
+        return Given({7: kept, 12: new}) if frame == 1 else Given()
+
+    first, second = run(refine, [1, 2], given=given)
+    assert first.given == (7, 12)
+    assert first.ids == (3,)
+    lines, fixed = refine.calls[0]
+    assert len(lines) == 1
+    assert fixed == [kept, new]
+    assert second.ids == (7, 3, 12)
+    np.testing.assert_allclose(second.sketches[0][0], LINE[0] + (9 + 4.5, 0))
+
+
+def test_a_frame_that_is_whole_is_not_touched() -> None:
+    refine = FakeRefine()
+    kept = curve(LINE)
+    (result,) = run(refine, [1], given=lambda frame: Given({7: kept}, whole=True))
+    assert not refine.calls
+    assert result.ids == ()
+    assert set(result.missing) == {3}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda line: curve(line[0] + (line - line[0]) * 1.5), "length jumped from 30 to 45"),
+        (lambda line: curve(line, 6.0), "half-width jumped from 2.0 to 6.0"),
+        (lambda line: curve(moved(line, 15, 0)), "jumped by 15 px"),
+        (lambda line: curve(LINE if line[0, 0] < 25 else moved(LINE, 0.5, 1)), "the same body"),
+    ],
+    ids=["length", "width", "place", "two on one"],
+)
+def test_drift_is_flagged_with_its_reason(change: Callable, words: str) -> None:
+    (result,) = run(FakeRefine((0, 0), change), [1])
+    assert result.drifting
+    flagged = [c for i, c in zip(result.ids, result.curves, strict=True) if i in result.drifting]
+    assert all(c.status == "check" for c in flagged)
+    assert any(words in c.reasons[0] for c in flagged), flagged[0].reasons
+
+
+def test_a_body_in_doubt_is_looked_for_where_it_was_and_then_lost() -> None:
+    def shrinks(line: np.ndarray) -> Curve:
+        return curve(line if line[0, 0] > 25 else line[0] + (line - line[0]) * 0.5)
+
+    refine = FakeRefine((0, 0), shrinks)
+    results = run(refine, range(1, 6))
+    assert [7 in result.drifting for result in results] == [True, True, False, False, False]
+    assert [sorted(result.lost) for result in results] == [[], [], [7], [], []]
+    assert "length jumped" in results[2].missing[7]
+    np.testing.assert_allclose(results[1].sketches[0][[0, -1]], LINE)
+    assert results[-1].ids == (3,)
+
+
+def test_where_nothing_is_there_is_no_curve() -> None:
+    half = BRIGHT.copy()
+    half[:25] = 0
+    results = run(FakeRefine((0, 0)), read=lambda frame, lines: View(half))
+    assert [result.ids for result in results] == [(3,)] * 3
+    assert "nothing" in results[0].missing[7]
+    assert results[2].lost == {7}
+
+
+def test_a_body_that_leaves_the_image_is_lost_at_once() -> None:
+    start = {1: [(0, curve(LINE)), (1, curve(moved(LINE, -14, 0)))]}
+    (result,) = run(FakeRefine(), [2], start=start)
+    assert result.lost == {1}
+    assert "left the image" in result.missing[1]
+
+
+def test_a_bad_frame_does_not_stop_the_others() -> None:
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        if frame == 1:
+            raise OSError("the disk is gone")
+        return View(BRIGHT if frame != 2 else np.full(BRIGHT.shape, np.nan))
+
+    results = run(FakeRefine(), read=read)
+    assert "OSError: the disk is gone" in results[0].error
+    assert "no finite pixel" in results[1].error
+    assert results[2].ids == (7, 3)
+
+
+def test_progress_rises_and_cancelling_ends_it() -> None:
+    told: list[Progress] = []
+    results = run(FakeRefine(), on_progress=told.append)
+    fractions = [progress.fraction for progress in told]
+    assert fractions == sorted(fractions)
+    assert told[-1].stage.startswith("frame 3: ")
+    assert len(results) == 3
+    results = run(FakeRefine(), on_progress=lambda progress: progress.fraction < 0.4)
+    assert [result.frame for result in results] == [1]
+
+
+class Shifted:
+    """Pixels that begin at row 5, column 3 of the image."""
+
+    corner = np.array([5.0, 3.0])
+
+    def to_image(self, points: np.ndarray) -> np.ndarray:
+        return points + self.corner
+
+    def to_block(self, points: np.ndarray) -> np.ndarray:
+        return points - self.corner
+
+    def curve_to_image(self, one: Curve) -> Curve:
+        return replace(one, points=one.points + self.corner)
+
+    def curve_to_block(self, one: Curve) -> Curve:
+        return replace(one, points=one.points - self.corner)
+
+
+def test_pixels_may_be_part_of_the_image() -> None:
+    refine = FakeRefine((0, 0))
+    (result,) = run(refine, [1], read=lambda frame, lines: View(BRIGHT, Shifted()))
+    np.testing.assert_allclose(refine.calls[0][0][0][0], LINE[0] - (5, 3))
+    np.testing.assert_allclose(result.curves[0].points[[0, -1]], LINE)
+
+
+@pytest.fixture(scope="module")
+def film() -> tuple[np.ndarray, list[list[np.ndarray]]]:
+    """Two crossing bodies that move by 3 px a frame, then one of them by 16 px at once."""
+    made = synthetic.scene(5, bodies=2, shape=(112, 128), length=70)
+    image = np.median(made.image) * np.ones((5, 112, 128), np.float32)
+    noise = np.random.default_rng(0).normal(0, made.noise_sd.mean(), image.shape)
+    truth = []
+    for frame, (first, second) in enumerate([(0, 0), (3, -2), (6, -4), (9, -6), (9, 10)]):
+        lines = [made.centrelines[0] + (first, 0), made.centrelines[1] + (0, second)]
+        truth.append(lines)
+        depth = np.abs(made.clean - made.background).max()
+        for line, wide in zip(lines, made.half_widths, strict=True):
+            rows, columns = np.mgrid[:112, :128]
+            apart = np.min(
+                [np.hypot(rows - r, columns - c) - w for (r, c), w in zip(line, wide, strict=True)],
+                axis=0,
+            )
+            image[frame] = np.maximum(image[frame], np.median(made.image) + depth * (apart < 0))
+    return image + noise, truth
+
+
+@pytest.mark.parametrize("forwards", [True, False])
+def test_crossing_bodies_keep_their_numbers(film: Any, forwards: bool) -> None:
+    images, truth = film
+    frames = [0, 1, 2, 3] if forwards else [3, 2, 1, 0]
+    start = {i: [(frames[0], curve(line))] for i, line in enumerate(truth[frames[0]])}
+    results = list(
+        follow(frames[1:], known(start), lambda frame, lines: View(images[frame]), preset="fast")
+    )
+    for result in results:
+        assert sorted(result.ids) == [0, 1]
+        for number, one in zip(result.ids, result.curves, strict=True):
+            assert average_dtw(one.points, truth[result.frame][number]) < 2
+
+
+def test_a_body_that_jumped_is_placed_by_what_the_image_suggests(film: Any) -> None:
+    images, truth = film
+    start = {i: [(3, curve(line))] for i, line in enumerate(truth[3])}
+    (result,) = follow([4], known(start), lambda frame, lines: View(images[4]), preset="fast")
+    for number, one in zip(result.ids, result.curves, strict=True):
+        assert average_dtw(one.points, truth[4][number]) < 2
+    assert sorted(result.ids) == [0, 1]
