@@ -16,7 +16,7 @@ REACH = 0.6
 LENGTH = 0.5
 """What a px of difference in length costs, in px of distance."""
 TAKEN = 2.0
-"""A suggestion that lies so near to a placed curve is taken, px or half-widths."""
+"""A suggestion that lies so near to a placed curve is taken, px."""
 
 
 def place(
@@ -66,5 +66,6 @@ def _turned(line: Line, like: Line) -> Line:
 def _near(line: Line, other: Line) -> bool:
     """Whether most of a line lies along another."""
     points = resample(line, SAMPLES)
-    apart = np.linalg.norm(points[:, None] - other[None], axis=2).min(1)
+    dense = resample(other, 4 * SAMPLES)
+    apart = np.linalg.norm(points[:, None] - dense[None], axis=2).min(1)
     return float(np.median(apart)) < TAKEN
