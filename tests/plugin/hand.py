@@ -44,6 +44,21 @@ def refine(dock: SplinesketchDock) -> None:
     until(lambda: dock.controller.progress is None)
 
 
+def refine_all(dock: SplinesketchDock) -> None:
+    """Choose to refine all again, and wait for the end."""
+    choose(dock, "Refine all")
+    until(lambda: dock.controller.progress is None)
+
+
+def choose(dock: SplinesketchDock, text: str) -> None:
+    """Choose an entry beside Refine, by how it begins."""
+    menu: Any = dock.more.menu()
+    menu.aboutToShow.emit()
+    entry = next(action for action in menu.actions() if action.text().startswith(text))
+    assert entry.isEnabled(), entry.toolTip()
+    entry.trigger()
+
+
 def canvas(viewer: Any) -> Any:
     """Give the widget that takes the mouse."""
     return viewer.window._qt_viewer.canvas.native

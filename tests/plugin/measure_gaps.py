@@ -59,7 +59,7 @@ def main() -> None:
     wait(0.2)
     phases = {"idle": wait(0.2), "import and warm-up": phase(lambda: bool(warm))}
     for name in ("first refinement", "second refinement"):
-        dock.refine.click()
+        dock.controller.refine("new" if name.startswith("first") else "all")
         phases[name] = phase(lambda: dock.controller.progress is None)
         assert len(dock.controller.records()) == 24
     viewer.close()

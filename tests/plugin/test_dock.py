@@ -12,7 +12,7 @@ from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
-from .hand import QTest, click, draw, drawn, fit_view, refine, until
+from .hand import QTest, click, draw, drawn, fit_view, refine, refine_all, until
 
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
 
@@ -40,7 +40,7 @@ def test_drawing_with_the_mouse_then_refine(
     for line in LINES:
         draw(viewer, layer, line)
     assert list(layer.shape_type) == ["line", "path"]
-    assert dock.refine.text() == "Refine 2 sketches"
+    assert dock.refine.text() == "Refine 2 new lines"
     before = drawn(layer)
     refine(dock)
     for line, curve in zip(LINES, viewer.layers["cells curves"].data, strict=True):
@@ -72,7 +72,7 @@ def test_a_selection_is_refined_alone_among_its_neighbours(
     np.testing.assert_allclose(neighbour.points[[0, -1]], LINES[0])
     assert list(viewer.layers["cells curves"].features["id"]) == [1, 2]
     layer.mode = "add_line"
-    assert dock.refine.text() == "Refine 2 sketches", "while drawing, the last line is selected"
+    assert not dock.refine.isEnabled(), "while drawing, the last line is selected"
 
 
 def test_refining_again_updates_in_place(viewer: Any, dock: SplinesketchDock) -> None:
@@ -89,9 +89,10 @@ def test_refining_again_updates_in_place(viewer: Any, dock: SplinesketchDock) ->
     np.testing.assert_allclose(curves.data[1][[0, -1]], LINES[1][[0, -1]] + 3)
     layer.selected_data = {1}
     layer.remove_selected()
-    refine(dock)
-    assert list(curves.features["id"]) == [2, 3]
-    assert len(viewer.layers["cells outlines"].data) == 2
+    assert "Curve 1 has no line any more and stays until you delete it" in dock.hint.text()
+    refine_all(dock)
+    assert list(curves.features["id"]) == [1, 2, 3], "nothing is dropped silently"
+    assert len(viewer.layers["cells outlines"].data) == 3
 
 
 def test_status_is_told_by_colour_breadth_and_sign(
@@ -115,7 +116,7 @@ def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock)
     layer.add([[0, 0], [9, 9]], shape_type="rectangle")
     layer.add([[[0, 0], [9, 9]], [[30, 30], [40, 40]]], shape_type="ellipse")
     layer.add([[5, 5], [5, 5.1]], shape_type="path")
-    assert dock.refine.text() == "Refine 2 sketches"
+    assert dock.refine.text() == "Refine 2 new lines"
     assert "1 stray click is skipped" in dock.hint.text()
     assert "1 rectangle and 2 ellipses are not usable" in dock.hint.text()
     refine(dock)
@@ -151,7 +152,7 @@ def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeE
     before = drawn(viewer.layers["cells curves"])
     fake.go.clear()
     fake.changes = {0: {"points": np.zeros((100, 2))}}
-    click(dock.refine)
+    dock.controller.refine("all")
     until(lambda: dock.progress.bar.value() == 50)
     assert dock.progress.isVisible()
     assert dock.progress.stage.text() == "Tracing bodies…"
@@ -160,14 +161,14 @@ def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeE
     click(dock.progress.cancel)
     assert dock.controller.progress is None
     assert "Cancelled" in dock.notice.text()
-    assert dock.refine.isEnabled()
+    assert not dock.refine.isEnabled(), "every line has its curve"
     assert not dock.progress.isVisible()
     until(lambda: fake.calls[-1].get("cancelled"), 2)
     QTest.qWait(100)
     for old, new in zip(before, viewer.layers["cells curves"].data, strict=True):
         np.testing.assert_array_equal(old, new)
     fake.go.set()
-    refine(dock)
+    refine_all(dock)
     assert not dock.notice.isVisible()
 
 
@@ -264,7 +265,7 @@ def test_what_the_image_needed_unfolds(
     assert text.mapTo(dock, text.rect().topRight()).x() <= 250
     assert text.height() >= text.heightForWidth(text.width()), "all of it is seen"
     fake.notes = ()
-    refine(dock)
+    refine_all(dock)
     assert not dock.notes.isVisible()
 
 
@@ -338,10 +339,10 @@ def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> Non
     assert dock.sketches.currentText() == "other"
     dock.sketches.setCurrentIndex(dock.sketches.findText("cells sketches"))
     dock.sketches.activated.emit(dock.sketches.currentIndex())
-    assert dock.refine.text() == "Refine 2 sketches"
+    assert dock.refine.text() == "Refine 2 new lines"
     viewer.layers.remove(first)
     assert dock.sketches.currentText() == "other"
-    assert dock.refine.text() == "Refine 1 sketch"
+    assert dock.refine.text() == "Refine 1 new line"
     viewer.layers.clear()
     assert not dock.image.isEnabled()
     assert not dock.sketches.isEnabled()
@@ -356,7 +357,7 @@ def test_a_dock_that_is_opened_again_knows_the_results(
     again = SplinesketchDock(viewer)
     viewer.window.add_dock_widget(again, name="again")
     assert "2 curves" in again.results.text()
-    refine(again)
+    refine_all(again)
     assert len(viewer.layers) == 5
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.adapter.film import Film, Patch
+from napari_splinesketch.plugin.adapter.film import Film, Patch, patched
 from napari_splinesketch.plugin.adapter.pixels import Grid
 
 KEYS: dict[str, Any] = {
@@ -54,3 +54,14 @@ def test_frames_on_another_step_than_the_last_are_left_out() -> None:
     film = Film({0: patch(1.0, (0, 0), 2.0), 1: patch(2.0, (0, 0))}, (2,))
     assert np.isnan(film[0]).all()
     assert (film[1] == 2).all()
+
+
+def test_part_of_a_picture_is_taken_into_another() -> None:
+    old, new = patch(1.0, (10, 20)), patch(2.0, (12, 23))
+    made = patched(old, new, np.array([13.0, 20.0]), np.array([14.0, 25.0]))
+    dense = np.full((6, 8), np.nan)
+    dense[:4, :5] = 1
+    dense[3:5, 3:6] = 2
+    np.testing.assert_array_equal(made.pixels, dense)
+    np.testing.assert_array_equal(made.grid.origin, (10, 20))
+    assert patched(patch(1.0, (0, 0), 2.0), new, np.zeros(2), np.zeros(2)) is new

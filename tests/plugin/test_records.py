@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.records import Record, identify, merge
+from napari_splinesketch.plugin.records import Record, identify
 
 from .fakes import as_drawn
 
@@ -38,14 +38,3 @@ def test_identify(name: str) -> None:
 
 def test_the_first_numbers() -> None:
     assert identify([A, B], [], []) == [1, 2]
-
-
-def test_merge_replaces_a_frame_or_part_of_it() -> None:
-    old = [record(1, A), record(2, B), record(1, A, frame=3)]
-    fresh = [record(2, C), record(3, C)]
-    whole = merge(old, 0, fresh, whole=True)
-    assert [(r.frame, r.id) for r in whole] == [(0, 2), (0, 3), (3, 1)]
-    part = merge(old, 0, fresh, whole=False)
-    assert [(r.frame, r.id) for r in part] == [(0, 1), (0, 2), (0, 3), (3, 1)]
-    assert part[0] is old[0]
-    assert part[1] is fresh[0]

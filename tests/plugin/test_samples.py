@@ -46,7 +46,7 @@ def test_a_sample_is_ready_to_refine(
     viewer: Any, dock: SplinesketchDock, npe2pm_installed: None, key: str
 ) -> None:
     viewer.open_sample("napari-splinesketch", key)
-    assert dock.refine.text() == f"Refine {COUNTS[key]} sketches"
+    assert dock.refine.text() == f"Refine {COUNTS[key]} new lines"
     refine(dock)
     assert len(dock.controller.records()) == COUNTS[key]
     if key == "generated":

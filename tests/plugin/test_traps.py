@@ -8,7 +8,7 @@ import pytest
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
-from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, until
+from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, refine_all, until
 
 LINES = [np.array([[1.0, 20.0, 20], [1, 20, 60]]), np.array([[1.0, 50, 30], [1, 80, 80]])]
 
@@ -79,7 +79,7 @@ def test_editing_the_sketches(
     check_result(viewer)
     for old, new in zip(edited, running.data, strict=True):
         np.testing.assert_array_equal(old, new)
-    assert dock.refine.text() == "Refine 3 sketches"
+    assert dock.refine.text() == "Refine 1 new, 2 changed"
 
 
 def test_drawing_goes_on(
@@ -103,7 +103,7 @@ def test_renaming_layers(
     finish(dock, fake)
     check_result(viewer)
     viewer.layers["film curves"].name = "the curves"
-    refine(dock)
+    refine_all(dock)
     assert len(viewer.layers) == 5, "they are known whatever their names"
     assert viewer.layers["the curves"].nshapes == 2
 

@@ -43,7 +43,7 @@ def test_lines_drawn_with_the_mouse_become_the_bodies(
     for body in truth:
         rough = rotate(displace(body, 3, 45), 8)[[0, 33, 66, 99]]
         draw(viewer, sketches, [image.data_to_world((1, *point))[1:] for point in rough])
-    assert real.refine.text() == "Refine 2 sketches"
+    assert real.refine.text() == "Refine 2 new lines"
     before = [
         average_dtw(line[:, 1:], body) for line, body in zip(sketches.data, truth, strict=True)
     ]

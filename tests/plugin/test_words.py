@@ -7,6 +7,7 @@ import pytest
 
 from napari_splinesketch.engine.settings import SETTINGS
 from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.plan import Plan, Scope, Target
 from napari_splinesketch.plugin.records import Record
 
 from .fakes import as_drawn
@@ -23,17 +24,25 @@ def plain(rich: str) -> str:
     return re.sub("<[^>]*>", " ", rich.replace("<br>", "\n").replace("&nbsp;", ""))
 
 
+def plan(scope: Scope, new: int, old: int) -> Plan:
+    targets = [Target(i, LINE, LINE, new=i < new) for i in range(new + old)]
+    return Plan(scope, tuple(targets))
+
+
 @pytest.mark.parametrize(
-    ("number", "selected", "text"),
+    ("made", "text"),
     [
-        (0, False, "Refine"),
-        (1, False, "Refine 1 sketch"),
-        (7, False, "Refine 7 sketches"),
-        (2, True, "Refine 2 selected"),
+        (plan("new", 0, 0), "Refine"),
+        (plan("new", 1, 0), "Refine 1 new line"),
+        (plan("new", 7, 0), "Refine 7 new lines"),
+        (plan("new", 0, 2), "Refine 2 changed"),
+        (plan("new", 3, 2), "Refine 3 new, 2 changed"),
+        (plan("selected", 1, 1), "Refine 2 selected"),
+        (plan("all", 2, 22), "Refine all 24"),
     ],
 )
-def test_button(number: int, selected: bool, text: str) -> None:
-    assert words.button(number, selected) == text
+def test_button(made: Plan, text: str) -> None:
+    assert words.button(made) == text
 
 
 def test_summary_counts_and_gives_reasons_together() -> None:

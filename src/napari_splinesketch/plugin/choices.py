@@ -4,6 +4,7 @@ from typing import Any
 
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
+from napari.layers.base import ActionType
 from psygnal import Signal
 
 from napari_splinesketch.plugin.adapter.results import is_result
@@ -25,6 +26,9 @@ class Choices:
     """There are other layers, or another one is chosen, or one has another name."""
     edited = Signal()
     """What the chosen layers hold, or where they lie, or what is in view may have changed."""
+
+    drawn = Signal()
+    """The user has finished a line."""
 
     def __init__(self, viewer: ViewerModel):
         self._viewer = viewer
@@ -105,6 +109,8 @@ class Choices:
 
     def _on_edited(self, event: Any) -> None:
         self.edited.emit()
+        if event.source is self._sketches and getattr(event, "action", None) == ActionType.ADDED:
+            self.drawn.emit()
 
     def _on_selected(self) -> None:
         self.edited.emit()

@@ -8,6 +8,7 @@ from pathlib import Path
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
+from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, Progress
@@ -26,7 +27,9 @@ from napari_splinesketch.plugin.adapter.sketches import (
 from napari_splinesketch.plugin.adapter.space import current_frame, plane_problem
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Keeper, Notice
-from napari_splinesketch.plugin.records import Record, identify
+from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
+from napari_splinesketch.plugin.records import Record, key_of
+from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.work import Work
 
 STEPS = "Press New sketch, then draw a line over each body."
@@ -41,17 +44,17 @@ class Request:
     ----------
     frame
         Index of the frame in view.
+    plan
+        The curves that it would refine, and those that it would leave alone.
     drawn
-        The sketches that it would refine, and what it would leave out.
-    selected
-        Whether these are the selected ones only.
+        The sketches in that frame, and what is left out of them.
     problem
         Why there is nothing to do, in words; empty otherwise.
     """
 
     frame: int = 0
+    plan: Plan = field(default_factory=Plan)
     drawn: Drawn = field(default_factory=Drawn)
-    selected: bool = False
     problem: str = ""
 
 
@@ -67,6 +70,8 @@ class Controller(Keeper):
     ----------
     preset
         How much work to do.
+    at_once
+        Whether a line is refined as soon as it is drawn.
     actions
         What can be done with a key.
     """
@@ -74,19 +79,30 @@ class Controller(Keeper):
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.preset: PresetName = "balanced"
+        self.at_once = False
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
         self._told: list[Image] = []
         self.actions = Actions(viewer, self._is_meant)
         self.actions.add(
+            Action("refine", "Refine", "G", self.refine, "Refine what is new or changed"),
+            Action(
+                "at_once",
+                "Refine at once",
+                "Shift+G",
+                self.toggle_at_once,
+                "Refine each line as soon as it is drawn, or no longer",
+            ),
             Action("undo", "Undo", "Ctrl+Z", self.undo, "Take back the last step"),
             Action("redo", "Redo", "Ctrl+Shift+Z", self.redo, "Do again what was taken back"),
         )
         self.choices.changed.connect(self._follow)
         self.choices.edited.connect(self.changed.emit)
+        # Later: napari is still busy with the line.
+        self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
 
-    def request(self) -> Request:
-        """Say what Refine would do now."""
+    def request(self, scope: Scope = "new") -> Request:
+        """Say what Refine would do now; selected lines go before those that are new."""
         image, layer = self.choices.image, self.choices.sketches
         if image is None:
             return Request(problem=OPEN)
@@ -96,14 +112,22 @@ class Controller(Keeper):
         frame = current_frame(self.viewer, image)
         if layer is None:
             return Request(frame, problem=STEPS)
-        chosen = selected_in(layer)
-        drawn = drawn_in(self.viewer, layer, image, frame, chosen)
-        problem = "" if drawn.lines else _nothing_drawn(image, layer, bool(chosen))
-        return Request(frame, drawn, bool(chosen), problem)
+        drawn = drawn_in(self.viewer, layer, image, frame)
+        active = layer is self.viewer.layers.selection.active
+        marked = selected_in(layer) if active and scope != "all" else frozenset()
+        chosen = {i for i, number in enumerate(drawn.numbers) if number in marked}
+        if marked:
+            scope = "selected"
+            if not chosen:
+                return Request(frame, Plan(scope), drawn, words.NO_LINE)
+        state = self.work.state if self.work else State()
+        plan = make_plan(state, frame, drawn.lines, scope, chosen, self.selection)
+        problem = "" if plan.targets else words.nothing(plan, drawn, image.ndim > 2, layer.name)
+        return Request(frame, plan, drawn, problem)
 
-    def refine(self) -> None:
+    def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread."""
-        request = self.request()
+        request = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
         if request.problem or self.progress or image is None or layer is None:
             return
@@ -111,23 +135,22 @@ class Controller(Keeper):
         if image.rgb and image not in self._told:
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
-        known = self.records(request.frame)
-        lines = request.drawn.lines
-        ids = identify(lines, known, self.records())
-        fixed = [r.curve for r in known if r.id not in ids and r.curve.status != "failed"]
-        task = engine.Task(
-            block_around(image, request.frame, lines),
-            lines,
-            tuple(fixed) if request.selected else (),
-            self.preset,
-        )
+        lines = tuple(target.start for target in request.plan.targets)
+        block = block_around(image, request.frame, lines)
+        task = engine.Task(block, lines, request.plan.fixed, self.preset)
         self.progress, self.notice = Progress("starting", 0.0), Notice()
         self._job = Job(partial(engine.run, task))
         self._job.progressed.connect(self._on_progress)
-        self._job.done.connect(partial(self._on_done, work, request, ids))
+        self._job.done.connect(partial(self._on_done, work, request))
         self._job.failed.connect(self._on_failed)
         self._job.start()
         self.changed.emit()
+
+    def toggle_at_once(self) -> None:
+        """Refine each line as soon as it is drawn, or no longer."""
+        self.at_once = not self.at_once
+        self.changed.emit()
+        self._refine_at_once()
 
     def cancel(self) -> None:
         """Forget the running refinement; everything stays as it was."""
@@ -167,6 +190,7 @@ class Controller(Keeper):
         self.changed.disconnect()
         self.choices.changed.disconnect()
         self.choices.edited.disconnect()
+        self.choices.drawn.disconnect()
 
     def _is_meant(self) -> bool:
         """Whether a key is meant for us: a layer that we have to do with is active, or none."""
@@ -186,26 +210,31 @@ class Controller(Keeper):
     def _on_failed(self, message: str) -> None:
         self._stop(Notice("failed", f"Refining failed, nothing was changed. {message}"))
 
-    def _on_done(
-        self, work: Work, request: Request, ids: list[int], refined: engine.Refined
-    ) -> None:
+    def _on_done(self, work: Work, request: Request, refined: engine.Refined) -> None:
         self._job = None
         if work not in self._works:
             self._stop(Notice("cancelled", "The layer is gone; its refinement was dropped."))
             return
+        targets = request.plan.targets
+        ids = [target.id for target in targets]
         fresh = [
-            Record(number, request.frame, line, _renumbered(curve, ids))
-            for number, line, curve in zip(ids, request.drawn.lines, refined.curves, strict=True)
+            Record(t.id, request.frame, t.sketch, _renumbered(curve, ids), drawn=t.drawn)
+            for t, curve in zip(targets, refined.curves, strict=True)
         ]
-        whole = not request.selected
-        what = f"Refine {words.curves([(r.frame, r.id) for r in fresh])}"
-        work.history.apply(what, work.state.refined(request.frame, fresh, refined, whole=whole))
+        what = f"Refine {words.curves([key_of(record) for record in fresh])}"
+        work.history.apply(what, work.state.refined(request.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
         self._drawing.start(work, last=partial(self._on_all_shown, work))
 
     def _on_all_shown(self, work: Work) -> None:
         work.layers.select(self.selection)
         self._stop(Notice())
+        self._refine_at_once()
+
+    def _refine_at_once(self) -> None:
+        """Refine what was drawn meanwhile, if she wants it so."""
+        if self.at_once and self.request().plan.scope == "new":
+            self.refine()
 
     def _begin(self, image: Image, sketches: Shapes) -> Work:
         work = Work(image, sketches, self.viewer)
@@ -226,10 +255,3 @@ class Controller(Keeper):
 
 def _renumbered(curve: Curve, ids: Sequence[int]) -> Curve:
     return replace(curve, reasons=tuple(words.renumbered(r, ids) for r in curve.reasons))
-
-
-def _nothing_drawn(image: Image, layer: Shapes, selected: bool) -> str:
-    if selected:
-        return "None of the selected shapes is a line in this frame."
-    where = "in this frame " if image.ndim > 2 else ""
-    return f"Nothing to refine {where}yet: draw a line over each body in {layer.name!r}."

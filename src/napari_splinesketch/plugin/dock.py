@@ -6,6 +6,7 @@ from pathlib import Path
 from napari.viewer import Viewer
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QFormLayout,
     QFrame,
@@ -23,6 +24,7 @@ from napari_splinesketch.plugin.folded_text import FoldedText
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.layer_combo import LayerCombo
 from napari_splinesketch.plugin.progress_box import ProgressBox
+from napari_splinesketch.plugin.refine_menu import RefineMenu
 from napari_splinesketch.plugin.text_label import TextLabel
 from napari_splinesketch.plugin.visibility_row import VisibilityRow
 
@@ -67,6 +69,8 @@ class SplinesketchDock(QScrollArea):
         self.preset.setToolTip("How much work to do.\n" + "\n".join(tips))
         self.refine = QPushButton("Refine")
         self.refine.setStyleSheet("font-weight: bold; padding: 6px;")
+        self.more = RefineMenu(self.controller)
+        self.at_once = QCheckBox("as soon as a line is drawn")
         self.hint = TextLabel()
         self.progress = ProgressBox()
         self.notice = TextLabel()
@@ -86,7 +90,12 @@ class SplinesketchDock(QScrollArea):
         self.content = QWidget()
         layout = QVBoxLayout(self.content)
         layout.addLayout(form)
-        for widget in (self.refine, self.hint, self.progress, self.notice, self.results):
+        row = QHBoxLayout()
+        row.setSpacing(2)
+        row.addWidget(self.refine, 1)
+        row.addWidget(self.more)
+        layout.addLayout(row)
+        for widget in (self.at_once, self.hint, self.progress, self.notice, self.results):
             layout.addWidget(widget)
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
@@ -113,7 +122,8 @@ class SplinesketchDock(QScrollArea):
         self.sketches.picked.connect(lambda layer: setattr(choices, "sketches", layer))
         self.new.clicked.connect(controller.new_sketches)
         self.preset.activated.connect(lambda i: setattr(controller, "preset", engine.PRESETS[i]))
-        self.refine.clicked.connect(controller.refine)
+        self.refine.clicked.connect(lambda: controller.refine())
+        self.at_once.clicked.connect(controller.toggle_at_once)
         self.progress.cancelled.connect(controller.cancel)
         self.export.clicked.connect(self._ask_where)
         self.undo.clicked.connect(controller.undo)
@@ -147,16 +157,20 @@ class SplinesketchDock(QScrollArea):
     def _show(self) -> None:
         controller = self.controller
         request = controller.request()
-        number = len(request.drawn.lines)
-        self.refine.setText(words.button(number, request.selected))
+        self.refine.setText(words.button(request.plan))
         running = "A refinement is running" if controller.progress else ""
         _enable(
             self.refine,
             running or request.problem,
-            "Fit a smooth curve with width to the body under each line",
+            f"Fit a smooth curve with width to the body under each line ({_key(controller)})",
+        )
+        self.at_once.setChecked(controller.at_once)
+        self.at_once.setToolTip(
+            f"Refine each line at once, while you draw the next ({_key(controller, 'at_once')})"
         )
         left_out = words.skipped(request.drawn.strays, request.drawn.unusable)
-        said = " ".join(filter(None, (request.problem, left_out)))
+        alone = words.left_alone(request.plan)
+        said = " ".join(filter(None, (request.problem, left_out, alone)))
         self.hint.say("" if running else escape(said, quote=False))
         self.progress.show_progress(controller.progress)
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
@@ -199,6 +213,10 @@ class SplinesketchDock(QScrollArea):
         if answer:
             path, overwrite = answer
             self.controller.export(path, overwrite=overwrite)
+
+
+def _key(controller: Controller, action: str = "refine") -> str:
+    return controller.actions[action].key
 
 
 def _enable(button: QPushButton, problem: str, tip: str) -> None:

@@ -13,6 +13,9 @@ from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refine
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Block
 
+MARGIN = 40
+"""Image around the sketches that the engine explains, px, beside half of the longest one."""
+
 _warm = threading.Event()
 
 
@@ -52,12 +55,15 @@ class Refined:
         Wall time of the engine.
     notes
         What the scene needed and why, one sentence each.
+    region
+        (low, high): corners of the part of the reconstruction that bodies are drawn in, px.
     """
 
     curves: tuple[Curve, ...]
     patch: Patch
     seconds: float
     notes: tuple[str, ...]
+    region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 
 def run(task: Task, on_progress: OnProgress) -> Refined:
@@ -65,16 +71,34 @@ def run(task: Task, on_progress: OnProgress) -> Refined:
     on_progress(Progress("reading the image", 0.0))
     pixels = task.block.read()
     grid = task.block.grid
+    lines = [grid.to_block(line) for line in task.lines]
+    low, high = _region(lines)
+    near = [curve for curve in map(grid.curve_to_block, task.fixed) if _within(curve, low, high)]
     result = refine(
         pixels,
-        [grid.to_block(line) for line in task.lines],
+        lines,
         task.preset,
-        fixed=[grid.curve_to_block(curve) for curve in task.fixed],
+        fixed=near,
         on_progress=lambda progress: on_progress(_in_image(progress, task.block)),
     )
     curves = tuple(grid.curve_to_image(curve) for curve in result.curves)
-    patch = Patch(grid, result.reconstruction)
-    return Refined(curves, patch, result.seconds, result.model.notes)
+    patch = Patch(grid, result.reconstruction.astype(np.float32))
+    region = grid.to_image(low), grid.to_image(high)
+    return Refined(curves, patch, result.seconds, result.model.notes, region)
+
+
+def _region(
+    lines: Sequence[Float[np.ndarray, "N 2"]],
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Corners of the part of the image that the engine explains: as `engine.refine` has it."""
+    longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
+    points = np.concatenate(lines)
+    return points.min(0) - MARGIN - longest / 2, points.max(0) + MARGIN + longest / 2
+
+
+def _within(curve: Curve, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> bool:
+    """Whether any of a curve lies in a part of the image."""
+    return bool(((curve.points >= low) & (curve.points <= high)).all(axis=1).any())
 
 
 def refine(

@@ -37,6 +37,10 @@ class Record:
         What the user said of it.
     locked
         Whether it stays as it is when its frame is refined again.
+    drawn
+        Whether `sketch` is a line that the user drew, rather than what another curve left.
+    edited
+        Whether the user has changed the curve since it was refined.
     """
 
     id: int
@@ -45,6 +49,8 @@ class Record:
     curve: Curve
     review: Review = "open"
     locked: bool = False
+    drawn: bool = True
+    edited: bool = False
 
 
 def key_of(record: Record) -> Key:
@@ -77,27 +83,6 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
         if not number:
             ids[i] = new = new + 1
     return ids
-
-
-def merge(
-    records: Sequence[Record], frame: int, fresh: Sequence[Record], *, whole: bool
-) -> tuple[Record, ...]:
-    """Put new records in the place of old ones.
-
-    Parameters
-    ----------
-    records
-        What was known.
-    frame
-        The frame that was refined.
-    fresh
-        Its new records.
-    whole
-        Whether `fresh` is all there is in the frame; otherwise the frame's other records stay.
-    """
-    ids = {record.id for record in fresh}
-    kept = [r for r in records if r.frame != frame or not (whole or r.id in ids)]
-    return tuple(sorted([*kept, *fresh], key=lambda record: (record.frame, record.id)))
 
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:

@@ -3,9 +3,9 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from napari_splinesketch.plugin.adapter.film import Patch
+from napari_splinesketch.plugin.adapter.film import Patch, patched
 from napari_splinesketch.plugin.engine import Refined
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of, merge
+from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +67,17 @@ class State:
         left = tuple(record for record in self.deleted if key_of(record) != key)
         return replace(self.with_records(*back), deleted=left)
 
-    def refined(
-        self, frame: int, fresh: Collection[Record], refined: Refined, *, whole: bool
-    ) -> "State":
-        """Take in the refinement of a frame; `whole` drops its other curves."""
+    def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
+        """Take in the refinement of some curves of a frame."""
         keys = {key_of(record) for record in fresh}
-        older = {number: patch for number, patch in self.patches.items() if number != frame}
+        patch, older = refined.patch, dict(self.patches)
+        before = older.pop(frame, None)
+        if before and any(r.frame == frame and key_of(r) not in keys for r in self.records):
+            patch = patched(before, patch, *refined.region)
         return replace(
-            self,
-            records=merge(self.records, frame, tuple(fresh), whole=whole),
+            self.with_records(*fresh),
             deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
-            patches={**older, frame: refined.patch},
+            patches={**older, frame: patch},
             seconds={**self.seconds, frame: refined.seconds},
             notes={**self.notes, frame: refined.notes},
         )

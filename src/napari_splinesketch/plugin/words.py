@@ -8,6 +8,8 @@ from html import escape
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Status
 from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
+from napari_splinesketch.plugin.adapter.sketches import Drawn
+from napari_splinesketch.plugin.plan import Plan
 from napari_splinesketch.plugin.records import Key, Record
 
 PRESET_TIPS: dict[PresetName, str] = {
@@ -22,6 +24,7 @@ NUMBERS_SHOWN = 6
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 LONG_WORD = re.compile(r"\S{24,}")
 CURVE = re.compile(r"curve (\d+)")
+NO_LINE = "None of the selected shapes is a line in this frame."
 
 
 def count(number: int, thing: str) -> str:
@@ -37,11 +40,52 @@ def curves(keys: Sequence[Key]) -> str:
     return count(len(keys), "curve")
 
 
-def button(number: int, selected: bool) -> str:
-    """Label the Refine button."""
+def button(plan: Plan) -> str:
+    """Label what a refinement would do."""
+    number, new = len(plan.targets), sum(target.new for target in plan.targets)
     if not number:
         return "Refine"
-    return f"Refine {number} selected" if selected else f"Refine {count(number, 'sketch')}"
+    if plan.scope == "selected":
+        return f"Refine {number} selected"
+    if plan.scope == "all":
+        return f"Refine all {number}" if number > 1 else "Refine it"
+    if new == number:
+        return f"Refine {count(number, 'new line')}"
+    return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
+
+
+def nothing(plan: Plan, drawn: Drawn, film: bool, layer: str) -> str:
+    """Say why a plan is empty."""
+    if plan.decided:
+        return f"{_decided(plan.decided)}; reopen or unlock them first."
+    if plan.scope == "selected":
+        return NO_LINE if drawn.lines else "No curve is selected."
+    if not drawn.lines:
+        where = "in this frame " if film else ""
+        return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
+    return "Every line here has its curve. Draw more, or refine again with ▾."
+
+
+def left_alone(plan: Plan) -> str:
+    """Say what a plan leaves out."""
+    said = []
+    if plan.decided and plan.targets:
+        said.append(f"{_decided(plan.decided)}: they stay.")
+    if plan.orphans:
+        one = len(plan.orphans) == 1
+        verb, it = ("has", "it") if one else ("have", "them")
+        stay = "stays" if one else "stay"
+        said.append(
+            f"{_numbers(plan.orphans).capitalize()} {verb} no line any more and {stay} "
+            f"until you delete {it}."
+        )
+    return " ".join(said)
+
+
+def _decided(number: int) -> str:
+    whose = "its curve" if number == 1 else "their curves"
+    verb = "is" if number == 1 else "are"
+    return f"{count(number, 'line')} left out, as {whose} {verb} accepted or locked"
 
 
 def skipped(strays: int, unusable: Mapping[str, int]) -> str:

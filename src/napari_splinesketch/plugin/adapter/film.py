@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from napari_splinesketch.plugin.adapter.pixels import Grid
 
@@ -16,6 +16,36 @@ class Patch:
 
     grid: Grid
     pixels: Float[np.ndarray, "H W"]
+
+
+def patched(
+    old: Patch, new: Patch, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
+) -> Patch:
+    """Take part of a new picture of a frame into an old one.
+
+    Parameters
+    ----------
+    old, new
+        The pictures; the old one is dropped if it has another step.
+    low, high
+        Corners of that part, px of the image.
+    """
+    step = new.grid.step
+    if not np.allclose(old.grid.step, step):
+        return new
+    origin = np.minimum(old.grid.origin, new.grid.origin)
+    first = [np.round((p.grid.origin - origin) / step).astype(int) for p in (old, new)]
+    ends = [at + p.pixels.shape for at, p in zip(first, (old, new), strict=True)]
+    whole = np.full(np.max(ends, axis=0), np.nan, dtype=new.pixels.dtype)
+    whole[_window(first[0], ends[0])] = old.pixels
+    inside = np.round((np.array([low, high]) - origin) / step).astype(int)
+    low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
+    whole[_window(low, high)] = new.pixels[_window(low - first[1], high - first[1])]
+    return Patch(Grid(origin, step), whole)
+
+
+def _window(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
 
 
 class Film:

@@ -1,0 +1,165 @@
+"""What a refinement would take up, and what it leaves alone."""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.records import Key, Line, Record, identify, key_of
+from napari_splinesketch.plugin.state import State
+
+Scope = Literal["new", "selected", "all"]
+SAME = 2
+"""Decimals of a pixel to which a line is the same as before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A curve to refine.
+
+    Attributes
+    ----------
+    id
+        Its number.
+    sketch
+        (N, 2) what the user drew, px.
+    start
+        (N, 2) where to begin, px: the sketch, or the curve as the user has changed it.
+    new
+        Whether there is no such curve yet.
+    drawn
+        Whether the sketch is a line in the user's layer.
+    """
+
+    id: int
+    sketch: Line
+    start: Line
+    new: bool = True
+    drawn: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a refinement of one frame would do.
+
+    Attributes
+    ----------
+    scope
+        What was asked for.
+    targets
+        The curves that it would move.
+    fixed
+        The curves that take part as they are.
+    decided
+        How many lines it leaves out because their curves were accepted or locked.
+    orphans
+        Numbers of curves whose line the user has deleted: they stay.
+    """
+
+    scope: Scope = "new"
+    targets: tuple[Target, ...] = ()
+    fixed: tuple[Curve, ...] = ()
+    decided: int = 0
+    orphans: tuple[int, ...] = ()
+
+
+def make_plan(
+    state: State,
+    frame: int,
+    lines: Sequence[Line],
+    scope: Scope,
+    chosen: Collection[int] = (),
+    selection: Collection[Key] = (),
+) -> Plan:
+    """Decide what to refine.
+
+    A line is new if it has no curve, and changed if its curve was refined from another one. What
+    the user has accepted or locked never moves; what she rejected or deleted is left alone until
+    she changes its line or selects it.
+
+    Parameters
+    ----------
+    state
+        What is known.
+    frame
+        The frame in view.
+    lines
+        All sketches of that frame, px.
+    scope
+        "new": lines that are new or changed, and curves changed by hand. "selected": the chosen
+        lines, or the selected curves. "all": every line and curve that is open.
+    chosen
+        Positions of the selected lines.
+    selection
+        (frame, id) of the selected curves.
+    """
+    here = [record for record in state.records if record.frame == frame]
+    gone = [record for record in state.deleted if record.frame == frame]
+    by_id = {record.id: record for record in (*gone, *here)}
+    ids, same = _matched(lines, here, gone, state)
+    targets, decided = [], 0
+    for i, (line, number) in enumerate(zip(lines, ids, strict=True)):
+        known = by_id.get(number)
+        asked = i in chosen or (scope != "new" and (frame, number) in selection)
+        if not (asked or (not chosen and _wanted(scope, known, same[i], known in gone))):
+            continue
+        if known is not None and known not in gone and _decided(known):
+            decided += 1
+        elif known is not None and known.edited and same[i]:
+            targets.append(Target(number, line, known.curve.points, new=False))
+        else:
+            targets.append(Target(number, line, line, new=known is None))
+    alone = [] if chosen else [record for record in here if record.id not in ids]
+    for record in alone:
+        asked = scope == "selected" and key_of(record) in selection
+        if (asked or _wanted(scope, record, True, False)) and not _decided(record):
+            start = record.curve.points
+            targets.append(Target(record.id, record.sketch, start, False, record.drawn))
+        decided += asked and _decided(record)
+    moving = {target.id for target in targets}
+    orphans = tuple(r.id for r in here if r.drawn and r.id not in ids)
+    return Plan(scope, tuple(targets), tuple(_fixed(here, moving)), decided, orphans)
+
+
+def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
+    """Whether a line, or a curve without one, is taken up though nobody has selected it."""
+    if scope == "selected":
+        return False
+    if known is None or not same:
+        return True
+    if gone:
+        return False
+    return known.edited or (scope == "all" and known.review == "open")
+
+
+def _decided(record: Record) -> bool:
+    return record.locked or record.review == "accepted"
+
+
+def _matched(
+    lines: Sequence[Line], here: Sequence[Record], gone: Sequence[Record], state: State
+) -> tuple[list[int], list[bool]]:
+    """Give each line its curve's number, or a new one; and whether it is as it was."""
+    drawn = [record for record in (*here, *gone) if record.drawn]
+    exact = {_print(record.sketch): record.id for record in reversed(drawn)}
+    found = [exact.get(_print(line), 0) for line in lines]
+    taken = set(found)
+    rest = [line for line, number in zip(lines, found, strict=True) if not number]
+    left = [record for record in drawn if record.id not in taken]
+    others = identify(rest, left, (*state.records, *state.deleted))
+    numbers = iter(others)
+    return [number or next(numbers) for number in found], [bool(number) for number in found]
+
+
+def _print(line: Line) -> bytes:
+    return (np.round(line, SAME) + 0.0).tobytes()
+
+
+def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:
+    """The curves that explain their part of the image already."""
+    for record in here:
+        if record.id not in moving and record.curve.status != "failed":
+            if record.review != "rejected":
+                yield record.curve

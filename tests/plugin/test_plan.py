@@ -1,0 +1,89 @@
+"""What is refined, and what is left alone."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
+from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.state import State
+
+from .fakes import as_drawn
+
+A, B, C, D = (np.array([[20.0 * i, 0], [20.0 * i, 40]]) for i in range(4))
+
+
+def record(number: int, line: np.ndarray, **how: Any) -> Record:
+    return Record(number, 0, line, as_drawn(line), **how)
+
+
+OPEN = record(1, A)
+ACCEPTED = record(2, B, review="accepted")
+REJECTED = record(3, C, review="rejected")
+LOCKED = record(2, B, locked=True)
+EDITED = record(1, A, edited=True)
+FAILED = replace(OPEN, curve=replace(OPEN.curve, status="failed"))
+PIECE = record(9, D, drawn=False)
+DELETED = State(deleted=(OPEN,))
+
+Case = tuple[State, list[np.ndarray], Scope, dict[str, Any], list[int], int, int]
+CASES: dict[str, Case] = {
+    "all new": (State(), [A, B], "new", {}, [1, 2], 0, 0),
+    "one new": (State((OPEN,)), [A, B], "new", {}, [2], 1, 0),
+    "nothing new": (State((OPEN,)), [A], "new", {}, [], 1, 0),
+    "changed": (State((OPEN,)), [A + 3], "new", {}, [1], 0, 0),
+    "changed though accepted": (State((ACCEPTED,)), [B + 3], "new", {}, [], 1, 1),
+    "changed though locked": (State((LOCKED,)), [B + 3], "new", {}, [], 1, 1),
+    "changed though rejected": (State((REJECTED,)), [C + 3], "new", {}, [3], 0, 0),
+    "rejected takes no part": (State((REJECTED,)), [C, D], "new", {}, [4], 0, 0),
+    "failed takes no part": (State((FAILED,)), [A, D], "new", {}, [2], 0, 0),
+    "edited by hand": (State((EDITED,)), [A, B], "new", {}, [1, 2], 0, 0),
+    "deleted": (DELETED, [A, B], "new", {}, [2], 0, 0),
+    "deleted, all": (DELETED, [A, B], "all", {}, [2], 0, 0),
+    "deleted, then changed": (DELETED, [A + 3], "new", {}, [1], 0, 0),
+    "deleted, then selected": (DELETED, [A], "selected", {"chosen": [0]}, [1], 0, 0),
+    "all that is open": (
+        State((OPEN, ACCEPTED, REJECTED, PIECE)), [A, B, C], "all", {}, [1, 9], 1, 0,
+    ),
+    "selected lines": (State((OPEN,)), [A, B], "selected", {"chosen": [0]}, [1], 0, 0),
+    "selected curves": (
+        State((OPEN, REJECTED, PIECE)), [A, C], "selected",
+        {"selection": [(0, 3), (0, 9), (1, 1)]}, [3, 9], 1, 0,
+    ),
+    "selected but accepted": (
+        State((ACCEPTED,)), [B], "selected", {"selection": [(0, 2)]}, [], 1, 1,
+    ),
+    "a piece beside a new line": (State((PIECE,)), [D + 2], "new", {}, [10], 1, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_plan(name: str) -> None:
+    state, lines, scope, how, ids, fixed, decided = CASES[name]
+    plan = make_plan(state, 0, lines, scope, **how)
+    assert sorted(numbers(plan)) == ids
+    assert len(plan.fixed) == fixed
+    assert plan.decided == decided
+
+
+def numbers(plan: Plan) -> Sequence[int]:
+    return [target.id for target in plan.targets]
+
+
+def test_where_it_begins() -> None:
+    moved = replace(EDITED, curve=as_drawn(A + 5))
+    (target,) = make_plan(State((moved,)), 0, [A], "new").targets
+    np.testing.assert_array_equal(target.start, moved.curve.points)
+    np.testing.assert_array_equal(target.sketch, A)
+    (target,) = make_plan(State((moved,)), 0, [A + 1], "new").targets
+    np.testing.assert_array_equal(target.start, A + 1, "a line drawn since goes before")
+    assert not target.new
+
+
+def test_curves_whose_line_is_gone_are_named() -> None:
+    assert make_plan(State((OPEN, PIECE)), 0, [], "new").orphans == (1,)
+    elsewhere = replace(OPEN, frame=4)
+    assert make_plan(State((elsewhere,)), 0, [], "new").orphans == ()

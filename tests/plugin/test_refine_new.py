@@ -1,0 +1,84 @@
+"""Only what is new is refined; the rest takes part as it is."""
+
+from typing import Any
+
+import numpy as np
+from qtpy.QtCore import Qt
+
+from napari_splinesketch.engine import refine as engine_refine
+from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, canvas, choose, click, draw, fit_view, refine, until
+
+LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
+THIRD = [[30, 90], [70, 100]]
+
+
+def sketched(viewer: Any) -> Any:
+    rng = np.random.default_rng(0)
+    viewer.add_image(rng.normal(100, 5, (96, 128)).astype(np.float32), name="cells")
+    return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches")
+
+
+def test_new_lines_join_the_finished_ones(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    fit_view(viewer)
+    refine(dock)
+    assert not dock.refine.isEnabled()
+    assert "Every line here has its curve" in dock.hint.text()
+    draw(viewer, layer, THIRD)
+    assert dock.refine.text() == "Refine 1 new line"
+    dock.controller.review("accepted", (0, 1))
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_G)
+    until(lambda: len(dock.controller.records()) == 3, 20)
+    until(lambda: not dock.controller.progress, 20)
+    assert [len(call["lines"]) for call in fake.calls] == [2, 1]
+    assert len(fake.calls[1]["fixed"]) == 2
+    assert dock.controller.records()[0].review == "accepted"
+    layer.mode = "select"
+    layer.selected_data = {0}
+    assert not dock.refine.isEnabled()
+    assert "accepted or locked; reopen" in dock.hint.text()
+    layer.selected_data = set()
+    choose(dock, "Refine all 2")
+    until(lambda: not dock.controller.progress, 20)
+    assert len(fake.calls[2]["fixed"]) == 1
+    dock.controller.selected = (0, 3)
+    choose(dock, "Refine 1 selected")
+    until(lambda: not dock.controller.progress, 20)
+    assert [len(call["lines"]) for call in fake.calls] == [2, 1, 2, 1]
+
+
+def test_lines_are_refined_as_they_are_drawn(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    fit_view(viewer)
+    viewer.layers.selection.active = layer
+    layer.mode = "add_line"
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_G, Qt.KeyboardModifier.ShiftModifier)
+    assert dock.at_once.isChecked()
+    until(lambda: len(dock.controller.records()) == 2, 20)
+    until(lambda: not dock.controller.progress, 20)
+    fake.go.clear()
+    draw(viewer, layer, THIRD)
+    until(lambda: len(fake.calls) == 2, 20)
+    draw(viewer, layer, [[80, 20], [60, 15]])
+    fake.go.set()
+    until(lambda: len(dock.controller.records()) == 4, 20)
+    until(lambda: not dock.controller.progress, 20)
+    assert [len(call["lines"]) for call in fake.calls] == [2, 1, 1]
+    click(dock.at_once)
+    assert not dock.controller.at_once
+    draw(viewer, layer, [[10, 90], [10, 110]])
+    QTest.qWait(50)
+    assert len(fake.calls) == 3
+    assert layer.mode == "add_line"
+
+
+def test_the_part_that_the_engine_explains_is_known() -> None:
+    assert engine.MARGIN == engine_refine.MARGIN
