@@ -44,6 +44,8 @@ class FakeEngine:
         Attributes of curves by their position.
     notes
         What it says of the scene.
+    walks
+        Whether the curves move on their way, a pixel down each time.
     """
 
     calls: list[dict[str, Any]] = field(default_factory=list)
@@ -51,6 +53,7 @@ class FakeEngine:
     error: BaseException | None = None
     changes: dict[int, dict[str, Any]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    walks: bool = False
 
     def refine(
         self,
@@ -65,8 +68,10 @@ class FakeEngine:
         call = {"image": image, "lines": lines, "preset": preset, "fixed": fixed, "thread": thread}
         self.calls.append(call)
         cancelled = on_progress(Progress("tracing bodies", 0.4)) is False
+        now = tuple(lines) if self.walks else None
         while not (cancelled or self.go.wait(0.01)):
-            cancelled = on_progress(Progress("tracing bodies", 0.5)) is False
+            cancelled = on_progress(Progress("tracing bodies", 0.5, now)) is False
+            now = tuple(line + np.array([0.1, 0]) for line in now) if now else None
         call["cancelled"] = cancelled
         if self.error:
             raise self.error

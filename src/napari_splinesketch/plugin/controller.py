@@ -17,6 +17,7 @@ from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.actions import Action, Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
 from napari_splinesketch.plugin.adapter.pixels import block_around
+from napari_splinesketch.plugin.adapter.preview import Preview
 from napari_splinesketch.plugin.adapter.results import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
     Drawn,
@@ -82,6 +83,7 @@ class Controller(Keeper):
         self.at_once = False
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
+        self._preview: Preview | None = None
         self._told: list[Image] = []
         self.actions = Actions(viewer, self._is_meant)
         self.actions.add(
@@ -139,8 +141,9 @@ class Controller(Keeper):
         block = block_around(image, request.frame, lines)
         task = engine.Task(block, lines, request.plan.fixed, self.preset)
         self.progress, self.notice = Progress("starting", 0.0), Notice()
+        self._preview = Preview(self.viewer, image, f"{work.name} on the way")
         self._job = Job(partial(engine.run, task))
-        self._job.progressed.connect(self._on_progress)
+        self._job.progressed.connect(partial(self._on_progress, frame=request.frame))
         self._job.done.connect(partial(self._on_done, work, request))
         self._job.failed.connect(self._on_failed)
         self._job.start()
@@ -181,7 +184,9 @@ class Controller(Keeper):
         """End what runs, and do not speak of it."""
         if self._job:
             self._job.cancel()
-        self._job, self.progress = None, None
+        if self._preview:
+            self._preview.remove()
+        self._job, self._preview, self.progress = None, None, None
 
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
@@ -203,8 +208,10 @@ class Controller(Keeper):
         self.notice = notice
         self.changed.emit()
 
-    def _on_progress(self, progress: Progress) -> None:
+    def _on_progress(self, progress: Progress, frame: int = 0) -> None:
         self.progress = progress
+        if self._preview and progress.centrelines:
+            self._preview.show(frame, progress.centrelines)
         self.changed.emit()
 
     def _on_failed(self, message: str) -> None:

@@ -10,8 +10,8 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 
-POLL_MS = 40
-"""How often the window looks after the thread: at most 25 updates a second."""
+POLL_MS = 50
+"""How often the window looks after the thread: at most 20 updates a second."""
 PATIENCE = 20.0
 """How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
 

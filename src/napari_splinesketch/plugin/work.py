@@ -38,8 +38,12 @@ class Work:
 
     def __post_init__(self, viewer: ViewerModel) -> None:
         """Make the layers' keeper; the layers come with the first results."""
-        name = self.sketches.name.removesuffix(SUFFIX)
-        self.layers = ResultLayers(viewer, name, self)
+        self.layers = ResultLayers(viewer, self.name, self)
+
+    @property
+    def name(self) -> str:
+        """What names of layers begin with."""
+        return self.sketches.name.removesuffix(SUFFIX)
 
     @property
     def state(self) -> State:
