@@ -31,7 +31,7 @@ class Drawing:
     def start(self, work: Work, last: Callable[[], None]) -> None:
         """Show what is known, from the first step on; call `last` when all is shown."""
         running = work in self._steps
-        self._steps[work] = work.layers.show()
+        self._steps[work] = work.show()
         self._last.setdefault(work, []).append(last)
         if not running:
             self._go_on(work)

@@ -1,16 +1,17 @@
 """What is known of one image through one layer of sketches."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, dataclass, field
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin.adapter.film import Patch
+from napari_splinesketch.plugin.adapter.proof import ProofLayers
 from napari_splinesketch.plugin.adapter.results import OWNER, ResultLayers
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX
 from napari_splinesketch.plugin.history import History
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.records import Key, Record
 from napari_splinesketch.plugin.state import State, bytes_beside
 
 
@@ -28,6 +29,10 @@ class Work:
         What is known, and what was known before.
     layers
         The layers of results.
+    proofs
+        The layers that are made when the user asks for them.
+    looked_at
+        (frame, id) of the curve that is selected, or None.
     """
 
     image: Image
@@ -35,15 +40,23 @@ class Work:
     viewer: InitVar[ViewerModel]
     history: History[State] = field(default_factory=lambda: History(State(), bytes_beside))
     layers: ResultLayers = field(init=False)
+    proofs: ProofLayers = field(init=False)
+    looked_at: Key | None = None
 
     def __post_init__(self, viewer: ViewerModel) -> None:
         """Make the layers' keeper; the layers come with the first results."""
         self.layers = ResultLayers(viewer, self.name, self)
+        self.proofs = ProofLayers(viewer, self.name, self)
 
     @property
     def name(self) -> str:
         """What names of layers begin with."""
         return self.sketches.name.removesuffix(SUFFIX)
+
+    def show(self) -> Iterator[None]:
+        """Bring the layers in step with what is known, one after the other."""
+        yield from self.layers.show()
+        self.proofs.update()
 
     @property
     def state(self) -> State:
@@ -59,6 +72,11 @@ class Work:
     def patches(self) -> Mapping[int, Patch]:
         """Reconstructions by frame, the latest last."""
         return self.state.patches
+
+    @property
+    def chosen(self) -> Record | None:
+        """The record that is selected."""
+        return self.state.record(self.looked_at) if self.looked_at else None
 
     @property
     def seconds(self) -> Mapping[int, float]:

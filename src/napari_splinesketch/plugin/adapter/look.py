@@ -14,6 +14,10 @@ MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
 """Breadth of the line, relative."""
 
+RIBBON = "#cc79a7"
+"""Reddish purple of Okabe and Ito."""
+RIBBON_SDS = 2.0
+
 
 def breadth(curves: Sequence[Curve]) -> float:
     """Breadth of a good curve's line, px: a third of the bodies' width."""
@@ -26,8 +30,30 @@ def outline(curve: Curve) -> Float[np.ndarray, "P 2"] | None:
     """Draw a closed line at a half-width to both sides of a curve, px; None if it failed."""
     if curve.status == "failed" or not np.isfinite(curve.half_width).all():
         return None
-    along = np.gradient(curve.points, axis=0)
+    return _around(curve.points, curve.half_width)
+
+
+def ribbon(curve: Curve) -> Float[np.ndarray, "P 2"] | None:
+    """Draw a closed line at `RIBBON_SDS` standard errors to both sides of a curve, px.
+
+    None where the standard errors are not known.
+    """
+    if curve.status == "failed" or not np.isfinite(curve.sd).all():
+        return None
+    return _around(curve.points, RIBBON_SDS * curve.sd)
+
+
+def normals(points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
+    """Unit vectors across a line."""
+    along = np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    across = curve.half_width[:, None] * np.column_stack([-along[:, 1], along[:, 0]])
-    left, right = curve.points + across, curve.points - across
+    return np.column_stack([-along[:, 1], along[:, 0]])
+
+
+def _around(
+    points: Float[np.ndarray, "P 2"], distance: Float[np.ndarray, " P"]
+) -> Float[np.ndarray, "Q 2"]:
+    """Draw a closed line at a distance to both sides of another."""
+    across = distance[:, None] * normals(points)
+    left, right = points + across, points - across
     return np.concatenate([left, right[::-1], left[:1]])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float, Int, Real
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import Curve
@@ -100,17 +100,54 @@ def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 
     lines
         (N, 2) sketches in pixels of the image, at least one.
     """
-    levels: list[Any] = list(image.data) if image.multiscale else [image.data]  # pyright: ignore
-    shapes = image.level_shapes[:, image.ndim - 2 : image.ndim]
+    shapes = _shapes(image)
     low, high = _region(lines, shapes[0])
     sizes = [np.prod((high - low) * shape / shapes[0]) for shape in shapes]
     fine = next((i for i, size in enumerate(sizes) if size <= LARGEST_BLOCK), len(sizes) - 1)
-    level, shape = levels[fine], shapes[fine]
+    level, shape = _levels(image)[fine], shapes[fine]
     step = shapes[0] / shape
     start = np.floor(low / step).astype(int)
     stop = np.minimum(np.ceil(high / step), shape).astype(int)
     if isinstance(level, np.ndarray) and np.prod(shape) <= WHOLE_FRAME:
         start, stop = np.zeros(2, int), shape
+    return _block(image, frame, fine, start, stop)
+
+
+def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Block | None:
+    """Find the pixels of an image that (H, W) places on a grid stand for.
+
+    None where the image has no such pixels any more: its data may have been replaced.
+    """
+    shapes = _shapes(image)
+    steps = shapes[0] / shapes
+    level = next((i for i, step in enumerate(steps) if np.allclose(step, grid.step)), None)
+    if level is None:
+        return None
+    start = np.rint((grid.origin - (grid.step - 1) / 2) / grid.step).astype(int)
+    stop = start + shape
+    if (start < 0).any() or (stop > shapes[level]).any():
+        return None
+    return _block(image, frame, level, start, stop)
+
+
+def _levels(image: Image) -> list[Any]:
+    return list(image.data) if image.multiscale else [image.data]  # pyright: ignore
+
+
+def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
+    return image.level_shapes[:, image.ndim - 2 : image.ndim]
+
+
+def _block(
+    image: Image,
+    frame: int,
+    number: int,
+    start: Int[np.ndarray, "2"],
+    stop: Int[np.ndarray, "2"],
+) -> Block:
+    """The pixels from `start` to `stop` of a level."""
+    level, shapes = _levels(image)[number], _shapes(image)
+    step = shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
     grid = Grid(step * start + (step - 1) / 2, step)
     index = frame_index(image, frame)

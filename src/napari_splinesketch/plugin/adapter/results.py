@@ -14,10 +14,20 @@ from napari.layers.base import ActionType
 from psygnal import Signal
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
 from napari_splinesketch.plugin.adapter.film import Film, Patch
 from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth, outline
-from napari_splinesketch.plugin.adapter.space import frame_shape, in_stack, placement
+from napari_splinesketch.plugin.adapter.space import (
+    frame_shape,
+    in_stack,
+    placement,
+    placement_on,
+    ruler_of,
+)
 from napari_splinesketch.plugin.records import Key, Record
+=======
+from napari_splinesketch.plugin.adapter.space import frame_shape, in_stack, placement, placement_on
+from napari_splinesketch.plugin.records import Record
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
@@ -63,6 +73,11 @@ class ResultLayers:
         What their names begin with.
     owner
         What they show; kept in their metadata, so that it lives as long as they do.
+
+    Attributes
+    ----------
+    colour_by
+        What the colour of a curve says; shown with the next `show`.
     """
 
     edited = Signal()
@@ -73,12 +88,14 @@ class ResultLayers:
     """The user has selected other curves in their layer."""
 
     def __init__(self, viewer: ViewerModel, name: str, owner: Known):
+        self.colour_by: ColourBy = "status"
         self._viewer = viewer
         self._image = owner.image
         self._name = name
         self._owner = owner
         self._layers: dict[Role, Layer] = {}
         self._shown: dict[Role, tuple[Curve, ...]] = {}
+        self._colours: dict[Role, list[str]] = {}
         self._written: set[Key] = set()
         self._busy = False
 
@@ -174,6 +191,10 @@ class ResultLayers:
         curves = tuple(r.curve for r in records)
         anew = list(map(id, curves)) != list(map(id, self._shown.get(role, ())))
         anew = anew or layer.nshapes != len(curves)
+        colours = colours_of(curves, self.colour_by, ruler_of(self._image))
+        if not anew and colours and colours != self._colours.get(role):
+            layer.edge_color = colours
+        self._colours[role] = colours
         if anew:
             self._shown[role] = curves
             layer.selected_data = set()
@@ -183,7 +204,7 @@ class ResultLayers:
                 [in_stack(self._image, r.frame, p) for r, p in zip(records, lines, strict=True)],
                 # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
                 shape_type="path",
-                edge_color=[COLOURS[c.status] for c in curves],
+                edge_color=colours,
                 face_color="transparent",
                 edge_width=_breadths(curves, 0.5 if role == "outlines" else 1.0),
             )
@@ -199,7 +220,7 @@ class ResultLayers:
                 self._viewer.layers.remove(layer)
             return
         film = Film(self._owner.patches, frame_shape(self._image))
-        where = self._film_placement(film)
+        where = placement_on(self._image, film.grid.origin, film.grid.step)
         if isinstance(layer, Image) and layer.data.shape == film.shape:
             layer.data = cast(Any, film)
             for name, value in where.items():
@@ -208,26 +229,15 @@ class ResultLayers:
         visible = layer.visible if layer else False
         if layer:
             self._viewer.layers.remove(layer)
-        shown = self._image
-        look = {} if shown.rgb else {"colormap": shown.colormap.name, "gamma": shown.gamma}
         layer = Image(
             cast(Any, film),
-            contrast_limits=_limits(shown),
             multiscale=False,
-            **look,
+            **look_of(self._image),
             **self._keywords("reconstruction"),
             **where,
         )
         layer.visible = visible
         self._add("reconstruction", layer)
-
-    def _film_placement(self, film: Film) -> dict[str, Any]:
-        """Place pixels of a block, on their grid, where they lie on the image."""
-        image = self._image
-        origin = np.concatenate([np.zeros(image.ndim - 2), film.grid.origin])
-        step = np.concatenate([np.ones(image.ndim - 2), film.grid.step])
-        corner = image.affine.inverse(image.data_to_world(origin))
-        return placement(image) | {"scale": image.scale * step, "translate": corner}
 
     def _keywords(self, role: Role) -> dict[str, Any]:
         return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
@@ -276,9 +286,11 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
     )
 
 
-def _limits(image: Image) -> tuple[float, float]:
+def look_of(image: Image) -> dict[str, Any]:
+    """Give the keywords that make pictures in an image's own units look like it."""
     low, high = image.contrast_limits
-    return float(low or 0), float(high or 0)
+    look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
+    return look | {"contrast_limits": (float(low or 0), float(high or 0))}
 
 
 def _breadths(curves: Sequence[Curve], factor: float) -> list[float]:

@@ -14,6 +14,8 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
+from napari_splinesketch.plugin.measures import Ruler
+
 Points = Float[np.ndarray, "N D"]
 
 
@@ -129,6 +131,34 @@ def placement(image: Image) -> dict[str, Any]:
         "units": image.units,
         "axis_labels": image.axis_labels,
     }
+
+
+def placement_on(
+    image: Image, origin: Float[np.ndarray, "2"], step: Float[np.ndarray, "2"]
+) -> dict[str, Any]:
+    """Place pixels where they lie on the image.
+
+    Parameters
+    ----------
+    image
+        The image.
+    origin
+        (2,): where the first of them lies in the image, px.
+    step
+        (2,): pixels of the image from one to the next.
+    """
+    place = np.concatenate([np.zeros(image.ndim - 2), origin])
+    size = np.concatenate([np.ones(image.ndim - 2), step])
+    corner = image.affine.inverse(image.data_to_world(place))
+    return placement(image) | {"scale": image.scale * size, "translate": corner}
+
+
+def ruler_of(image: Image | None) -> Ruler:
+    """Give what measures in an image's own unit, or in pixels where it has none."""
+    if image is None:
+        return Ruler()
+    size, unit = pixel_size(image.scale.tolist(), image.units)
+    return Ruler(size, unit) if size and unit else Ruler()
 
 
 def pixel_size(

@@ -1,0 +1,98 @@
+"""What the table says of a curve: numbers in the image's units, free of Qt and napari."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.labels.geometry import width_growth
+
+NOTICEABLE_RESIDUAL = 0.25
+NOTICEABLE_SD = 0.5
+"""What weighs the same when the worst curve is looked for: share of the contrast, px."""
+RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
+UNKNOWN = "–"
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Turns pixels into the image's unit.
+
+    Attributes
+    ----------
+    scale
+        (y, x) size of a pixel.
+    unit
+        Its name, "px" where the image has none.
+    """
+
+    scale: tuple[float, float] = (1.0, 1.0)
+    unit: str = "px"
+
+    def along(self, points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
+        """Distance from the first point along a line of (row, col), px, in the unit."""
+        steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def across(self, curve: Curve, values: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+        """Turn distances from a curve, px, into the unit, whichever way it runs."""
+        return values * width_growth(curve.points, self.scale)
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Numbers of a curve; lengths in the ruler's unit.
+
+    Attributes
+    ----------
+    length
+        Arc length.
+    half_width_mean, half_width_max
+        Over the curve's points.
+    sd
+        Median standard error along the normal.
+    residual
+        As a share of the body's contrast.
+    """
+
+    length: float
+    half_width_mean: float
+    half_width_max: float
+    sd: float
+    residual: float
+
+
+def measure(curve: Curve, ruler: Ruler) -> Measures:
+    """Measure a curve."""
+    half_width = ruler.across(curve, curve.half_width)
+    return Measures(
+        float(ruler.along(curve.points)[-1]),
+        float(np.mean(half_width)),
+        float(np.max(half_width)),
+        float(np.median(ruler.across(curve, curve.sd))),
+        curve.residual,
+    )
+
+
+def severity(curve: Curve) -> tuple[int, float]:
+    """Say how much a curve asks for a look: by status, then by residual and sd."""
+    numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
+    return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
+
+
+def three_digits(value: float) -> str:
+    """Write a number with three digits that count, and never with an exponent."""
+    if not np.isfinite(value):
+        return UNKNOWN
+    decimals = 2 - int(np.floor(np.log10(abs(value)))) if value else 0
+    return f"{value:.{min(max(decimals, 0), 6)}f}"
+
+
+def mean_along(
+    values: Sequence[Float[np.ndarray, " P"]],
+) -> Float[np.ndarray, " P"] | None:
+    """Average what curves have at the same share of their lengths; None without any."""
+    known = [v for v in values if np.isfinite(v).all()]
+    return np.mean(known, axis=0) if known else None

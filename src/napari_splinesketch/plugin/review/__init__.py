@@ -1,0 +1,1 @@
+"""Looking through the curves: table, plots, proof."""

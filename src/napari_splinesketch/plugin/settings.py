@@ -1,0 +1,144 @@
+"""What the user chose, kept across sessions by napari, and shown in its preferences too."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, get_args
+
+import pint
+from napari.settings import get_plugin_settings
+
+from napari_splinesketch.engine.settings import PRESETS, PresetName
+from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.plugin.adapter.colours import COLOUR_BY, ColourBy
+
+PLUGIN = "napari-splinesketch"
+GROUPS = {
+    "refining": ("preset", "polarity", "half_width", "half_width_unit"),
+    "looking": ("colour_by", "lengths_in_pixels"),
+}
+"""The settings in the manifest that are one value each."""
+KEYS = "keys"
+"""The group with one key for each action."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the user chose.
+
+    Attributes
+    ----------
+    preset
+        How much work to do.
+    polarity
+        Whether bodies are brighter or darker than what is around them.
+    half_width
+        Rough distance from centreline to edge, in `half_width_unit`; 0 measures it.
+    half_width_unit
+        Name of a unit, or "px".
+    colour_by
+        What the colour of a curve says.
+    lengths_in_pixels
+        Whether lengths are told in px although the image has a unit.
+    keys
+        Keys of actions, by their ids, as napari writes them; an empty one takes the key away.
+    """
+
+    preset: PresetName = "balanced"
+    polarity: Polarity = "auto"
+    half_width: float = 0.0
+    half_width_unit: str = "px"
+    colour_by: ColourBy = "status"
+    lengths_in_pixels: bool = False
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what nobody can have chosen."""
+        for name, allowed in (
+            ("preset", PRESETS),
+            ("polarity", get_args(Polarity)),
+            ("colour_by", COLOUR_BY),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
+        if not 0 <= self.half_width < float("inf"):
+            raise ValueError(f"half_width is {self.half_width}; give a number above 0, or 0.")
+
+    def half_width_in(self, unit: str, pixel: float) -> float | None:
+        """Give the half-width in px; None to measure it.
+
+        Parameters
+        ----------
+        unit
+            The image's unit, or "px".
+        pixel
+            Size of a pixel in it. A half-width in a unit that says nothing about pixels of this
+            image is left out.
+        """
+        if not self.half_width:
+            return None
+        if self.half_width_unit == unit:
+            return self.half_width / pixel
+        if "px" in (unit, self.half_width_unit):
+            return self.half_width if self.half_width_unit == "px" else None
+        registry = pint.get_application_registry()
+        given = registry.Quantity(self.half_width, self.half_width_unit)
+        return float(given.to(unit).magnitude) / pixel if given.is_compatible_with(unit) else None
+
+
+def load() -> Settings:
+    """Read what was chosen; what napari does not know has its default."""
+    known = _napari()
+    if known is None:
+        return Settings()
+    values = {
+        name: getattr(getattr(known, group), name) for group, names in GROUPS.items() for name in names
+    }
+    keys = getattr(known, KEYS).model_dump()
+    try:
+        return Settings(**values, keys=keys)
+    except ValueError:
+        return Settings(keys=keys)
+
+
+def save(settings: Settings) -> None:
+    """Let napari keep what was chosen."""
+    known = _napari()
+    if known is None:
+        return
+    for group, names in GROUPS.items():
+        for name in names:
+            _put(getattr(known, group), name, getattr(settings, name))
+    for name, key in settings.keys.items():
+        if name in type(getattr(known, KEYS)).model_fields:
+            _put(getattr(known, KEYS), name, key)
+
+
+def on_change(call: Callable[[], None]) -> Callable[[], None]:
+    """Have something called when the user changes napari's preferences; gives what ends that."""
+    known = _napari()
+    groups = [getattr(known, group) for group in (*GROUPS, KEYS)] if known else []
+
+    def changed(event: Any) -> None:
+        call()
+
+    for group in groups:
+        group.events.connect(changed)
+
+    def end() -> None:
+        for group in groups:
+            group.events.disconnect(changed)
+
+    return end
+
+
+def _put(group: Any, name: str, value: Any) -> None:
+    if getattr(group, name) != value:
+        setattr(group, name, value)
+
+
+def _napari() -> Any:
+    """napari's settings of the plugin; None where it runs from a script without its manifest."""
+    try:
+        return get_plugin_settings(PLUGIN)
+    except KeyError:
+        return None

@@ -1,0 +1,152 @@
+"""The table of curves: what it says, how it is sorted, and that it changes no more than needed."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QAbstractItemModel, Qt
+
+from napari_splinesketch.plugin.measures import Ruler, measure, severity, three_digits
+from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.review.model import COLUMNS, CurvesModel
+from napari_splinesketch.plugin.review.sorting import CurvesInOrder, Shown
+from napari_splinesketch.plugin.review.text import as_text
+
+from .fakes import as_drawn
+
+NUMBERS = {"0": "0", "0.01234": "0.0123", "1.5": "1.50", "123.4": "123", "12345.6": "12346"}
+
+
+def record(number: int, frame: int = 0, **changes: Any) -> Record:
+    line = np.array([[0.0, 0.0], [30.0, 40.0]])
+    review = changes.pop("review", "open")
+    return Record(number, frame, line, as_drawn(line, **changes), review)
+
+
+MIXED = (
+    record(1, residual=0.1),
+    record(2, status="check", residual=0.05, reasons=("it moved",)),
+    record(3, status="failed", residual=np.inf, half_width=np.full(100, np.nan)),
+    record(4, status="check", residual=0.5),
+    record(5, sd=np.full(100, 0.4), review="accepted"),
+    record(1, frame=7, status="check", residual=0.3, review="rejected"),
+)
+
+
+def column(model: QAbstractItemModel, title: str) -> list[str]:
+    at = [c.title for c in COLUMNS].index(title)
+    return [model.index(row, at).data() for row in range(model.rowCount())]
+
+
+@pytest.mark.parametrize("value", NUMBERS)
+def test_numbers_have_three_digits(value: str) -> None:
+    assert three_digits(float(value)) == NUMBERS[value]
+    assert three_digits(float("inf")) == "–"
+
+
+def test_lengths_are_in_the_unit_whichever_way_a_body_runs() -> None:
+    upright = as_drawn(np.array([[0.0, 0.0], [30.0, 0.0]]))
+    lying = as_drawn(np.array([[0.0, 0.0], [0.0, 30.0]]))
+    ruler = Ruler((2.0, 0.5), "µm")
+    assert measure(upright, ruler).length == pytest.approx(60)
+    assert measure(lying, ruler).length == pytest.approx(15)
+    assert measure(upright, ruler).half_width_mean == pytest.approx(2 * 0.5)
+    assert measure(lying, ruler).half_width_max == pytest.approx(2 * 2.0)
+    assert measure(lying, ruler).sd == pytest.approx(0.1 * 2.0)
+
+
+def test_the_worst_come_first() -> None:
+    model = CurvesModel()
+    rows = CurvesInOrder(model)
+    model.show_records(MIXED, Ruler())
+    # Failed; to check, by residual; good, by standard error or residual.
+    assert column(rows, "Curve") == ["3", "4", "1", "2", "5", "1"]
+    assert severity(MIXED[4].curve) > severity(MIXED[0].curve)
+    rows.sort([c.title for c in COLUMNS].index("Mean w (%)"), Qt.SortOrder.DescendingOrder)
+    assert column(rows, "Curve")[-1] == "3", "what is not known comes last"
+
+
+@pytest.mark.parametrize(
+    ("shown", "ids"),
+    [
+        ("all", "341251"),
+        ("to check", "342"),
+        ("not reviewed", "3421"),
+        ("this frame", "1"),
+    ],
+)
+def test_filters(shown: Shown, ids: str) -> None:
+    model = CurvesModel()
+    rows = CurvesInOrder(model)
+    model.show_records(MIXED, Ruler())
+    rows.frame = 7
+    rows.show_only(shown)
+    assert "".join(column(rows, "Curve")) == ids
+
+
+def test_cells_speak_of_status_review_and_unit() -> None:
+    model = CurvesModel()
+    model.show_records(MIXED, Ruler((0.5, 0.5), "µm"))
+    assert column(model, "Status") == [
+        "good", "to check ?", "failed !", "to check ?", "good", "to check ?"
+    ]  # fmt: skip
+    assert column(model, "Reviewed")[-2:] == ["✓ accepted", "✗ rejected"]
+    assert column(model, "Length (%)")[0] == "25.0"
+    assert column(model, "Mean w (%)")[2] == "–"
+    assert column(model, "Reasons")[1] == "it moved"
+    titles = [
+        model.headerData(i, Qt.Orientation.Horizontal, Qt.ItemDataRole.DisplayRole)
+        for i in range(model.columnCount())
+    ]
+    assert "Length (µm)" in titles
+
+
+def test_only_what_changed_is_shown_anew() -> None:
+    model = CurvesModel()
+    records = tuple(record(i) for i in range(1, 1001))
+    model.show_records(records, Ruler())
+    told: list[Any] = []
+    model.dataChanged.connect(lambda a, b: told.append(("changed", a.row(), b.row())))
+    model.rowsRemoved.connect(lambda _, a, b: told.append(("removed", a, b)))
+    model.rowsInserted.connect(lambda _, a, b: told.append(("inserted", a, b)))
+    model.modelReset.connect(lambda: told.append("reset"))
+    model.show_records(records, Ruler())
+    assert not told
+    changed = (*records[:500], replace(records[500], review="accepted"), *records[501:])
+    model.show_records(changed, Ruler())
+    assert told == [("changed", 500, 500)]
+    assert column(model, "Reviewed")[500] == "✓ accepted"
+    told.clear()
+    fewer = (*changed[:10], *changed[12:], record(1, frame=3))
+    model.show_records(fewer, Ruler())
+    assert told == [("removed", 10, 11), ("inserted", 998, 998)]
+    assert column(model, "Curve") == [str(r.id) for r in fewer]
+    assert model.row_of((0, 13)) == 10
+    assert model.row_of((0, 11)) is None
+    told.clear()
+    model.show_records(tuple(record(i) for i in range(2000, 2100, 3)), Ruler())
+    assert told[-1] == "reset" or len(told) <= 2
+    assert model.rowCount() == 34
+
+
+def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    from napari_splinesketch.plugin.review import model as module
+
+    asked = []
+    real = module.measure
+    monkeypatch.setattr(module, "measure", lambda c, r: asked.append(c) or real(c, r))
+    model = CurvesModel()
+    model.show_records(tuple(record(i) for i in range(1, 301)), Ruler())
+    assert not asked
+    assert model.index(5, 4).data() == "50.0"
+    assert model.index(5, 4).data() == "50.0"
+    assert len(asked) == 1
+
+
+def test_the_table_as_text() -> None:
+    lines = as_text(MIXED[:2], Ruler((0.5, 0.5), "µm")).splitlines()
+    assert lines[0].startswith("curve,frame,status,review,length")
+    assert lines[1].split(",")[:5] == ["1", "0", "good", "open", "25.0"]
+    assert lines[2].endswith("µm,0.05,it moved")
+    assert "\t" in as_text(MIXED, Ruler(), separator="\t")
