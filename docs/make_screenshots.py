@@ -98,7 +98,7 @@ def main() -> None:
     shoot(viewer, folder / "sketches.png")
     refine(dock)
     shoot(viewer, folder / "window.png")
-    eyes = dock.visibility.findChildren(QPushButton)
+    eyes = [eye for eye in dock.visibility.findChildren(QPushButton) if eye.isCheckable()]
     for eye in eyes:
         click(eye)
     shoot(viewer, folder / "model.png")

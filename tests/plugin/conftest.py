@@ -25,8 +25,8 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
 
 
 @pytest.fixture
-def viewer(make_napari_viewer: Callable[..., Viewer]) -> Viewer:
-    """A window with a canvas that draws."""
+def viewer(make_napari_viewer: Callable[..., Viewer], plugin_settings: None) -> Viewer:
+    """A window with a canvas that draws, and settings of its own."""
     return make_napari_viewer(show=True)
 
 

@@ -61,11 +61,21 @@ class FakeEngine:
         lines: Sequence[np.ndarray],
         preset: str,
         *,
+        polarity: str,
+        half_width: float | None,
         fixed: Sequence[Curve],
         on_progress: OnProgress,
     ) -> Refinement:
         thread = threading.current_thread()
-        call = {"image": image, "lines": lines, "preset": preset, "fixed": fixed, "thread": thread}
+        call = {
+            "image": image,
+            "lines": lines,
+            "preset": preset,
+            "polarity": polarity,
+            "half_width": half_width,
+            "fixed": fixed,
+            "thread": thread,
+        }
         self.calls.append(call)
         cancelled = on_progress(Progress("tracing bodies", 0.4)) is False
         now = tuple(lines) if self.walks else None

@@ -45,5 +45,7 @@ def test_it_lies_where_the_block_says() -> None:
 
 def test_a_failed_curve_has_no_body() -> None:
     patch = Patch(Grid(np.zeros(2), np.ones(2)), BACKGROUND + 1, BACKGROUND)
-    failed = as_drawn(np.array([[5.0, 5], [9, 9]]), status="failed", half_width=np.full(100, np.nan))
+    failed = as_drawn(
+        np.array([[5.0, 5], [9, 9]]), status="failed", half_width=np.full(100, np.nan)
+    )
     np.testing.assert_array_equal(alone(patch, failed, [LYING]), BACKGROUND)

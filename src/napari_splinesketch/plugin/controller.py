@@ -10,7 +10,6 @@ from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, Progress
 from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
@@ -27,9 +26,10 @@ from napari_splinesketch.plugin.adapter.sketches import (
 )
 from napari_splinesketch.plugin.adapter.space import current_frame, plane_problem
 from napari_splinesketch.plugin.jobs import Job
-from napari_splinesketch.plugin.keeper import Keeper, Notice
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 from napari_splinesketch.plugin.records import Record, key_of
+from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
 from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.work import Work
 
@@ -59,7 +59,7 @@ class Request:
     problem: str = ""
 
 
-class Controller(Keeper):
+class Controller(SettingsKeeper):
     """Owns the state; widgets show it.
 
     Parameters
@@ -69,8 +69,6 @@ class Controller(Keeper):
 
     Attributes
     ----------
-    preset
-        How much work to do.
     at_once
         Whether a line is refined as soon as it is drawn.
     actions
@@ -79,7 +77,6 @@ class Controller(Keeper):
 
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
-        self.preset: PresetName = "balanced"
         self.at_once = False
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
@@ -139,7 +136,14 @@ class Controller(Keeper):
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in request.plan.targets)
         block = block_around(image, request.frame, lines)
-        task = engine.Task(block, lines, request.plan.fixed, self.preset)
+        task = engine.Task(
+            block,
+            lines,
+            request.plan.fixed,
+            self.preset,
+            self.settings.polarity,
+            self.half_width_in(image),
+        )
         self.progress, self.notice = Progress("starting", 0.0), Notice()
         self._preview = Preview(self.viewer, image, f"{work.name} on the way")
         self._job = Job(partial(engine.run, task))
@@ -192,6 +196,7 @@ class Controller(Keeper):
         """End what runs; nobody is there any more to show anything."""
         self.abandon()
         self.actions.close()
+        self.stop_listening()
         self.changed.disconnect()
         self.choices.changed.disconnect()
         self.choices.edited.disconnect()

@@ -1,5 +1,6 @@
 """The dock: sketch, refine, export."""
 
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -20,11 +21,15 @@ from qtpy.QtWidgets import (
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
+from napari_splinesketch.plugin.folded_box import FoldedBox
 from napari_splinesketch.plugin.folded_text import FoldedText
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.layer_combo import LayerCombo
+from napari_splinesketch.plugin.look_box import LookBox
+from napari_splinesketch.plugin.panel_keeper import PanelKeeper
 from napari_splinesketch.plugin.progress_box import ProgressBox
 from napari_splinesketch.plugin.refine_menu import RefineMenu
+from napari_splinesketch.plugin.settings_box import SettingsBox
 from napari_splinesketch.plugin.text_label import TextLabel
 from napari_splinesketch.plugin.visibility_row import VisibilityRow
 
@@ -46,6 +51,8 @@ class SplinesketchDock(QScrollArea):
         # napari hands out a proxy, whose layers are never identical with the real ones.
         viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.controller = Controller(viewer)
+        self.panel = PanelKeeper(self.controller)
+        self.controller.use_keys()
         self._build()
         self._lay_out()
         self._connect()
@@ -61,7 +68,6 @@ class SplinesketchDock(QScrollArea):
         self.new = QPushButton("New sketch")
         self.preset = QComboBox()
         self.preset.addItems([name.capitalize() for name in engine.PRESETS])
-        self.preset.setCurrentIndex(engine.PRESETS.index(self.controller.preset))
         self.preset.setMinimumWidth(60)
         tips = [words.PRESET_TIPS[name] for name in engine.PRESETS]
         for i, tip in enumerate(tips):
@@ -77,6 +83,12 @@ class SplinesketchDock(QScrollArea):
         self.results = TextLabel()
         self.notes = FoldedText("What the image needed", words.NOTES_TIP)
         self.visibility = VisibilityRow()
+        self.look = LookBox()
+        self.review = QPushButton("Review curves")
+        self.review.setCheckable(True)
+        self.review.setToolTip("Show the table of curves and the plots of the selected one")
+        self.settings_box = SettingsBox()
+        self.settings = FoldedBox("Settings", "What you choose once for all", self.settings_box)
         self.export = QPushButton("Export…")
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
 
@@ -99,6 +111,8 @@ class SplinesketchDock(QScrollArea):
             layout.addWidget(widget)
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
+        layout.addWidget(self.look)
+        layout.addWidget(self.review)
         steps = QHBoxLayout()
         steps.setSpacing(4)
         for button in (self.undo, self.redo):
@@ -106,6 +120,7 @@ class SplinesketchDock(QScrollArea):
             steps.addWidget(button)
         layout.addLayout(steps)
         layout.addWidget(self.export)
+        layout.addWidget(self.settings)
         layout.addStretch(1)
         self.setWidget(self.content)
         self.setWidgetResizable(True)
@@ -122,6 +137,13 @@ class SplinesketchDock(QScrollArea):
         self.sketches.picked.connect(lambda layer: setattr(choices, "sketches", layer))
         self.new.clicked.connect(controller.new_sketches)
         self.preset.activated.connect(lambda i: setattr(controller, "preset", engine.PRESETS[i]))
+        self.look.valueChanged.connect(
+            lambda by: controller.change(replace(controller.settings, colour_by=by))
+        )
+        self.settings_box.valueChanged.connect(controller.change)
+        self.visibility.more.refused.connect(controller.say)
+        self.review.clicked.connect(self.panel.show_or_hide)
+        self.panel.toggled.connect(self._on_panel)
         self.refine.clicked.connect(lambda: controller.refine())
         self.at_once.clicked.connect(controller.toggle_at_once)
         self.progress.cancelled.connect(controller.cancel)
@@ -142,6 +164,7 @@ class SplinesketchDock(QScrollArea):
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
             self.controller.abandon()
             self.controller.actions.close()
+            self.panel.hide()
 
     def _show_layers(self) -> None:
         choices = self.controller.choices
@@ -180,8 +203,15 @@ class SplinesketchDock(QScrollArea):
         self.results.say(words.summary(records, seconds) if records else "")
         notes = work.notes.get(request.frame, ()) if work and records else ()
         self.notes.say(words.notes(notes))
+        self.preset.setCurrentIndex(engine.PRESETS.index(controller.preset))
         self.visibility.show_work(work)
-        self.visibility.setVisible(bool(controller.records()))
+        curves = [record.curve for record in controller.records()]
+        for widget in (self.visibility, self.look, self.review):
+            widget.setVisible(bool(curves))
+        self.look.show_look(controller.settings.colour_by, curves, controller.ruler)
+        self.settings_box.show_ruler(controller.ruler)
+        self.settings_box.show_actions(controller.actions)
+        self.settings_box.setValue(controller.settings)
         _enable(
             self.export,
             "" if controller.records() else "Nothing to export yet: refine first",
@@ -202,6 +232,9 @@ class SplinesketchDock(QScrollArea):
             tip = f"{action.tip} ({action.key}): {what[:1].lower()}{what[1:]}"
             _enable(button, "" if what and not running else running or none, tip)
             button.setVisible(bool(history and (history.done or history.undone)))
+
+    def _on_panel(self, shown: bool) -> None:
+        self.review.setChecked(shown)
 
     def _ask_where(self) -> None:
         image = self.controller.choices.image

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine.settings import PRESETS as PRESETS
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
+from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Block
 
@@ -33,12 +33,18 @@ class Task:
         Neighbours that were refined before, px of the image.
     preset
         How much work to do.
+    polarity
+        Whether bodies are bright or dark.
+    half_width
+        Rough distance from centreline to edge, px of the image; None measures it.
     """
 
     block: Block
     lines: tuple[Float[np.ndarray, "N 2"], ...]
     fixed: tuple[Curve, ...]
     preset: PresetName
+    polarity: Polarity = "auto"
+    half_width: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +56,7 @@ class Refined:
     curves
         One for each line of the task.
     patch
-        The reconstruction.
+        The reconstruction and the background.
     seconds
         Wall time of the engine.
     notes
@@ -78,11 +84,15 @@ def run(task: Task, on_progress: OnProgress) -> Refined:
         pixels,
         lines,
         task.preset,
+        polarity=task.polarity,
+        half_width=task.half_width and task.half_width / grid.size,
         fixed=near,
         on_progress=lambda progress: on_progress(_in_image(progress, task.block)),
     )
     curves = tuple(grid.curve_to_image(curve) for curve in result.curves)
-    patch = Patch(grid, result.reconstruction.astype(np.float32))
+    # Half of the bytes, and as good as what is shown.
+    pictures = (result.reconstruction, result.background)
+    patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
     region = grid.to_image(low), grid.to_image(high)
     return Refined(curves, patch, result.seconds, result.model.notes, region)
 
@@ -106,13 +116,23 @@ def refine(
     lines: Sequence[Float[np.ndarray, "N 2"]],
     preset: PresetName,
     *,
+    polarity: Polarity,
+    half_width: float | None,
     fixed: Sequence[Curve],
     on_progress: OnProgress,
 ) -> Refinement:
     """Call the engine, importing it when it is first needed."""
     from napari_splinesketch.engine.refine import refine
 
-    return refine(image, lines, preset, fixed=fixed, on_progress=on_progress)
+    return refine(
+        image,
+        lines,
+        preset,
+        polarity=polarity,
+        half_width=half_width,
+        fixed=fixed,
+        on_progress=on_progress,
+    )
 
 
 def warm_up(_: OnProgress) -> None:

@@ -1,12 +1,12 @@
 """Sentences that are shown when one asks for them."""
 
-from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QToolButton, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QWidget
 
+from napari_splinesketch.plugin.folded_box import FoldedBox
 from napari_splinesketch.plugin.text_label import TextLabel
 
 
-class FoldedText(QWidget):
+class FoldedText(FoldedBox):
     """A title with an arrow that unfolds a text; takes no room while there is none.
 
     Parameters
@@ -18,20 +18,9 @@ class FoldedText(QWidget):
     """
 
     def __init__(self, title: str, tip: str, parent: QWidget | None = None):
-        super().__init__(parent)
-        self.title = QToolButton()
-        self.title.setText(title)
-        self.title.setToolTip(tip)
-        self.title.setCheckable(True)
-        self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-        self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
         self.text = TextLabel()
         self._said = ""
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.title)
-        layout.addWidget(self.text)
-        self.title.toggled.connect(self._show)
+        super().__init__(title, tip, self.text, parent)
         self.say("")
 
     def say(self, text: str) -> None:
@@ -41,6 +30,5 @@ class FoldedText(QWidget):
         self._show()
 
     def _show(self) -> None:
-        unfolded = self.title.isChecked()
-        self.title.setArrowType(Qt.ArrowType.DownArrow if unfolded else Qt.ArrowType.RightArrow)
-        self.text.say(self._said if unfolded else "")
+        super()._show()
+        self.text.say(self._said if self.title.isChecked() else "")

@@ -56,6 +56,7 @@ class Keeper:
         self.notice = Notice()
         self._selection: tuple[Key, ...] = ()
         self._drawing = Drawing(self._on_not_shown)
+        self.selected_changed.connect(self._look_at_selected)
         self._works = works_in(viewer)
         for work in self._works:
             self._attend(work)
@@ -85,6 +86,11 @@ class Keeper:
     @selected.setter
     def selected(self, key: Key | None) -> None:
         self.select(() if key is None else (key,))
+
+    def say(self, text: str) -> None:
+        """Tell the user why something was not done."""
+        self.notice = Notice("failed", text)
+        self.changed.emit()
 
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
@@ -154,6 +160,7 @@ class Keeper:
     def _attend(self, work: Work) -> None:
         # Later: napari is still busy with the edit that it tells of.
         work.layers.toggled.connect(self.changed.emit)
+        work.proofs.toggled.connect(self.changed.emit)
         work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
         work.layers.selected.connect(partial(self._on_selected, work))
 
@@ -172,6 +179,11 @@ class Keeper:
             self._selection = work.layers.selection()
             self.selected_changed.emit()
             self.changed.emit()
+
+    def _look_at_selected(self) -> None:
+        if self.work:
+            self.work.looked_at = self.selected
+            self.work.proofs.update()
 
     def _travel(self, said: str, way: Literal["undo", "redo"]) -> None:
         if self.work and not self.progress:

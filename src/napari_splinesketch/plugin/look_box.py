@@ -33,6 +33,7 @@ class LookBox(QWidget):
 
     def __init__(self, parent: QWidget | None = None):
         super().__init__(parent)
+        self._seen: object = None
         self.by = QComboBox()
         self.by.addItems([f"Colour by {NAMES[by]}" for by in COLOUR_BY])
         self.by.setMinimumWidth(60)
@@ -60,6 +61,10 @@ class LookBox(QWidget):
 
     def show_look(self, by: ColourBy, curves: Sequence[Curve], ruler: Ruler) -> None:
         """Show what the colours of these curves say."""
+        seen = by, ruler, tuple(map(id, curves))
+        if seen == self._seen:
+            return
+        self._seen = seen
         self.by.setCurrentIndex(COLOUR_BY.index(by))
         scale = scale_of(curves, by, ruler)
         self.scale.setVisible(scale is not None)

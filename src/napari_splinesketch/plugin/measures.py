@@ -31,6 +31,11 @@ class Ruler:
     scale: tuple[float, float] = (1.0, 1.0)
     unit: str = "px"
 
+    @property
+    def pixel(self) -> float:
+        """Size of a pixel: the mean of both directions."""
+        return (self.scale[0] * self.scale[1]) ** 0.5
+
     def along(self, points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
         """Distance from the first point along a line of (row, col), px, in the unit."""
         steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)

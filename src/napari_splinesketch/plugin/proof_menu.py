@@ -1,10 +1,11 @@
 """The menu of layers that are made when one asks for them."""
 
 from functools import partial
+from typing import Any
 
 from qtpy.QtCore import Signal  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QAction
-from qtpy.QtWidgets import QMenu, QToolButton, QWidget
+from qtpy.QtWidgets import QMenu, QPushButton, QWidget
 
 from napari_splinesketch.plugin.adapter.pictures import Proof
 from napari_splinesketch.plugin.work import Work
@@ -23,7 +24,7 @@ NOTHING: dict[Proof, str] = {
 }
 
 
-class ProofMenu(QToolButton):
+class ProofMenu(QPushButton):
     """A button that unfolds a list of layers to show."""
 
     refused = Signal(str)
@@ -32,10 +33,10 @@ class ProofMenu(QToolButton):
     def __init__(self, parent: QWidget | None = None):
         super().__init__(parent)
         self._work: Work | None = None
-        self._entries: dict[Proof, QAction] = {}
+        self._entries: dict[Proof, Any] = {}
         self.setText("More")
         self.setToolTip("Show more: residual, background, uncertainty, masks")
-        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.setMinimumWidth(30)
         self._menu = QMenu(self)
         self._menu.setToolTipsVisible(True)
         for proof, (name, tip) in ENTRIES.items():
@@ -47,7 +48,7 @@ class ProofMenu(QToolButton):
             self._entries[proof] = entry
         self.setMenu(self._menu)
 
-    def entry(self, proof: Proof) -> QAction:
+    def entry(self, proof: Proof) -> Any:
         """Give an entry of the menu."""
         return self._entries[proof]
 

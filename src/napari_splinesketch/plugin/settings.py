@@ -1,7 +1,7 @@
 """What the user chose, kept across sessions by napari, and shown in its preferences too."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import pint
@@ -91,7 +91,9 @@ def load() -> Settings:
     if known is None:
         return Settings()
     values = {
-        name: getattr(getattr(known, group), name) for group, names in GROUPS.items() for name in names
+        name: getattr(getattr(known, group), name)
+        for group, names in GROUPS.items()
+        for name in names
     }
     keys = getattr(known, KEYS).model_dump()
     try:
@@ -137,7 +139,7 @@ def _put(group: Any, name: str, value: Any) -> None:
 
 
 def _napari() -> Any:
-    """napari's settings of the plugin; None where it runs from a script without its manifest."""
+    """Napari's settings of the plugin; None where it runs from a script without its manifest."""
     try:
         return get_plugin_settings(PLUGIN)
     except KeyError:

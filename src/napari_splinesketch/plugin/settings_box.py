@@ -4,8 +4,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import get_args
 
-from qtpy.QtCore import QSignalBlocker
-from qtpy.QtCore import Signal  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtCore import (
+    QSignalBlocker,
+    Signal,  # pyright: ignore[reportPrivateImportUsage]
+)
 from qtpy.QtGui import QKeySequence
 from qtpy.QtWidgets import (
     QCheckBox,
@@ -13,6 +15,7 @@ from qtpy.QtWidgets import (
     QDoubleSpinBox,
     QFormLayout,
     QKeySequenceEdit,
+    QToolButton,
     QWidget,
 )
 
@@ -84,13 +87,12 @@ class SettingsBox(QWidget):
     def setValue(self, settings: Settings) -> None:
         """Show what is chosen, silently."""
         self._settings = settings
-        pixel = (self._ruler.scale[0] * self._ruler.scale[1]) ** 0.5
-        width = settings.half_width_in(self._ruler.unit, pixel)
+        width = settings.half_width_in(self._ruler.unit, self._ruler.pixel)
         self.polarity.setCurrentIndex(KINDS.index(settings.polarity))
         for widget in (self.half_width, self.pixels):
             widget.blockSignals(True)
         if not self.half_width.hasFocus():
-            self.half_width.setValue(width * pixel if width else 0.0)
+            self.half_width.setValue(width * self._ruler.pixel if width else 0.0)
         self.pixels.setChecked(settings.lengths_in_pixels)
         for widget in (self.half_width, self.pixels):
             widget.blockSignals(False)
@@ -116,6 +118,8 @@ class SettingsBox(QWidget):
             edit.setMaximumSequenceLength(1)
             edit.setClearButtonEnabled(True)
             edit.setMinimumWidth(60)
+            for button in edit.findChildren(QToolButton):
+                button.setToolTip("Take the key away")
             edit.setToolTip(f"{action.tip}\nClick here and press another key to change it.")
             edit.editingFinished.connect(lambda name=action.id, edit=edit: self._on_key(name, edit))
             self.keys[action.id] = edit

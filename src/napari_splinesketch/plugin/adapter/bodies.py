@@ -56,8 +56,7 @@ def _touched(patch: Patch, curve: Curve) -> Touched | None:
     """The pixels that a body may be seen in."""
     if curve.status == "failed" or not np.isfinite(curve.half_width).all():
         return None
-    size = float(np.sqrt(np.prod(patch.grid.step)))
-    reach = curve.half_width / size + SOFT
+    reach = curve.half_width / patch.grid.size + SOFT
     label = Label.from_curve(curve)
     points = patch.grid.to_block(curve.points)
     height, width = patch.shape

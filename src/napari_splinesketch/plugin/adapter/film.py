@@ -49,6 +49,11 @@ class Patch:
     background: Float[np.ndarray, "H W"] | None = None
 
     @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return self.pixels.nbytes + (0 if self.background is None else self.background.nbytes)
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """(H, W)."""
         return self.pixels.shape

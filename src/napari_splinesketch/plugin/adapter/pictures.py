@@ -1,6 +1,6 @@
 """What the layers that the user asks for are made of."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, Protocol, cast
@@ -63,7 +63,8 @@ class Made:
             layer.metadata = metadata
             layer.add(self.data, **self.look)
             return layer
-        return self.kind(cast(Any, self.data), multiscale=False, **how)
+        kind: Any = self.kind
+        return kind(self.data, multiscale=False, **how)
 
     def into(self, layer: Layer) -> bool:
         """Put the data into a layer that is there, as the user has it look; False if it cannot."""
@@ -72,12 +73,16 @@ class Made:
             layer.remove(list(range(layer.nshapes)))
             layer.add(self.data, **self.look)
             return True
-        if not isinstance(layer, self.kind) or layer.data.shape != self.data.shape:
+        if not isinstance(layer, self.kind) or _shape(layer) != self.data.shape:
             return False
         layer.data = cast(Any, self.data)
         for name, value in self.place.items():
             setattr(layer, name, value)
         return True
+
+
+def _shape(layer: Any) -> tuple[int, ...]:
+    return layer.data.shape
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,14 @@ class Grid:
         """Take the image's (row, col) to the block's."""
         return (points - self.origin) / self.step
 
+    @property
+    def size(self) -> float:
+        """Size of the block's pixels, px of the image: the mean of both directions."""
+        return float(np.sqrt(np.prod(self.step)))
+
     def curve_to_image(self, curve: Curve) -> Curve:
         """Take a curve of the block to the image."""
-        size = float(np.sqrt(np.prod(self.step)))
+        size = self.size
         knots = np.column_stack([self.to_image(curve.knots[:, :2]), size * curve.knots[:, 2]])
         return replace(
             curve,

@@ -1,6 +1,6 @@
 """Layers that are made when the user asks for them; they follow what is known while in view."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from napari.components import ViewerModel

@@ -22,12 +22,9 @@ from napari_splinesketch.plugin.adapter.space import (
     in_stack,
     placement,
     placement_on,
-    ruler_of,
 )
+from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, Record
-=======
-from napari_splinesketch.plugin.adapter.space import frame_shape, in_stack, placement, placement_on
-from napari_splinesketch.plugin.records import Record
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
@@ -73,11 +70,6 @@ class ResultLayers:
         What their names begin with.
     owner
         What they show; kept in their metadata, so that it lives as long as they do.
-
-    Attributes
-    ----------
-    colour_by
-        What the colour of a curve says; shown with the next `show`.
     """
 
     edited = Signal()
@@ -88,7 +80,7 @@ class ResultLayers:
     """The user has selected other curves in their layer."""
 
     def __init__(self, viewer: ViewerModel, name: str, owner: Known):
-        self.colour_by: ColourBy = "status"
+        self._look: tuple[ColourBy, Ruler] = ("status", Ruler())
         self._viewer = viewer
         self._image = owner.image
         self._name = name
@@ -103,6 +95,12 @@ class ResultLayers:
         """Give the layer of a role, or None where there is none or the user removed it."""
         layer = self._layers.get(role)
         return layer if layer in self._viewer.layers else None
+
+    def colour(self, by: ColourBy, ruler: Ruler) -> bool:
+        """Choose what the colour of a curve says; say whether `show` has to be called for it."""
+        before = self._look
+        self._look = (by, ruler)
+        return bool(self._shown) and before != self._look
 
     def show(self) -> Iterator[None]:
         """Show what is known by then, in the layers that exist or in new ones, layer by layer.
@@ -191,7 +189,7 @@ class ResultLayers:
         curves = tuple(r.curve for r in records)
         anew = list(map(id, curves)) != list(map(id, self._shown.get(role, ())))
         anew = anew or layer.nshapes != len(curves)
-        colours = colours_of(curves, self.colour_by, ruler_of(self._image))
+        colours = colours_of(curves, *self._look)
         if not anew and colours and colours != self._colours.get(role):
             layer.edge_color = colours
         self._colours[role] = colours

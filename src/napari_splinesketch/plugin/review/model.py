@@ -11,7 +11,6 @@ from qtpy.QtGui import QColor
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 from napari_splinesketch.plugin.measures import (
     Measures,
     Ruler,
@@ -19,6 +18,7 @@ from napari_splinesketch.plugin.measures import (
     severity,
     three_digits,
 )
+from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 from napari_splinesketch.plugin.words import STATUS_WORDS
 
 REVIEWS: dict[Review, str] = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}

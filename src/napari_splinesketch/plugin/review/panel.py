@@ -3,7 +3,12 @@
 from pathlib import Path
 
 from napari.utils.notifications import show_error
-from qtpy.QtCore import QSize, Qt
+from qtpy.QtCore import (
+    QEvent,
+    QSize,
+    Qt,
+    Signal,  # pyright: ignore[reportPrivateImportUsage]
+)
 from qtpy.QtWidgets import (
     QApplication,
     QComboBox,
@@ -13,15 +18,14 @@ from qtpy.QtWidgets import (
     QMenu,
     QPushButton,
     QSplitter,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-from napari_splinesketch.plugin.adapter.space import current_frame, ruler_of
+from napari_splinesketch.plugin.adapter.space import current_frame
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.records import Record
 from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.records import Record
 from napari_splinesketch.plugin.review.model import CurvesModel
 from napari_splinesketch.plugin.review.plots import CurvePlots
 from napari_splinesketch.plugin.review.profiles import Profiles
@@ -39,6 +43,8 @@ SHOWN_WORDS = {
 }
 HEIGHT = 210
 """That it asks for, px: leaves most of a laptop's window to the canvas."""
+SHARES = [740, 530]
+"""Of the width: table and plots."""
 
 
 class ReviewPanel(QWidget):
@@ -51,6 +57,8 @@ class ReviewPanel(QWidget):
     reviewing
         Goes from curve to curve.
     """
+
+    closed = Signal()
 
     def __init__(self, controller: Controller, reviewing: Reviewing):
         super().__init__()
@@ -75,10 +83,9 @@ class ReviewPanel(QWidget):
         self.accept = QPushButton("Accept")
         self.reject = QPushButton("Reject")
         self.next = QPushButton("Next")
-        self.more = QToolButton()
-        self.more.setText("Table")
+        self._judges = {"accept": self.accept, "reject": self.reject, "next": self.next}
+        self.more = QPushButton("Table")
         self.more.setToolTip("Take the table elsewhere, as it is sorted and filtered")
-        self.more.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)
@@ -100,8 +107,7 @@ class ReviewPanel(QWidget):
         halves = QSplitter(Qt.Orientation.Horizontal)
         halves.addWidget(left)
         halves.addWidget(self.plots)
-        halves.setStretchFactor(0, 3)
-        halves.setStretchFactor(1, 2)
+        halves.setSizes(SHARES)
         layout = QHBoxLayout(self)
         layout.setContentsMargins(4, 2, 4, 2)
         layout.addWidget(halves)
@@ -118,8 +124,14 @@ class ReviewPanel(QWidget):
         self.reject.clicked.connect(self.reviewing.reject)
         self.next.clicked.connect(self.reviewing.next)
 
-    def close_down(self) -> None:
-        """Let go of the controller, before the panel is dropped."""
+    def changeEvent(self, a0: QEvent | None) -> None:
+        """Let go of the controller when the panel is closed: napari takes it out of its dock."""
+        super().changeEvent(a0)
+        if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self._let_go()
+            self.closed.emit()
+
+    def _let_go(self) -> None:
         controller = self.controller
         controller.changed.disconnect(self.show_state)
         controller.selected_changed.disconnect(self.show_selected)
@@ -141,7 +153,11 @@ class ReviewPanel(QWidget):
         records = work.records if work else ()
         if image is not None and self.rows.shown == "this frame":
             self.rows.show_frame(current_frame(controller.viewer, image))
-        ruler = ruler_of(image)
+        ruler = controller.ruler
+        for name, button in self._judges.items():
+            action = controller.actions[name]
+            button.setText(f"{action.name} ({action.key})" if action.key else action.name)
+            button.setToolTip(action.tip)
         if self._known is None or records is not self._known[0] or ruler != self._known[1]:
             self._known = records, ruler
             self.model.show_records(records, ruler)

@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
 from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
-
 from qtpy.QtGui import QResizeEvent
 
 from napari_splinesketch.plugin.theme import Theme
@@ -63,14 +62,20 @@ class CurvePlots(FigureCanvasQTAgg):
         self.figure = figure
         width, residual = figure.subplots(1, 2)
         self.axes: tuple[Axes, Axes] = width, residual
-        (self._width,) = width.plot([], [], lw=1.8, label="half-width ± sd")
-        (self._mean,) = width.plot([], [], lw=1.4, ls=(0, (4, 2)), label="mean of all curves")
+        (self._width,) = width.plot([], [], lw=1.8, label="curve ± sd")
+        (self._mean,) = width.plot([], [], lw=1.4, ls=(0, (4, 2)), label="mean of all")
         self._band = width.fill_between([], [], [], lw=0, alpha=0.35)
         assert isinstance(self._band, FillBetweenPolyCollection)
         (self._residual,) = residual.plot([], [], lw=1.4)
         self._zero = residual.axhline(0, lw=1, ls=(0, (4, 2)))
         self._legend = width.legend(
-            fontsize=SMALL - 1, loc="upper left", frameon=False, ncols=2, borderaxespad=0
+            fontsize=SMALL - 1,
+            loc="upper left",
+            frameon=False,
+            ncols=2,
+            borderaxespad=0,
+            handlelength=1.4,
+            columnspacing=1.0,
         )
         self._titles = [axes.set_title("", loc="left", fontsize=SMALL) for axes in self.axes]
         for axes in self.axes:
@@ -148,7 +153,7 @@ class CurvePlots(FigureCanvasQTAgg):
             self._titles[1].set_text("No model of this frame to compare with")
             return
         self._residual.set_data(profile.distance, profile.residual)
-        self._titles[1].set_text("Image − model, mean across the body")
+        self._titles[1].set_text("Image − model, mean across it")
         _fit(axes, profile.distance, np.append(profile.residual, 0.0))
 
 

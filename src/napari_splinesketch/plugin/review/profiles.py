@@ -6,9 +6,9 @@ from napari.layers import Image
 
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid, block_on
+from napari_splinesketch.plugin.measures import Ruler, mean_along
 from napari_splinesketch.plugin.records import Record
 from napari_splinesketch.plugin.review.along import across, mean_across
-from napari_splinesketch.plugin.measures import Ruler, mean_along
 from napari_splinesketch.plugin.review.plots import Profile
 from napari_splinesketch.plugin.work import Work
 
@@ -33,9 +33,7 @@ class Profiles:
             residual_along(work.image, work.patches.get(record.frame), record),
         )
 
-    def _mean_of(
-        self, records: tuple[Record, ...], ruler: Ruler
-    ) -> Float[np.ndarray, " P"] | None:
+    def _mean_of(self, records: tuple[Record, ...], ruler: Ruler) -> Float[np.ndarray, " P"] | None:
         if self._of is None or self._of[0] is not records or self._of[1] != ruler:
             self._of = records, ruler
             self._mean = mean_along([ruler.across(r.curve, r.curve.half_width) for r in records])
@@ -52,7 +50,7 @@ def residual_along(
     if patch is None:
         return None
     points = patch.grid.to_block(record.curve.points)
-    half_width = record.curve.half_width / float(np.sqrt(np.prod(patch.grid.step)))
+    half_width = record.curve.half_width / patch.grid.size
     places = across(points, half_width)
     low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
     high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)

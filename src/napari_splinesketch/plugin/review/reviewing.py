@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
+from napari_splinesketch.plugin.actions import Action
 from napari_splinesketch.plugin.adapter.camera import look_at
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 from napari_splinesketch.plugin.measures import severity
+from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 
 
 class Reviewing:
@@ -26,6 +27,11 @@ class Reviewing:
     def __init__(self, controller: Controller):
         self.controller = controller
         self.order: Callable[[], Sequence[Record]] = self.worst_first
+        controller.actions.add(
+            Action("accept", "Accept", "J", self.accept, "Accept the curve and go on to the next"),
+            Action("reject", "Reject", "K", self.reject, "Reject the curve and go on to the next"),
+            Action("next", "Next", "N", self.next, "Go to the next curve to look at"),
+        )
 
     def worst_first(self) -> list[Record]:
         """Give all curves, those that ask for a look most first."""

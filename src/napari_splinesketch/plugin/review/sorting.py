@@ -34,11 +34,11 @@ class CurvesInOrder(QSortFilterProxyModel):
             if self.shown == "this frame":
                 self.invalidate()
 
-    def lessThan(self, source_left: QModelIndex, source_right: QModelIndex) -> bool:
+    def lessThan(self, left: QModelIndex, right: QModelIndex) -> bool:
         """Compare two cells of a column."""
-        column = source_left.column()
+        column = left.column()
         key = self.model.key
-        return key(source_left.row(), column) < key(source_right.row(), column)
+        return key(left.row(), column) < key(right.row(), column)
 
     def filterAcceptsRow(self, source_row: int, source_parent: QModelIndex) -> bool:
         """Whether a curve is shown."""

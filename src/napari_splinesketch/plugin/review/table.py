@@ -1,16 +1,22 @@
 """The view of the table of curves."""
 
-from qtpy.QtCore import QItemSelectionModel, QModelIndex, QSignalBlocker, Qt
-from qtpy.QtCore import Signal  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtCore import (
+    QItemSelectionModel,
+    QModelIndex,
+    QSignalBlocker,
+    Qt,
+    Signal,  # pyright: ignore[reportPrivateImportUsage]
+)
 from qtpy.QtGui import QKeyEvent
 from qtpy.QtWidgets import QAbstractItemView, QTableView, QWidget
 
 from napari_splinesketch.plugin.records import Key, key_of
-from napari_splinesketch.plugin.review.model import COLUMNS
+from napari_splinesketch.plugin.review.model import STATUS
 from napari_splinesketch.plugin.review.sorting import CurvesInOrder
 
-WIDTHS = (48, 52, 88, 88, 84, 88, 84, 70, 70, 240)
-"""Of the columns, px."""
+LONGEST = ("0000", "0000", "■ to check ?", "✓ accepted", *["00000"] * 5, "0" * 40)
+"""What the columns are wide enough for, beside their titles."""
+PADDING = 16
 MOVES = (
     Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
     Qt.Key.Key_Home, Qt.Key.Key_End,
@@ -31,7 +37,6 @@ class CurvesTable(QTableView):
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.setWordWrap(False)
-        self.setAlternatingRowColors(True)
         self.setShowGrid(False)
         self.setAccessibleName("Curves")
         if (header := self.verticalHeader()) is not None:
@@ -40,9 +45,10 @@ class CurvesTable(QTableView):
         if (header := self.horizontalHeader()) is not None:
             header.setStretchLastSection(True)
             header.setHighlightSections(False)
-            header.setSortIndicator(rows.sortColumn(), rows.sortOrder())
-        for i in range(len(COLUMNS)):
-            self.setColumnWidth(i, WIDTHS[i])
+            self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
+            for i, text in enumerate(LONGEST):
+                width = self.fontMetrics().horizontalAdvance(text) + PADDING
+                self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
         if (model := self.selectionModel()) is not None:
             model.currentRowChanged.connect(self._on_row)
 

@@ -4,8 +4,8 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 
-from napari_splinesketch.plugin.records import Record
 from napari_splinesketch.plugin.measures import Ruler, measure
+from napari_splinesketch.plugin.records import Record
 
 COLUMNS = (
     "curve", "frame", "status", "review", "length", "half_width_mean", "half_width_max", "sd",

@@ -1,0 +1,68 @@
+"""The review panel comes when the user asks for it, and only then matplotlib."""
+
+from typing import TYPE_CHECKING, Any
+
+from psygnal import Signal
+
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.review.reviewing import Reviewing
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.review.panel import ReviewPanel
+
+NAME = "Curves"
+
+
+class PanelKeeper:
+    """Shows and hides the panel below the canvas.
+
+    Parameters
+    ----------
+    controller
+        Owns the curves.
+
+    Attributes
+    ----------
+    panel
+        The panel while it is shown, or None.
+    """
+
+    toggled = Signal(bool)
+    """The panel was shown or hidden."""
+
+    def __init__(self, controller: Controller):
+        self.reviewing = Reviewing(controller)
+        self.panel: ReviewPanel | None = None
+        self._controller = controller
+
+    def show_or_hide(self) -> None:
+        """Show the panel if it is not there, hide it if it is."""
+        if self.panel is None:
+            self.show()
+        else:
+            self.hide()
+
+    def show(self) -> None:
+        """Show the panel."""
+        if self.panel is None:
+            from napari_splinesketch.plugin.review.panel import ReviewPanel
+
+            self.panel = ReviewPanel(self._controller, self.reviewing)
+            self.panel.closed.connect(self._on_closed)
+            self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
+        self.toggled.emit(True)
+
+    def hide(self) -> None:
+        """Take the panel away."""
+        if self.panel is not None:
+            self._window().remove_dock_widget(self.panel)
+
+    def _on_closed(self) -> None:
+        if self.panel is not None:
+            self.panel.deleteLater()
+            self.panel = None
+        self.toggled.emit(False)
+
+    def _window(self) -> Any:
+        # Only a viewer with a window has a dock to press the button in.
+        return getattr(self._controller.viewer, "window")  # noqa: B009

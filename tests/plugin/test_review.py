@@ -1,0 +1,197 @@
+"""Reviewing in a real window: table, keys, camera, plots."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from napari.layers import Shapes
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QApplication, QFileDialog
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.review.panel import ReviewPanel
+
+from .fakes import FakeEngine
+from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, refine, until
+
+LINES = [np.array([[20.0 * i, 20], [20 * i, 100]]) for i in range(1, 6)]
+PLACE = {"scale": (0.5, 0.5), "translate": (3, 7), "units": ("um", "um")}
+DOUBTS = {
+    1: {"status": "check", "reasons": ("it moved",), "residual": 0.4},
+    3: {"status": "check", "reasons": ("it is short",), "residual": 0.2},
+    4: {"status": "failed", "half_width": np.full(100, np.nan), "sd": np.full(100, np.inf)},
+}
+
+
+def opened(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> ReviewPanel:
+    """Refine five lines and open the panel with its button."""
+    rng = np.random.default_rng(0)
+    image = rng.normal(100, 5, (128, 160)).astype(np.float32)
+    viewer.add_image(image, name="cells", **PLACE)
+    viewer.add_shapes(LINES, shape_type="line", name="cells sketches", **PLACE)
+    fake.changes = DOUBTS
+    refine(dock)
+    click(dock.review)
+    until(lambda: dock.panel.panel is not None)
+    assert dock.panel.panel is not None
+    return dock.panel.panel
+
+
+def ids(panel: ReviewPanel) -> list[int]:
+    return [record.id for record in panel.visible()]
+
+
+def press(viewer: Any, key: str) -> None:
+    QTest.keyClick(canvas(viewer), getattr(Qt.Key, f"Key_{key}"))
+    QTest.qWait(150)
+
+
+def centre(viewer: Any) -> np.ndarray:
+    return np.array(viewer.scene.camera.center)[-2:]
+
+
+def test_a_row_and_its_curve_find_each_other(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    panel = opened(viewer, dock, fake)
+    assert ids(panel)[:3] == [5, 2, 4], "the worst first"
+    header = [panel.model.headerData(i, Qt.Orientation.Horizontal) for i in range(9)]
+    assert "Length (µm)" in header
+    row = ids(panel).index(4)
+    place = panel.table.visualRect(panel.rows.index(row, 1)).center()
+    QTest.mouseClick(panel.table.viewport(), LEFT, NO_KEY, place)
+    assert dock.controller.selected == (0, 4)
+    layer = viewer.layers["cells curves"]
+    assert layer.selected_data == {3}
+    np.testing.assert_allclose(centre(viewer), layer.data_to_world([80, 60]), atol=1e-3)
+    profile = panel.plots.profile
+    assert profile is not None
+    assert (profile.name, profile.unit) == ("curve 4", "µm")
+    assert profile.distance[-1] == pytest.approx(40.0)
+    np.testing.assert_allclose(profile.half_width, 1.0)
+    # The engine of these tests explains an image by its mean.
+    image = viewer.layers["cells"].data
+    assert profile.residual is not None
+    middle = image[78:83, 20:101].mean(axis=0) - image.mean()
+    np.testing.assert_allclose(profile.residual[[0, -1]], middle[[0, -1]], atol=2.5)
+    QTest.keyClick(panel.table, Qt.Key.Key_Down)
+    assert dock.controller.selected == (0, ids(panel)[row + 1])
+    # The other way round: on the canvas.
+    viewer.layers.selection.active = layer
+    layer.mode = "select"
+    QTest.qWait(50)
+    where = canvas_point(viewer, layer.data_to_world([60, 60]))
+    QTest.mouseMove(canvas(viewer), where + QPoint(1, 1))
+    QTest.mouseClick(canvas(viewer), LEFT, NO_KEY, where)
+    until(lambda: dock.controller.selected == (0, 3), 5)
+    assert panel.table.currentIndex().row() == ids(panel).index(3)
+    assert panel.plots.profile is not None
+    assert panel.plots.profile.name == "curve 3"
+
+
+def test_one_hand_reviews_the_worst_first(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    panel = opened(viewer, dock, fake)
+    assert panel.count.text() == "0 of 5 reviewed"
+    assert [b.text() for b in (panel.accept, panel.reject, panel.next)] == [
+        "Accept (J)", "Reject (K)", "Next (N)"
+    ]  # fmt: skip
+    viewer.layers.selection.active = viewer.layers["cells"]
+    press(viewer, "N")
+    assert dock.controller.selected == (0, 5)
+    press(viewer, "K")
+    assert dock.controller.selected == (0, 2)
+    press(viewer, "J")
+    assert dock.controller.selected == (0, 4)
+    press(viewer, "N")
+    assert panel.count.text() == "2 of 5 reviewed"
+    assert {r.id: r.review for r in dock.controller.records()} == {
+        1: "open", 2: "accepted", 3: "open", 4: "open", 5: "rejected"
+    }  # fmt: skip
+    # The table leaves the viewer its keys, and the buttons do the same.
+    dock.controller.selected = (0, 4)
+    panel.table.setFocus()
+    QTest.keyClick(panel.table, Qt.Key.Key_J)
+    until(lambda: panel.count.text() == "3 of 5 reviewed", 5)
+    click(panel.accept)
+    until(lambda: panel.count.text() == "4 of 5 reviewed", 5)
+    curves = viewer.layers["cells curves"]
+    until(lambda: list(curves.features["review"]).count("open") == 1, 5)
+    panel.shown.setCurrentIndex(2)
+    panel.shown.activated.emit(2)
+    assert len(ids(panel)) == 1, "only what is not reviewed"
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    until(lambda: panel.count.text() == "3 of 5 reviewed", 5)
+    assert len(ids(panel)) == 2
+
+
+def test_the_table_goes_elsewhere(
+    viewer: Any,
+    dock: SplinesketchDock,
+    fake: FakeEngine,
+    tmp_path: Any,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    panel = opened(viewer, dock, fake)
+    panel.shown.setCurrentIndex(1)
+    panel.shown.activated.emit(1)
+    panel.copy()
+    clipboard = QApplication.clipboard()
+    assert clipboard is not None
+    lines = clipboard.text().splitlines()
+    assert [line.split("\t")[0] for line in lines] == ["curve", "5", "2", "4"]
+    path = tmp_path / "table.csv"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    menu = panel.more.menu()
+    assert menu is not None
+    menu.actions()[1].trigger()
+    assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,failed,open,40.0")
+
+
+def test_the_panel_closes_and_comes_back(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    panel = opened(viewer, dock, fake)
+    assert dock.review.isChecked()
+    viewer.theme = "light"
+    QTest.qWait(50)
+    background = to_rgb(panel.plots.figure.get_facecolor())
+    assert min(background) > 0.8, "the plots follow the theme"
+    viewer.window.remove_dock_widget(panel)
+    until(lambda: dock.panel.panel is None, 5)
+    assert not dock.review.isChecked()
+    dock.controller.review("accepted", (0, 1))
+    dock.panel.reviewing.next()
+    assert dock.controller.selected == (0, 5), "the keys work without the panel"
+    click(dock.review)
+    again = dock.panel.panel
+    assert again is not None and again is not panel
+    assert again.count.text() == "1 of 5 reviewed"
+    click(dock.review)
+    until(lambda: dock.panel.panel is None, 5)
+
+
+def test_a_row_of_another_frame_goes_there(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    image = np.random.default_rng(0).normal(100, 5, (3, 64, 64)).astype(np.float32)
+    viewer.add_image(image, name="film", scale=(2, 1, 1))
+    lines = [np.array([[t, 10.0 + 10 * t, 10], [t, 10 + 10 * t, 50]]) for t in range(3)]
+    viewer.add_shapes(lines, shape_type="line", name="film sketches", scale=(2, 1, 1))
+    for frame in range(3):
+        viewer.dims.set_point(0, 2 * frame)
+        refine(dock)
+    click(dock.review)
+    panel = dock.panel.panel
+    assert panel is not None
+    panel.reviewing.go_to((1, 2))
+    assert viewer.dims.point[0] == 2
+    np.testing.assert_allclose(centre(viewer), [20, 30], atol=1e-6)
+    panel.shown.setCurrentIndex(3)
+    panel.shown.activated.emit(3)
+    assert ids(panel) == [2]
+    viewer.dims.set_point(0, 4)
+    until(lambda: ids(panel) == [3], 5)
+    assert isinstance(viewer.layers["film curves"], Shapes)
