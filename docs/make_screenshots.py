@@ -98,7 +98,7 @@ def main() -> None:
     shoot(viewer, folder / "sketches.png")
     refine(dock)
     shoot(viewer, folder / "window.png")
-    eyes = [eye for eye in dock.visibility.findChildren(QPushButton) if eye.isCheckable()]
+    eyes = dock.visibility.findChildren(QPushButton)
     for eye in eyes:
         click(eye)
     shoot(viewer, folder / "model.png")

@@ -296,7 +296,7 @@ def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
 def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     refine(dock)
-    buttons = dock.visibility.findChildren(QAbstractButton)[:3]
+    buttons = dock.visibility.findChildren(QAbstractButton)
     assert [b.isChecked() for b in buttons] == [True, True, False]
     click(buttons[2])
     assert viewer.layers["cells reconstruction"].visible
@@ -315,6 +315,7 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
     for kind in (QAbstractButton, QComboBox, QProgressBar):
         for control in dock.content.findChildren(kind):
             assert control.toolTip(), control
+    click(dock.settings.title)
     dock.resize(250, 700)
     QTest.qWait(50)
     assert dock.content.width() <= 250

@@ -28,6 +28,7 @@ from napari_splinesketch.plugin.layer_combo import LayerCombo
 from napari_splinesketch.plugin.look_box import LookBox
 from napari_splinesketch.plugin.panel_keeper import PanelKeeper
 from napari_splinesketch.plugin.progress_box import ProgressBox
+from napari_splinesketch.plugin.proof_menu import ProofMenu
 from napari_splinesketch.plugin.refine_menu import RefineMenu
 from napari_splinesketch.plugin.settings_box import SettingsBox
 from napari_splinesketch.plugin.text_label import TextLabel
@@ -84,6 +85,7 @@ class SplinesketchDock(QScrollArea):
         self.notes = FoldedText("What the image needed", words.NOTES_TIP)
         self.visibility = VisibilityRow()
         self.look = LookBox()
+        self.proofs = ProofMenu()
         self.review = QPushButton("Review curves")
         self.review.setCheckable(True)
         self.review.setToolTip("Show the table of curves and the plots of the selected one")
@@ -112,7 +114,12 @@ class SplinesketchDock(QScrollArea):
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
         layout.addWidget(self.look)
-        layout.addWidget(self.review)
+        row = QHBoxLayout()
+        row.setSpacing(4)
+        for button in (self.review, self.proofs):
+            button.setMinimumWidth(30)
+            row.addWidget(button)
+        layout.addLayout(row)
         steps = QHBoxLayout()
         steps.setSpacing(4)
         for button in (self.undo, self.redo):
@@ -141,7 +148,7 @@ class SplinesketchDock(QScrollArea):
             lambda by: controller.change(replace(controller.settings, colour_by=by))
         )
         self.settings_box.valueChanged.connect(controller.change)
-        self.visibility.more.refused.connect(controller.say)
+        self.proofs.refused.connect(controller.say)
         self.review.clicked.connect(self.panel.show_or_hide)
         self.panel.toggled.connect(self._on_panel)
         self.refine.clicked.connect(lambda: controller.refine())
@@ -206,7 +213,8 @@ class SplinesketchDock(QScrollArea):
         self.preset.setCurrentIndex(engine.PRESETS.index(controller.preset))
         self.visibility.show_work(work)
         curves = [record.curve for record in controller.records()]
-        for widget in (self.visibility, self.look, self.review):
+        self.proofs.show_work(work)
+        for widget in (self.visibility, self.look, self.review, self.proofs):
             widget.setVisible(bool(curves))
         self.look.show_look(controller.settings.colour_by, curves, controller.ruler)
         self.settings_box.show_ruler(controller.ruler)

@@ -34,7 +34,7 @@ class ProofMenu(QPushButton):
         super().__init__(parent)
         self._work: Work | None = None
         self._entries: dict[Proof, Any] = {}
-        self.setText("More")
+        self.setText("Show more")
         self.setToolTip("Show more: residual, background, uncertainty, masks")
         self.setMinimumWidth(30)
         self._menu = QMenu(self)

@@ -5,7 +5,6 @@ from functools import partial
 from qtpy.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
 from napari_splinesketch.plugin.adapter.results import Role
-from napari_splinesketch.plugin.proof_menu import ProofMenu
 from napari_splinesketch.plugin.work import Work
 
 BUTTONS: dict[Role, tuple[str, str]] = {
@@ -33,13 +32,10 @@ class VisibilityRow(QWidget):
             button.clicked.connect(partial(self._set, role))
             layout.addWidget(button)
             self._buttons[role] = button
-        self.more = ProofMenu()
-        layout.addWidget(self.more)
 
     def show_work(self, work: Work | None) -> None:
         """Show which layers are visible."""
         self._work = work
-        self.more.show_work(work)
         for role, button in self._buttons.items():
             layer = work.layers.layer(role) if work else None
             button.setEnabled(layer is not None)
