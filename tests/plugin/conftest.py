@@ -24,6 +24,12 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
     return made
 
 
+@pytest.fixture(autouse=True)
+def own_data_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: Any) -> None:
+    """Let no test find what another one saved."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+
+
 @pytest.fixture
 def viewer(make_napari_viewer: Callable[..., Viewer], plugin_settings: None) -> Viewer:
     """A window with a canvas that draws, and settings of its own."""

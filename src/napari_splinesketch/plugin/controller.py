@@ -1,16 +1,17 @@
 """The state behind the dock: what would be refined, what runs, what came of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 
-from napari_splinesketch.engine.types import Curve, Progress
+from napari_splinesketch.engine.types import Curve, OnProgress, Progress
 from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.actions import Action, Actions
@@ -81,6 +82,7 @@ class Controller(SettingsKeeper):
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
         self._preview: Preview | None = None
+        self._cancelled: Callable[[], str] = lambda: ""
         self._told: list[Image] = []
         self.actions = Actions(viewer, self._is_meant)
         self.actions.add(
@@ -130,7 +132,7 @@ class Controller(SettingsKeeper):
         image, layer = self.choices.image, self.choices.sketches
         if request.problem or self.progress or image is None or layer is None:
             return
-        work = self.work or self._begin(image, layer)
+        work = self.begin(image, layer)
         if image.rgb and image not in self._told:
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
@@ -144,14 +146,47 @@ class Controller(SettingsKeeper):
             self.settings.polarity,
             self.half_width_in(image),
         )
-        self.progress, self.notice = Progress("starting", 0.0), Notice()
         self._preview = Preview(self.viewer, image, f"{work.name} on the way")
-        self._job = Job(partial(engine.run, task))
-        self._job.progressed.connect(partial(self._on_progress, frame=request.frame))
-        self._job.done.connect(partial(self._on_done, work, request))
-        self._job.failed.connect(self._on_failed)
+        done = partial(self._on_done, work, request)
+        see = partial(self._see, request.frame)
+        self.start(partial(engine.run, task), done, "Refining", see)
+
+    def start(
+        self,
+        work: Callable[[OnProgress], Any],
+        done: Callable[[Any], None],
+        name: str,
+        see: Callable[[Progress], None] = lambda progress: None,
+        cancelled: Callable[[], str] = lambda: "Nothing was changed.",
+    ) -> None:
+        """Do something in a thread, with its progress in the dock.
+
+        Parameters
+        ----------
+        work
+            Called in the thread with a function to report progress to.
+        done
+            Called with what came of it; calls `finish` when all is shown.
+        name
+            What is done: "Refining".
+        see
+            Called whenever there is progress.
+        cancelled
+            Called when the user cancels; says what has become of what was done by then.
+        """
+        self.progress, self.notice = Progress("starting", 0.0), Notice()
+        self._cancelled = cancelled
+        self._job = Job(work)
+        self._job.progressed.connect(self._on_progress)
+        self._job.progressed.connect(see)
+        self._job.done.connect(done)
+        self._job.failed.connect(partial(self._on_failed, name))
         self._job.start()
         self.changed.emit()
+
+    def finish(self, notice: Notice) -> None:
+        """Say what came of what was running: it is over."""
+        self._stop(notice)
 
     def toggle_at_once(self) -> None:
         """Refine each line as soon as it is drawn, or no longer."""
@@ -159,10 +194,21 @@ class Controller(SettingsKeeper):
         self.changed.emit()
         self._refine_at_once()
 
+    def begin(self, image: Image, sketches: Shapes) -> Work:
+        """Give what is known of an image through a layer of sketches, from now on at the latest."""
+        for work in self._works:
+            if (work.image, work.sketches) == (image, sketches):
+                return work
+        work = Work(image, sketches, self.viewer)
+        self._works.append(work)
+        self._attend(work)
+        return work
+
     def cancel(self) -> None:
         """Forget the running refinement; everything stays as it was."""
         if self._job:
-            self._stop(Notice("cancelled", "Cancelled. Nothing was changed."))
+            said = self._cancelled()
+            self._stop(Notice("cancelled", f"Cancelled. {said}"))
 
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""
@@ -213,14 +259,17 @@ class Controller(SettingsKeeper):
         self.notice = notice
         self.changed.emit()
 
-    def _on_progress(self, progress: Progress, frame: int = 0) -> None:
+    def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
-        if self._preview and progress.centrelines:
-            self._preview.show(frame, progress.centrelines)
         self.changed.emit()
 
-    def _on_failed(self, message: str) -> None:
-        self._stop(Notice("failed", f"Refining failed, nothing was changed. {message}"))
+    def _see(self, frame: int, progress: Progress) -> None:
+        """Show the curves on their way."""
+        if self._preview and progress.centrelines:
+            self._preview.show(frame, progress.centrelines)
+
+    def _on_failed(self, name: str, message: str) -> None:
+        self._stop(Notice("failed", f"{name} failed, nothing was changed. {message}"))
 
     def _on_done(self, work: Work, request: Request, refined: engine.Refined) -> None:
         self._job = None
@@ -247,12 +296,6 @@ class Controller(SettingsKeeper):
         """Refine what was drawn meanwhile, if she wants it so."""
         if self.at_once and self.request().plan.scope == "new":
             self.refine()
-
-    def _begin(self, image: Image, sketches: Shapes) -> Work:
-        work = Work(image, sketches, self.viewer)
-        self._works.append(work)
-        self._attend(work)
-        return work
 
     def _follow(self) -> None:
         """Forget what is known of layers that are gone, and what was said of others."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from napari.viewer import Viewer
 from qtpy.QtCore import QEvent, Qt, QTimer
+from qtpy.QtGui import QHideEvent
 from qtpy.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -19,6 +20,8 @@ from qtpy.QtWidgets import (
 )
 
 from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin.autosave.offer_box import OfferBox
+from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
 from napari_splinesketch.plugin.folded_box import FoldedBox
@@ -54,6 +57,7 @@ class SplinesketchDock(QScrollArea):
         self.controller = Controller(viewer)
         self.panel = PanelKeeper(self.controller)
         self.controller.use_keys()
+        self.saver = Saver(self.controller, self)
         self._build()
         self._lay_out()
         self._connect()
@@ -67,6 +71,7 @@ class SplinesketchDock(QScrollArea):
             "none yet", "The Shapes layer with your rough lines; it is never changed"
         )
         self.new = QPushButton("New sketch")
+        self.offer = OfferBox(self.controller, self.saver)
         self.preset = QComboBox()
         self.preset.addItems([name.capitalize() for name in engine.PRESETS])
         self.preset.setMinimumWidth(60)
@@ -103,6 +108,7 @@ class SplinesketchDock(QScrollArea):
         form.addRow("Preset", self.preset)
         self.content = QWidget()
         layout = QVBoxLayout(self.content)
+        layout.addWidget(self.offer)
         layout.addLayout(form)
         row = QHBoxLayout()
         row.setSpacing(2)
@@ -169,9 +175,15 @@ class SplinesketchDock(QScrollArea):
         """End what runs when the dock is closed: napari then takes the widget out of it."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self.saver.flush()
             self.controller.abandon()
             self.controller.actions.close()
             self.panel.hide()
+
+    def hideEvent(self, a0: QHideEvent | None) -> None:
+        """Write down what is still to be written: the window may be closing."""
+        super().hideEvent(a0)
+        self.saver.flush()
 
     def _show_layers(self) -> None:
         choices = self.controller.choices

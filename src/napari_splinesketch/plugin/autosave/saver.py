@@ -106,9 +106,10 @@ class Saver(QObject):
         found = self._offers.get(image, []) if image else []
         return sorted(found, key=lambda offer: offer.summary.saved, reverse=True)
 
-    def take(self, offer: Offer, pair: Pair) -> None:
-        """Go on with what was found: it is written where it was."""
-        self._folders[pair] = Folder(offer.folder)
+    def take(self, offer: Offer, pair: Pair, *, whole: bool) -> None:
+        """Go on with what was found: where it was, unless part of it could not be read."""
+        if whole:
+            self._folders[pair] = Folder(offer.folder)
         self._forget(offer)
 
     def decline(self) -> None:
@@ -214,6 +215,9 @@ class Saver(QObject):
 
     def _on_written(self, problem: str) -> None:
         self._busy = False
+        if problem:  # all is written again with the next change
+            self._saved.clear()
+            self._drawn.clear()
         if problem != self.problem:
             self.problem = problem
             self.found.emit()

@@ -1,0 +1,75 @@
+"""The question whether to go on with work that was saved."""
+
+from datetime import UTC, datetime
+
+from qtpy.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+
+from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.autosave.resume import resume
+from napari_splinesketch.plugin.autosave.saver import Offer, Saver
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.text_label import TextLabel
+
+
+class OfferBox(QFrame):
+    """Says what was found, with a button to go on and one to start anew; hidden otherwise.
+
+    Parameters
+    ----------
+    controller
+        Whose image it is about.
+    saver
+        Who finds saved work.
+    """
+
+    def __init__(self, controller: Controller, saver: Saver, parent: QWidget | None = None):
+        super().__init__(parent)
+        self._controller, self._saver = controller, saver
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.said = TextLabel()
+        self.resume = QPushButton("Resume")
+        self.resume.setToolTip("Bring the saved lines and curves back, in a layer of their own")
+        self.decline = QPushButton("Start anew")
+        self.decline.setToolTip("Do not ask again; the saved work stays on the disk")
+        self.problem = TextLabel()
+        row = QHBoxLayout()
+        for button in (self.resume, self.decline):
+            button.setMinimumWidth(30)
+            row.addWidget(button)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 4, 6, 4)
+        layout.addWidget(self.said)
+        layout.addLayout(row)
+        layout.addWidget(self.problem)
+        self.resume.clicked.connect(lambda: resume(controller, saver))
+        self.decline.clicked.connect(saver.decline)
+        saver.found.connect(self.show_offers)
+        controller.changed.connect(self._show_running)
+        self.show_offers()
+
+    def show_offers(self) -> None:
+        """Show what is offered now."""
+        offers = self._saver.offers()
+        self.said.say("<br>".join(map(describe, offers)))
+        for button in (self.resume, self.decline):
+            button.setVisible(bool(offers))
+        self.problem.say(words.notice("failed", self._saver.problem))
+        self.setVisible(bool(offers or self._saver.problem))
+
+    def _show_running(self) -> None:
+        self.resume.setEnabled(self._controller.progress is None)
+
+
+def describe(offer: Offer) -> str:
+    """Say what was saved, and when; rich text."""
+    held = offer.summary
+    parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
+    where = f" in {held.frames} frames" if held.frames > 1 else ""
+    return f"<b>Saved work</b> of {_when(held.saved)}: {' and '.join(parts)}{where}."
+
+
+def _when(saved: datetime) -> str:
+    minutes = int((datetime.now(UTC) - saved).total_seconds() / 60)
+    if 0 <= minutes < 90:
+        return "just now" if minutes < 2 else f"{minutes} minutes ago"
+    return saved.astimezone().strftime("%d %B %Y, %H:%M")

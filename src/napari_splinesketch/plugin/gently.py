@@ -1,0 +1,47 @@
+"""Long changes in short steps, so that the window lives in between."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from napari.layers import Shapes
+from qtpy.QtCore import QTimer
+
+BREATH_MS = 5
+CHUNK = 50
+"""Shapes added at once: napari takes about as long for one of them as for so many."""
+
+
+def step_through(steps: Iterator[None], last: Callable[[], None] = lambda: None) -> None:
+    """Take a step at each turn of the event loop, and call `last` after the last one."""
+    try:
+        next(steps)
+    except StopIteration:
+        last()
+    else:
+        QTimer.singleShot(BREATH_MS, partial(step_through, steps, last))
+
+
+def add_shapes(
+    layer: Shapes, shapes: Sequence[np.ndarray], kinds: Sequence[str], **look: Any
+) -> Iterator[None]:
+    """Add shapes to a layer, some at each step.
+
+    Parameters
+    ----------
+    layer
+        Where they go.
+    shapes
+        Their vertices.
+    kinds
+        What each is, as napari names it.
+    **look
+        Colours and widths, as `Shapes.add` takes them: for all, or a list with one for each.
+    """
+    for start in range(0, len(shapes), CHUNK):
+        part = slice(start, start + CHUNK)
+        some: dict[str, Any] = {"shape_type": list(kinds[part])}
+        some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+        layer.add(list(shapes[part]), **some)
+        yield

@@ -1,0 +1,160 @@
+"""What is written down: kept to the last bit, and read as if anybody had written it."""
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin.autosave.coding import Shape
+from napari_splinesketch.plugin.autosave.folder import EVERY, Folder, Page, Session, read, summary
+from napari_splinesketch.plugin.records import Record
+
+from .fakes import as_drawn
+
+RNG = np.random.default_rng(0)
+
+
+def record(number: int = 1, frame: int = 3, **changes: Any) -> Record:
+    line = RNG.normal(50, 20, (5, 2))
+    curve = as_drawn(line, **({"sd": RNG.random(100)} | changes))
+    return Record(number, frame, line, curve, "accepted", locked=True, drawn=False, edited=True)
+
+
+def session() -> Session:
+    failed = {
+        "status": "failed",
+        "reasons": ("it is lost: „ü“",),
+        "half_width": np.full(100, np.nan),
+        "sd": np.full(100, np.inf),
+        "residual": np.inf,
+    }
+    pages = {
+        3: Page(
+            (Shape("path", RNG.normal(size=(7, 2))), Shape("ellipse", RNG.normal(size=(4, 2)))),
+            (record(1), record(2, **failed)),
+            (record(9),),
+            1.25,
+            ("a line", "another"),
+        ),
+        EVERY: Page((Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]])),)),
+    }
+    return Session("worms sketches", {"name": "worms", "sha256": "ab"}, pages)
+
+
+def same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True)
+    if isinstance(a, float) and np.isnan(a):
+        return bool(np.isnan(b))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if hasattr(a, "__dataclass_fields__"):
+        return type(a) is type(b) and same(vars(a), vars(b))
+    return type(a) is type(b) and a == b
+
+
+def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    written = session()
+    Folder(tmp_path / "new" / "1").write(written)
+    again, problems = read(tmp_path / "new" / "1")
+    assert problems == ()
+    assert again.layer == written.layer
+    assert dict(again.image) == dict(written.image)
+    assert same({**again.pages}, {**written.pages})
+    held = summary(tmp_path / "new" / "1")
+    assert held is not None
+    assert (held.sketches, held.curves, held.frames, held.sha256) == (3, 2, 2, "ab")
+
+
+def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
+    folder, first = Folder(tmp_path), session()
+    folder.write(first)
+    times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    one = Page(first.pages[3].shapes, first.pages[3].records[:1])
+    folder.write(Session(first.layer, first.image, {**first.pages, 3: one, 5: Page()}))
+    changed = {p.name for p in tmp_path.iterdir() if times.get(p.name) != p.stat().st_mtime_ns}
+    assert changed == {"session.json", "frame-000000003.json", "frame-000000005.json"}
+    folder.write(Session(first.layer, first.image, {3: one}))
+    names = {"session.json", "frame-000000003.json"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert len(read(tmp_path)[0].pages[3].records) == 1
+
+
+def test_nothing_is_offered_where_nothing_is(tmp_path: Path) -> None:
+    assert summary(tmp_path) is None
+    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: Page()}))
+    assert summary(tmp_path) is None
+
+
+def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
+    Folder(tmp_path).write(session())
+    (tmp_path / "frame-000000003.json").write_text('{"frame": 3, "sketches": [', encoding="utf-8")
+    (tmp_path / "frame-000000004.json").write_bytes(b"\xff\x00")
+    found, problems = read(tmp_path)
+    assert list(found.pages) == [EVERY]
+    assert len(problems) == 2
+    assert "frame-000000003.json" in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("records", 0, "knots"), "AAAA", "rows of 3"),
+        (("records", 0, "knots"), "!", "base64"),
+        (("records", 0, "status"), "superb", "superb"),
+        (("records", 0, "review"), 3, "string"),
+        (("records", 0, "locked"), "yes", "true or false"),
+        (("records", 0, "id"), -1, "whole number"),
+        (("records", 1, "id"), 1, "twice"),
+        (("records", 0, "half_width"), "AAAAAAAA8D8AAAAAAADwPw==", "2 values for 100"),
+        (("records", 0, "points"), "AAAAAAAA+H8AAAAAAAD4fwAAAAAAAPh/AAAAAAAA+H8=", "nowhere"),
+        (("sketches", 0, "kind"), "blob", "blob"),
+        (("notes",), None, "array"),
+        (("seconds",), "1", "number"),
+    ],
+)
+def test_every_mistake_is_named(tmp_path: Path, place: tuple, value: Any, words: str) -> None:
+    Folder(tmp_path).write(session())
+    path = tmp_path / "frame-000000003.json"
+    values = at = json.loads(path.read_text(encoding="utf-8"))
+    for key in place[:-1]:
+        at = at[key]
+    at[place[-1]] = value
+    path.write_text(json.dumps(values), encoding="utf-8")
+    _, problems = read(tmp_path)
+    assert len(problems) == 1
+    assert words in problems[0]
+
+
+def test_spoilt_files_never_do_worse_than_be_refused(tmp_path: Path) -> None:
+    Folder(tmp_path).write(session())
+    whole = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    chance = random.Random(0)
+    for _ in range(300):
+        path, data = chance.choice(list(whole.items()))
+        spoilt = bytearray(data)
+        for _ in range(chance.randint(1, 4)):
+            at = chance.randrange(len(spoilt))
+            spoilt[at : at + chance.choice([0, 1, 40])] = chance.randbytes(chance.choice([0, 1, 3]))
+        path.write_bytes(spoilt)
+        for reader in (summary, read):
+            try:
+                reader(tmp_path)
+            except LabelsError:
+                pass
+        path.write_bytes(data)
+
+
+def test_a_newer_format_is_not_touched(tmp_path: Path) -> None:
+    Folder(tmp_path).write(session())
+    head = tmp_path / "session.json"
+    newer = head.read_text(encoding="utf-8").replace('"format": 1', '"format": 2')
+    head.write_text(newer, encoding="utf-8")
+    with pytest.raises(LabelsError, match="newer version"):
+        summary(tmp_path)
