@@ -24,6 +24,8 @@ from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
+from napari_splinesketch.plugin.films import Films
+from napari_splinesketch.plugin.films_box import SuggestRow, TrackRow
 from napari_splinesketch.plugin.folded_box import FoldedBox
 from napari_splinesketch.plugin.folded_text import FoldedText
 from napari_splinesketch.plugin.jobs import Job
@@ -56,6 +58,7 @@ class SplinesketchDock(QScrollArea):
         viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.controller = Controller(viewer)
         self.panel = PanelKeeper(self.controller)
+        self.films = Films(self.controller)
         self.controller.use_keys()
         self.saver = Saver(self.controller, self)
         self._build()
@@ -72,6 +75,7 @@ class SplinesketchDock(QScrollArea):
         )
         self.new = QPushButton("New sketch")
         self.offer = OfferBox(self.controller, self.saver)
+        self.suggest, self.track = SuggestRow(self.films), TrackRow(self.films)
         self.preset = QComboBox()
         self.preset.addItems([name.capitalize() for name in engine.PRESETS])
         self.preset.setMinimumWidth(60)
@@ -105,6 +109,7 @@ class SplinesketchDock(QScrollArea):
         form.addRow("Image", self.image)
         form.addRow("Sketches", self.sketches)
         form.addRow("", self.new)
+        form.addRow("", self.suggest)
         form.addRow("Preset", self.preset)
         self.content = QWidget()
         layout = QVBoxLayout(self.content)
@@ -115,7 +120,8 @@ class SplinesketchDock(QScrollArea):
         row.addWidget(self.refine, 1)
         row.addWidget(self.more)
         layout.addLayout(row)
-        for widget in (self.at_once, self.hint, self.progress, self.notice, self.results):
+        texts = (self.hint, self.progress, self.notice, self.results)
+        for widget in (self.at_once, self.track, *texts):
             layout.addWidget(widget)
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
@@ -238,6 +244,8 @@ class SplinesketchDock(QScrollArea):
             "Write the curves of all frames to a file: a table, or another format",
         )
 
+        self.suggest.show_state()
+        self.track.show_state()
         self._show_steps()
 
     def _show_steps(self) -> None:

@@ -1,8 +1,9 @@
 """The plugin's only door to the engine: JAX is imported behind it, in threads alone."""
 
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +12,9 @@ from napari_splinesketch.engine.settings import PRESETS as PRESETS
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Block
+from napari_splinesketch.plugin.adapter.pixels import Block, Grid
+from napari_splinesketch.plugin.suggestions import new_among
+from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, follow
 
 MARGIN = 40
 """Image around the sketches that the engine explains, px, beside half of the longest one."""
@@ -133,6 +136,111 @@ def refine(
         fixed=fixed,
         on_progress=on_progress,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class SuggestTask:
+    """All that suggesting needs.
+
+    Attributes
+    ----------
+    block
+        The pixels to read.
+    known
+        Lines over bodies that need no other, px of the image.
+    sensitivity
+        As `suggest` takes it.
+    polarity, half_width
+        As in `Task`.
+    """
+
+    block: Block
+    known: tuple[Float[np.ndarray, "N 2"], ...]
+    sensitivity: float
+    polarity: Polarity = "auto"
+    half_width: float | None = None
+
+
+def suggest(task: SuggestTask, on_progress: OnProgress) -> tuple[Float[np.ndarray, "N 2"], ...]:
+    """Read the pixels and suggest lines, px of the image; to be called in a thread."""
+    from napari_splinesketch.engine.suggest import suggest
+
+    on_progress(Progress("reading the image", 0.0))
+    pixels = task.block.read()
+    on_progress(Progress("looking for bodies", 0.2))
+    grid = task.block.grid
+    half_width = task.half_width and task.half_width / grid.size
+    lines = suggest(pixels, task.sensitivity, task.polarity, half_width)
+    return tuple(new_among([grid.to_image(line) for line in lines], task.known))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackTask:
+    """All that tracking needs.
+
+    Attributes
+    ----------
+    frames
+        Where to go, in that order.
+    bodies
+        As they are known before.
+    block
+        Chooses what to read of a frame for some lines.
+    given
+        What stays as it is, by frame.
+    preset, polarity, half_width
+        As in `Task`.
+    results
+        Frames that are done, added as they come.
+    """
+
+    frames: Sequence[int]
+    bodies: tuple[Body, ...]
+    block: Callable[[int, Sequence[Float[np.ndarray, "N 2"]]], Block]
+    given: Mapping[int, Given]
+    preset: PresetName
+    polarity: Polarity = "auto"
+    half_width: float | None = None
+    results: list[Tracked] = field(default_factory=list)
+
+
+def track(task: TrackTask, on_progress: OnProgress) -> str:
+    """Carry curves from frame to frame; says what went wrong. To be called in a thread."""
+    sizes: list[float] = []
+
+    def read(frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> View:
+        block = task.block(frame, lines)
+        sizes.append(block.grid.size)
+        return View(block.read(), block.grid)
+
+    def look(pixels: np.ndarray, lines: Any, preset: PresetName, **options: Any) -> Refinement:
+        size = sizes[-1]
+        half_width = task.half_width and task.half_width / size
+        return refine(
+            pixels, lines, preset, polarity=task.polarity, half_width=half_width, **options
+        )
+
+    following = follow(
+        task.frames,
+        task.bodies,
+        read,
+        refine=cast(Any, look),
+        preset=task.preset,
+        given=lambda frame: task.given.get(frame, NOTHING_GIVEN),
+        on_progress=on_progress,
+    )
+    for tracked in following:
+        task.results.append(tracked)
+    return ""
+
+
+def refined_of(view: View, refinement: Refinement, curves: Sequence[Curve]) -> Refined:
+    """Give a tracked frame's refinement in pixels of the image."""
+    grid = cast(Grid, view.place)
+    pictures = (refinement.reconstruction, refinement.background)
+    patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
+    region = grid.to_image(np.zeros(2)), grid.to_image(np.array(patch.pixels.shape) - 1.0)
+    return Refined(tuple(curves), patch, refinement.seconds, refinement.model.notes, region)
 
 
 def warm_up(_: OnProgress) -> None:

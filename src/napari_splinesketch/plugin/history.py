@@ -45,6 +45,12 @@ class History(Generic[T]):
         self.value = value
         self._forget()
 
+    def amend(self, value: T) -> None:
+        """Put a value in the place of the present one, as part of the last step."""
+        self._undone.clear()
+        self.value = value
+        self._forget()
+
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
         return self._step(self._done, self._undone)

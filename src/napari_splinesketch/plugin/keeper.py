@@ -1,6 +1,6 @@
 """What is known, what is selected, and the one door through which it changes."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -102,7 +102,7 @@ class Keeper:
             self.selected_changed.emit()
             self.changed.emit()
 
-    def apply(self, what: str, state: State) -> None:
+    def apply(self, what: str, state: State, last: Callable[[], None] = lambda: None) -> None:
         """Put a state in the place of the present one, as a step that can be taken back.
 
         Every change of what is known goes through here.
@@ -113,9 +113,17 @@ class Keeper:
             What is done, for the tooltip of Undo: "Accept curve 3".
         state
             What is known then.
+        last
+            Called when it is shown.
         """
         if self.work:
             self.work.history.apply(what, state)
+            self._show(self.work, last)
+
+    def amend(self, state: State) -> None:
+        """Put a state in the place of the present one, as part of the last step."""
+        if self.work:
+            self.work.history.amend(state)
             self._show(self.work)
 
     def undo(self) -> None:
@@ -192,13 +200,14 @@ class Keeper:
                 self.notice = Notice("done", f"{said}: {what[0].lower()}{what[1:]}.")
                 self._show(self.work)
 
-    def _show(self, work: Work) -> None:
+    def _show(self, work: Work, last: Callable[[], None] = lambda: None) -> None:
         self.changed.emit()
-        self._drawing.start(work, last=partial(self._on_shown, work))
+        self._drawing.start(work, last=partial(self._on_shown, work, last))
 
-    def _on_shown(self, work: Work) -> None:
+    def _on_shown(self, work: Work, last: Callable[[], None]) -> None:
         if work is self.work:
             work.layers.select(self.selection)
+        last()
         self.changed.emit()
 
     def _on_not_shown(self, error: Exception) -> None:

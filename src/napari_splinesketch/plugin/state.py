@@ -3,9 +3,12 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from napari_splinesketch.plugin.adapter.film import Patch, patched
 from napari_splinesketch.plugin.engine import Refined
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of
+from napari_splinesketch.plugin.records import Key, Line, Record, Review, key_of
+from napari_splinesketch.plugin.suggestions import Suggestion
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +22,8 @@ class State:
     ----------
     records
         The curves of all frames.
+    suggestions
+        Lines that were suggested.
     deleted
         Curves that the user has deleted, the latest last; their lines are not refined again.
     patches
@@ -30,6 +35,7 @@ class State:
     """
 
     records: tuple[Record, ...] = ()
+    suggestions: tuple[Suggestion, ...] = ()
     deleted: tuple[Record, ...] = ()
     patches: Mapping[int, Patch] = field(default_factory=dict)
     seconds: Mapping[int, float] = field(default_factory=dict)
@@ -67,6 +73,15 @@ class State:
         left = tuple(record for record in self.deleted if key_of(record) != key)
         return replace(self.with_records(*back), deleted=left)
 
+    def suggested(self, frame: int, lines: Collection[Line]) -> "State":
+        """Suggest lines in a frame, in the place of those that have not become curves."""
+        refined = {_print(r.sketch) for r in (*self.records, *self.deleted) if r.frame == frame}
+        kept = [
+            one for one in self.suggestions if one.frame != frame or _print(one.line) in refined
+        ]
+        fresh = [Suggestion(frame, line) for line in lines]
+        return replace(self, suggestions=(*kept, *fresh))
+
     def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
         """Take in the refinement of some curves of a frame."""
         keys = {key_of(record) for record in fresh}
@@ -81,6 +96,11 @@ class State:
             seconds={**self.seconds, frame: refined.seconds},
             notes={**self.notes, frame: refined.notes},
         )
+
+
+def _print(line: Line) -> bytes:
+    """Lines that have been in a layer are of single precision."""
+    return np.round(line, 2).tobytes()
 
 
 def bytes_beside(state: State, other: State) -> int:

@@ -10,9 +10,11 @@ from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.proof import ProofLayers
 from napari_splinesketch.plugin.adapter.results import OWNER, ResultLayers
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX
+from napari_splinesketch.plugin.adapter.suggested import SuggestedLines
 from napari_splinesketch.plugin.history import History
 from napari_splinesketch.plugin.records import Key, Record
 from napari_splinesketch.plugin.state import State, bytes_beside
+from napari_splinesketch.plugin.suggestions import Suggestion
 
 
 @dataclass(eq=False)
@@ -33,6 +35,8 @@ class Work:
         The layers that are made when the user asks for them.
     looked_at
         (frame, id) of the curve that is selected, or None.
+    suggested
+        The suggested lines among the sketches.
     """
 
     image: Image
@@ -41,12 +45,14 @@ class Work:
     history: History[State] = field(default_factory=lambda: History(State(), bytes_beside))
     layers: ResultLayers = field(init=False)
     proofs: ProofLayers = field(init=False)
+    suggested: SuggestedLines = field(init=False)
     looked_at: Key | None = None
 
     def __post_init__(self, viewer: ViewerModel) -> None:
         """Make the layers' keeper; the layers come with the first results."""
         self.layers = ResultLayers(viewer, self.name, self)
         self.proofs = ProofLayers(viewer, self.name, self)
+        self.suggested = SuggestedLines(viewer, self.image, self.sketches, self)
 
     @property
     def name(self) -> str:
@@ -54,7 +60,8 @@ class Work:
         return self.sketches.name.removesuffix(SUFFIX)
 
     def show(self) -> Iterator[None]:
-        """Bring the layers in step with what is known, one after the other."""
+        """Bring the layers in step with what is known, a little at each step."""
+        yield from self.suggested.show()
         yield from self.layers.show()
         self.proofs.update()
 
@@ -67,6 +74,11 @@ class Work:
     def records(self) -> tuple[Record, ...]:
         """The curves of all frames."""
         return self.state.records
+
+    @property
+    def suggestions(self) -> tuple[Suggestion, ...]:
+        """The suggested lines of all frames."""
+        return self.state.suggestions
 
     @property
     def patches(self) -> Mapping[int, Patch]:
@@ -91,6 +103,7 @@ class Work:
     def forget_if_deleted(self) -> None:
         """Forget everything if the user has removed the layer of curves."""
         if self.layers.deleted():
+            self.suggested.forget()
             self.history = History(State(), bytes_beside)
 
 

@@ -3,7 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from napari_splinesketch.engine.settings import SETTINGS, PresetName, Settings
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Curve,
@@ -21,6 +24,10 @@ LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
+
+
+MARGIN = 40
+"""Image around lines that the engine explains, px, beside half of the longest one."""
 
 
 class Cancelled(Exception):
@@ -156,7 +163,9 @@ class Search:
                 found[body.id] = one
                 better = True
         if better:
-            self.refinement = refinement
+            before = self.refinement
+            tried_lines = [self._view.place.to_block(lines[body.id]) for body in bodies]
+            self.refinement = _pasted(before, refinement, tried_lines) if before else refinement
 
     def _refined(
         self,
@@ -182,3 +191,20 @@ class Search:
         if all(CANCELLED in curve.reasons for curve in refinement.curves):
             raise Cancelled
         return refinement
+
+
+def _pasted(old: Refinement, new: Refinement, lines: Sequence[Line]) -> Refinement:
+    """The picture of an earlier attempt with that of a later one around its lines."""
+    points = np.concatenate(lines)
+    margin = MARGIN + max(arc_length(line)[-1] for line in lines) / 2
+    low = np.maximum(np.floor(points.min(0) - margin), 0).astype(int)
+    high = np.ceil(points.max(0) + margin).astype(int) + 1
+    part = slice(low[0], high[0]), slice(low[1], high[1])
+    reconstruction, background = old.reconstruction.copy(), old.background.copy()
+    reconstruction[part], background[part] = new.reconstruction[part], new.background[part]
+    return replace(
+        old,
+        reconstruction=reconstruction,
+        background=background,
+        seconds=old.seconds + new.seconds,
+    )

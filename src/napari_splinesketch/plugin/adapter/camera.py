@@ -5,7 +5,7 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image
 
-from napari_splinesketch.plugin.adapter.space import in_stack, unit_factors
+from napari_splinesketch.plugin.adapter.space import go_to_frame, in_stack, unit_factors
 
 
 def look_at(
@@ -15,6 +15,5 @@ def look_at(
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     (place,) = in_stack(image, frame, middle[None])
     world = np.array(image.data_to_world(place)) * unit_factors(viewer, image)
-    for axis, value in enumerate(world[:-2], viewer.dims.ndim - image.ndim):
-        viewer.dims.set_point(axis, float(value))
+    go_to_frame(viewer, image, frame)
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))

@@ -47,6 +47,17 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Image, points: Points) -
     return from_world(viewer, image, world[:, -image.ndim :])
 
 
+def from_pixels(viewer: ViewerModel, image: Image, layer: Layer, pixels: Points) -> Points:
+    """Take points from an image's pixels to a layer's data, which may have fewer axes."""
+    linear, offset = _affine(image.data_to_world, image.ndim)
+    world = (np.asarray(pixels) @ linear.T + offset) * unit_factors(viewer, image)
+    missing = layer.ndim - image.ndim
+    if missing > 0:
+        here = np.array(viewer.dims.point[-layer.ndim :][:missing])
+        world = np.hstack([np.broadcast_to(here, (len(world), missing)), world])
+    return from_world(viewer, layer, world[:, -layer.ndim :])
+
+
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
     """Take (N, D) points of the window's world to a layer's data."""
     linear, offset = _affine(layer.data_to_world, layer.ndim)
@@ -92,6 +103,20 @@ def current_frame(viewer: ViewerModel, image: Image) -> int:
     """Index of the frame in view, counted over all axes before (row, col); 0 without any."""
     point = np.array(viewer.dims.point)[None, -image.ndim :]
     return frame_numbers(image, from_world(viewer, image, point))[0]
+
+
+def go_to_frame(viewer: ViewerModel, image: Image, frame: int) -> None:
+    """Show a frame."""
+    index = [*frame_index(image, frame), 0, 0]
+    world = image.data_to_world(index) * unit_factors(viewer, image)
+    first = viewer.dims.ndim - image.ndim
+    for axis in range(image.ndim - 2):
+        viewer.dims.set_point(first + axis, float(world[axis]))
+
+
+def frame_count(image: Image) -> int:
+    """How many frames an image has."""
+    return int(np.prod(frame_shape(image), dtype=int))
 
 
 def frame_numbers(image: Image, pixels: Points) -> list[int]:

@@ -1,0 +1,81 @@
+"""Suggested lines in the user's own layer: added, and taken back while they are as they came."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from napari.components import ViewerModel
+from napari.layers import Image, Shapes
+
+from napari_splinesketch.plugin.adapter.sketches import line_style
+from napari_splinesketch.plugin.adapter.space import from_pixels, in_stack
+from napari_splinesketch.plugin.gently import add_shapes
+from napari_splinesketch.plugin.suggestions import Suggestion
+
+
+class Suggested(Protocol):
+    """Whoever knows what is suggested."""
+
+    @property
+    def suggestions(self) -> tuple[Suggestion, ...]:
+        """The suggestions of all frames."""
+        ...
+
+
+class SuggestedLines:
+    """Brings a layer of sketches in step with what is suggested.
+
+    A line that the user has moved, mended or deleted is hers: it is not touched again.
+
+    Parameters
+    ----------
+    viewer
+        Holds both layers.
+    image, sketches
+        The user's layers.
+    owner
+        Knows what is suggested.
+    """
+
+    def __init__(self, viewer: ViewerModel, image: Image, sketches: Shapes, owner: Suggested):
+        self._viewer, self._image, self._sketches = viewer, image, sketches
+        self._owner = owner
+        self._shown: dict[Suggestion, np.ndarray] = {}
+
+    def show(self) -> Iterator[None]:
+        """Add and remove lines, some at each step."""
+        if not {self._image, self._sketches} <= set(self._viewer.layers):
+            return
+        wanted = self._owner.suggestions
+        gone = [self._shown.pop(one) for one in list(self._shown) if one not in wanted]
+        if gone:
+            self._remove(gone)
+            yield
+        fresh = [one for one in wanted if one not in self._shown]
+        if fresh:
+            shapes = [self._vertices(one) for one in fresh]
+            self._shown |= dict(zip(fresh, shapes, strict=True))
+            image = self._image
+            style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
+            yield from add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style)
+
+    def forget(self) -> None:
+        """Leave the lines to the user."""
+        self._shown.clear()
+
+    def _remove(self, gone: list[np.ndarray]) -> None:
+        prints = {_print(vertices) for vertices in gone}
+        found = [i for i, data in enumerate(self._sketches.data) if _print(data) in prints]
+        if found:
+            self._sketches.selected_data = set()
+            self._sketches.remove(found)
+
+    def _vertices(self, one: Suggestion) -> np.ndarray:
+        points = in_stack(self._image, one.frame, one.line)
+        vertices = from_pixels(self._viewer, self._image, self._sketches, points)
+        return vertices.astype(np.float32)
+
+
+def _print(vertices: np.ndarray) -> bytes:
+    """Shapes layers hold single precision."""
+    return np.ascontiguousarray(vertices, np.float32).tobytes()

@@ -1,0 +1,114 @@
+"""Suggest in the window: ordinary lines, taken back by one step, never in the user's way."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import Qt
+
+from napari_splinesketch import suggest
+from napari_splinesketch.data import load_sample
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, canvas, click, draw, drawn, fit_view, refine, until
+
+CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+PLACE = {"scale": (1, 0.5, 0.25), "translate": (0, 3, -4)}
+
+
+@pytest.fixture(scope="module")
+def film() -> np.ndarray:
+    return load_sample("worms_swimming")[0][:2, 100:200, 60:200].copy()
+
+
+def press_suggest(dock: SplinesketchDock) -> None:
+    assert dock.suggest.button.isEnabled(), dock.suggest.button.toolTip()
+    click(dock.suggest.button)
+    until(lambda: dock.controller.progress is None, 60)
+
+
+def test_suggested_lines_are_lines_like_any_other(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    image = viewer.add_image(film, name="worms", **PLACE)
+    fit_view(viewer)
+    viewer.dims.set_point(0, 1)
+    press_suggest(dock)
+    layer = viewer.layers["worms sketches"]
+    wanted = suggest(film[1])
+    assert len(wanted) > 4
+    assert f"Suggested {len(wanted)} lines" in dock.notice.text()
+    for line, expected in zip(drawn(layer), wanted, strict=True):
+        assert (line[:, 0] == 1).all()
+        pixels = np.array([image.world_to_data(layer.data_to_world(point)) for point in line])
+        np.testing.assert_allclose(pixels[:, 1:], expected, atol=1e-3)
+    assert dock.refine.text() == f"Refine {len(wanted)} new lines"
+    refine(dock)
+    assert len(dock.controller.records()) == len(wanted)
+
+
+def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(film[0], name="worms")
+    fit_view(viewer)
+    click(dock.new)
+    layer = viewer.layers["worms sketches"]
+    draw(viewer, layer, [(5, 5), (9, 60)])
+    press_suggest(dock)
+    count = layer.nshapes - 1
+    assert count > 4
+    moved = drawn(layer)
+    moved[2] = moved[2] + 4
+    layer.data = moved
+    viewer.layers.selection.active = layer
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_Z, CONTROL)
+    until(lambda: layer.nshapes == 2, 20)
+    np.testing.assert_allclose(drawn(layer)[1], moved[2])
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_Z, CONTROL | SHIFT)
+    until(lambda: layer.nshapes == count + 2, 20)
+
+
+def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_suggested(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(film[0], name="worms")
+    fit_view(viewer)
+    slider = dock.suggest.slider
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    assert dock.films.sensitivity == 0
+    press_suggest(dock)
+    layer = viewer.layers["worms sketches"]
+    few = layer.nshapes
+    layer.selected_data = {0}
+    layer.mode = "select"
+    viewer.layers.selection.active = layer
+    refine(dock)
+    assert len(dock.controller.records()) == 1
+    layer.selected_data = set()
+    for _ in range(70):
+        QTest.keyClick(slider, Qt.Key.Key_Right)
+    assert dock.films.sensitivity == pytest.approx(0.7)
+    press_suggest(dock)
+    assert layer.nshapes > few
+    lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
+    assert len(set(lines)) == len(lines)
+    assert len(dock.controller.request().plan.targets) == layer.nshapes - 1
+
+
+def test_nothing_new_is_said_and_cancel_changes_nothing(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray, fake: FakeEngine
+) -> None:
+    assert not dock.suggest.button.isEnabled()
+    assert "Open an image" in dock.suggest.button.toolTip()
+    viewer.add_image(np.full((60, 70), 5, np.uint8), name="blank")
+    press_suggest(dock)
+    assert "No further body stands out" in dock.notice.text()
+    assert not dock.undo.isVisible()
+    viewer.add_image(film[0], name="worms")
+    dock.films.suggest()
+    click(dock.progress.cancel)
+    QTest.qWait(1500)
+    assert "Nothing was changed" in dock.notice.text()
+    assert all(layer.nshapes == 0 for layer in viewer.layers if hasattr(layer, "nshapes"))
