@@ -1,0 +1,128 @@
+"""Next frame and Track to the end in the window: carried, flagged, never over what was accepted."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.engine.types import Refinement
+from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, click, refine, until
+
+LINES = [np.array([[1.0, 20, 20], [1, 20, 60]]), np.array([[1.0, 60, 30], [1, 64, 80]])]
+
+
+@pytest.fixture
+def film(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> Any:
+    """Six frames, refined in frame 1; everything is body to the engine."""
+    viewer.add_image(np.zeros((6, 96, 128), np.float32), name="film")
+    viewer.add_shapes(LINES, shape_type="line", name="film sketches")
+
+    def seen(*arguments: Any, **options: Any) -> Refinement:
+        made = fake.refine(*arguments, **options)
+        return Refinement(made.curves, made.reconstruction, made.background + 1, made.model, 0.1)
+
+    engine.refine = seen  # the fixture `fake` puts the real one back
+    viewer.dims.set_point(0, 1)
+    refine(dock)
+    return dock
+
+
+def keys(dock: SplinesketchDock) -> list[tuple[int, int]]:
+    return [(record.frame, record.id) for record in dock.controller.records()]
+
+
+def over(dock: SplinesketchDock) -> None:
+    until(lambda: dock.controller.progress is None, 60)
+
+
+def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: SplinesketchDock) -> None:
+    assert film.track.isVisible()
+    click(film.track.next)
+    over(film)
+    assert keys(film) == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert viewer.dims.current_step[0] == 2
+    assert not any(record.drawn for record in film.controller.records(2))
+    until(lambda: viewer.layers["film curves"].nshapes == 4, 20)
+    click(film.track.next)
+    over(film)
+    assert keys(film)[-2:] == [(3, 1), (3, 2)]
+    click(film.undo)
+    assert keys(film)[-2:] == [(2, 1), (2, 2)]
+    until(lambda: viewer.layers["film curves"].nshapes == 4, 20)
+
+
+def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    controller = film.controller
+    click(film.track.track)
+    over(film)
+    assert keys(film) == [(t, i) for t in range(1, 6) for i in (1, 2)]
+    assert "Tracked to frame 5: 2 curves there" in film.notice.text()
+    assert viewer.dims.current_step[0] == 1
+    controller.review("accepted", (2, 1), (3, 1), (3, 2))
+    controller.delete((4, 2))
+    before = {(r.frame, r.id): r.curve for r in controller.records()}
+    fake.calls.clear()
+    click(film.track.track)
+    over(film)
+    after = {(r.frame, r.id): r.curve for r in controller.records()}
+    assert {key for key in after if after[key] is before[key]} == {
+        *((1, 1), (1, 2), (2, 1), (3, 1), (3, 2))
+    }
+    assert (4, 2) not in after
+    assert [len(call["lines"]) for call in fake.calls] == [1, 2, 2]
+    assert [len(call["fixed"]) for call in fake.calls] == [1, 0, 0]
+    click(film.undo)
+    assert controller.records()[2].curve is before[2, 1]
+    assert {(r.frame, r.id): r.curve for r in controller.records()} == before
+
+
+def test_cancelling_keeps_what_is_done(
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    whole = engine.refine
+
+    def slow(*arguments: Any, **options: Any) -> Refinement:
+        if len(fake.calls) == 3:
+            fake.go.clear()
+        return whole(*arguments, **options)
+
+    engine.refine = slow
+    click(film.track.track)
+    until(lambda: (3, 2) in keys(film), 20)
+    assert film.progress.isVisible()
+    assert "frame 4" in film.progress.stage.text().lower()
+    click(film.progress.cancel)
+    assert "2 frames tracked by then stay" in film.notice.text()
+    fake.go.set()
+    QTest.qWait(300)
+    assert keys(film)[-1] == (3, 2)
+
+
+def test_drift_is_flagged_and_lost_bodies_are_named(
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    fake.changes = {0: {"half_width": np.full(100, 9.0)}}
+    click(film.track.track)
+    over(film)
+    flagged = [r for r in film.controller.records(2) if r.curve.status == "check"]
+    assert flagged
+    assert "half-width jumped" in flagged[0].curve.reasons[0]
+    assert "to check for drift" in film.notice.text()
+    assert "Lost: " in film.notice.text()
+
+
+def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:
+    viewer.add_image(np.zeros((60, 70)), name="still")
+    assert not dock.track.isVisible()
+    viewer.add_image(np.zeros((3, 60, 70)), name="film")
+    assert dock.track.isVisible()
+    assert "refine it first" in dock.track.next.toolTip()
+    viewer.dims.set_point(0, 2)
+    assert "last frame" in dock.track.next.toolTip()
+    assert not dock.track.track.isEnabled()
