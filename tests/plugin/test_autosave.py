@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_saved_work_goes_on_where_it_was(
     fit_view(viewer)
     viewer.dims.set_point(0, 1)
     click(dock.new)
-    first = dock.controller.choices.sketches
+    first = cast(Any, dock.controller.choices.sketches)
     for line in LINES:
         draw(viewer, first, [image.data_to_world((1, *point))[1:] for point in line])
     refine(dock)
@@ -97,7 +97,7 @@ def test_saved_work_goes_on_where_it_was(
     until(lambda: again.offer.isVisible(), SOON)
     click(again.offer.resume)
     until(lambda: again.controller.records() and not again.controller.progress, SOON)
-    layer = again.controller.choices.sketches
+    layer = cast(Any, again.controller.choices.sketches)
     assert layer.name == "worms sketches"
     np.testing.assert_array_equal(layer.scale, image.scale)
     for found, line in zip(drawn(layer), wanted, strict=True):
