@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import tifffile
+from npe2 import PluginManifest
 
 from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -22,6 +23,12 @@ from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, until
 SCRIPT = Path(__file__).with_name("work_until_killed.py")
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
 SOON = 20.0
+
+
+@pytest.fixture(autouse=True)
+def napari_s_own_reader(npe2pm: Any) -> None:
+    """Let napari open images, which its fixtures prevent."""
+    npe2pm.register(PluginManifest.from_distribution("napari"))
 
 
 def image_file(folder: Path, seed: int = 0, name: str = "worms.tif", **size: Any) -> Path:
