@@ -20,6 +20,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin.adapter.space import ruler_of
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
@@ -235,7 +236,7 @@ class SplinesketchDock(QScrollArea):
         for widget in (self.visibility, self.look, self.review, self.proofs):
             widget.setVisible(bool(curves))
         self.look.show_look(controller.settings.colour_by, curves, controller.ruler)
-        self.settings_box.show_ruler(controller.ruler)
+        self.settings_box.show_ruler(ruler_of(controller.choices.image))
         self.settings_box.show_actions(controller.actions)
         self.settings_box.setValue(controller.settings)
         _enable(

@@ -30,7 +30,8 @@ POLARITIES: dict[Polarity, str] = {
     "dark": "darker than the rest",
 }
 KINDS: tuple[Polarity, ...] = get_args(Polarity)
-MOST = 1e4
+MOST, DECIMALS = 1e4, 3
+"""Of half-widths."""
 
 
 class SettingsBox(QWidget):
@@ -54,7 +55,8 @@ class SettingsBox(QWidget):
         self.polarity.setToolTip("Whether bodies are brighter or darker than what is around them")
         self.half_width = QDoubleSpinBox()
         self.half_width.setRange(0, MOST)
-        self.half_width.setDecimals(2)
+        self.half_width.setDecimals(DECIMALS)
+        self.half_width.setKeyboardTracking(False)
         self.half_width.setSingleStep(0.5)
         self.half_width.setSpecialValueText("measure it")
         self.half_width.setMinimumWidth(60)
@@ -91,8 +93,9 @@ class SettingsBox(QWidget):
         self.polarity.setCurrentIndex(KINDS.index(settings.polarity))
         for widget in (self.half_width, self.pixels):
             widget.blockSignals(True)
-        if not self.half_width.hasFocus():
-            self.half_width.setValue(width * self._ruler.pixel if width else 0.0)
+        shown = round(width * self._ruler.pixel, DECIMALS) if width else 0.0
+        if shown != self.half_width.value():
+            self.half_width.setValue(shown)
         self.pixels.setChecked(settings.lengths_in_pixels)
         for widget in (self.half_width, self.pixels):
             widget.blockSignals(False)

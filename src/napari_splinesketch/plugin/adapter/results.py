@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any, Literal, Protocol, cast
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
@@ -15,6 +14,7 @@ from psygnal import Signal
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
+from napari_splinesketch.plugin.adapter.features import features
 from napari_splinesketch.plugin.adapter.film import Film, Patch
 from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth, outline
 from napari_splinesketch.plugin.adapter.space import (
@@ -262,26 +262,6 @@ class ResultLayers:
     def _on_selected(self) -> None:
         if not self._busy:
             self.selected.emit()
-
-
-def features(records: Sequence[Record]) -> pd.DataFrame:
-    """Table of what is known of each curve; lengths in px."""
-    curves = [record.curve for record in records]
-    return pd.DataFrame(
-        {
-            "id": [record.id for record in records],
-            "frame": [record.frame for record in records],
-            "length": [curve.length for curve in curves],
-            "half_width_mean": [float(np.mean(curve.half_width)) for curve in curves],
-            "half_width_max": [float(np.max(curve.half_width)) for curve in curves],
-            "sd": [float(np.median(curve.sd)) for curve in curves],
-            "residual": [curve.residual for curve in curves],
-            "status": [str(curve.status) for curve in curves],
-            "reasons": ["; ".join(curve.reasons) for curve in curves],
-            "review": [str(record.review) for record in records],
-            "locked": [record.locked for record in records],
-        }
-    )
 
 
 def look_of(image: Image) -> dict[str, Any]:

@@ -1,0 +1,148 @@
+"""Layers on request: they lie on the image, say what they should, and cost nothing before."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from napari.layers import Image, Labels, Shapes
+
+from napari_splinesketch.plugin.adapter import pictures
+from napari_splinesketch.plugin.adapter.look import ribbon
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine, as_drawn
+from .hand import QTest, click, layer_named, refine, until
+
+LINES = [np.array([[1.0, 20, 10], [1, 20, 50]]), np.array([[1.0, 5, 30], [1, 35, 30]])]
+TURNED = {
+    "scale": (2.0, 0.5, 0.8),
+    "translate": (0, 5, -7),
+    "rotate": np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]),
+    "units": ("s", "um", "um"),
+}
+
+
+def film(viewer: Any) -> Any:
+    """Three frames with two crossing lines in the middle one."""
+    pixels = np.random.default_rng(0).normal(100, 5, (3, 40, 60)).astype(np.float32)
+    image = viewer.add_image(pixels, name="film", **TURNED)
+    viewer.dims.set_point(0, 2)
+    viewer.add_shapes(LINES, shape_type="line", name="film sketches", **TURNED)
+    return image
+
+
+def ask(dock: SplinesketchDock, proof: Any) -> None:
+    dock.proofs.entry(proof).trigger()
+    QTest.qWait(20)
+
+
+def assert_lies_on(layer: Any, image: Any) -> None:
+    """Whatever the layer's own pixels: the same place in the world, in the same units."""
+    point = (*[0] * (layer.ndim - image.ndim), 1, 12, 34)
+    np.testing.assert_allclose(
+        np.array(layer.data_to_world(point))[-3:], image.data_to_world(point[-3:])
+    )
+    assert layer.units[-3:] == image.units
+
+
+def test_every_proof_lies_on_the_image(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    image = film(viewer)
+    refine(dock)
+    for proof in pictures.MAKERS:
+        assert dock.proofs.entry(proof).text()
+    assert not any("residual" in layer.name for layer in viewer.layers)
+    ask(dock, "residual")
+    residual = layer_named(viewer, "film residual")
+    assert_lies_on(residual, image)
+    # The engine of these tests explains an image by its mean.
+    pixels = image.data[1]
+    np.testing.assert_allclose(residual.data[1], pixels - pixels.mean(), atol=1e-3)
+    assert np.isnan(residual.data[0]).all()
+    assert residual.contrast_limits[0] == -residual.contrast_limits[1], "centred on nothing"
+    ask(dock, "background")
+    np.testing.assert_allclose(
+        layer_named(viewer, "film background").data[1], pixels.mean(), rtol=1e-6
+    )
+    ask(dock, "ribbon")
+    lines = layer_named(viewer, "film uncertainty")
+    assert_lies_on(lines, image)
+    apart = np.linalg.norm(lines.data[0][10] - lines.data[0][201 - 2 - 10])
+    np.testing.assert_allclose(apart, 4 * 0.1, rtol=1e-3)
+    ask(dock, "masks")
+    masks = layer_named(viewer, "film masks")
+    assert_lies_on(masks, image)
+    assert (masks.data[1][19:22, 12] == 1).all()
+    assert (masks.data[1][7, 29:32] == 2).all()
+    assert not masks.data[0].any()
+    ask(dock, "stack")
+    stack = layer_named(viewer, "film masks, one a body")
+    assert_lies_on(stack, image)
+    assert stack.data.shape == (2, 3, 40, 60)
+    assert stack.data[0, 1, 20, 30] == 1
+    assert stack.data[1, 1, 20, 30] == 2, "where bodies cross, both have their mask"
+    kinds = [type(layer) for layer in (residual, lines, masks, stack)]
+    assert kinds == [Image, Shapes, Labels, Labels]
+    assert not dock.proofs.entry("body").isChecked()
+    ask(dock, "body")
+    assert "Select one curve" in dock.notice.text()
+    assert [layer.name for layer in viewer.layers].count("film selected body") == 0
+    dock.controller.selected = (1, 1)
+    ask(dock, "body")
+    body = layer_named(viewer, "film selected body")
+    assert_lies_on(body, image)
+    assert viewer.layers.selection.active.name == "film sketches", "she can draw on"
+
+
+def test_proofs_follow_while_they_are_in_view(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film(viewer)
+    refine(dock)
+    ask(dock, "masks")
+    masks = layer_named(viewer, "film masks")
+    assert masks.data[1][20, 12] == 1
+    dock.controller.delete((1, 1))
+    until(lambda: masks.data[1][20, 12] == 0, 5)
+    masks.visible = False
+    assert not dock.proofs.entry("masks").isChecked()
+    made = []
+    maker = pictures.MAKERS["masks"]
+    slow = pictures.Maker(maker.source, lambda known: made.append(1) or maker.make(known))
+    monkeypatch.setitem(pictures.MAKERS, "masks", slow)
+    click(dock.undo)
+    until(lambda: layer_named(viewer, "film curves").nshapes == 2, 5)
+    QTest.qWait(100)
+    assert not made, "nobody sees it"
+    masks.visible = True
+    assert made
+    assert masks.data[1][20, 12] == 1
+    viewer.layers.remove(masks)
+    dock.controller.delete((1, 1))
+    until(lambda: layer_named(viewer, "film curves").nshapes == 1, 5)
+    assert "film masks" not in viewer.layers
+    ask(dock, "masks")
+    assert "film masks" in viewer.layers
+
+
+def test_colours_tell_a_number_and_the_legend_its_range(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    film(viewer)
+    fake.changes = {1: {"residual": 0.3, "status": "check", "reasons": ("it moved",)}}
+    refine(dock)
+    curves = layer_named(viewer, "film curves")
+    assert "to check ?" in dock.look.words.text()
+    assert not dock.look.scale.isVisible()
+    dock.look.by.setCurrentIndex(1)
+    dock.look.by.activated.emit(1)
+    until(lambda: curves.edge_color[0][0] > 0.9, 5)
+    # Pixels are oblong: 40 px across are 32 µm, 30 px down are 15 µm.
+    assert dock.look.low.text() == "15.0"
+    assert dock.look.high.text() == "32.0 µm"
+    np.testing.assert_allclose(curves.edge_color[:, :3] * 255, [[253, 231, 37], [65, 68, 135]])
+    assert list(curves.text.values) == ["", "2 ?"], "marks still tell the status"
+    assert curves.edge_width[1] > curves.edge_width[0]
+    unknown = as_drawn(LINES[0][:, 1:], sd=np.full(100, np.inf))
+    assert ribbon(unknown) is None

@@ -1,0 +1,115 @@
+"""What the user chooses is kept, and acts."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from napari.settings import get_plugin_settings
+from npe2 import PluginManifest
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtGui import QKeySequence
+
+from napari_splinesketch.plugin import settings
+from napari_splinesketch.plugin.settings import PLUGIN, Settings
+
+from .fakes import FakeEngine
+from .hand import QTest, add_dock, canvas, click, refine, until
+
+HALF_WIDTHS = {
+    "measured": (0.0, "px", "µm", 0.5, None),
+    "same unit": (2.0, "µm", "µm", 0.5, 4.0),
+    "other unit": (2000.0, "nm", "µm", 0.5, 4.0),
+    "px": (3.0, "px", "px", 1.0, 3.0),
+    "px on an image with a unit": (3.0, "px", "µm", 0.5, 3.0),
+    "a unit on an image without": (3.0, "µm", "px", 1.0, None),
+    "a unit of something else": (3.0, "s", "µm", 0.5, None),
+}
+
+
+@pytest.mark.parametrize("name", HALF_WIDTHS)
+def test_half_width_in_px(name: str) -> None:
+    value, unit, image_unit, pixel, wanted = HALF_WIDTHS[name]
+    chosen = Settings(half_width=value, half_width_unit=unit)
+    found = chosen.half_width_in(image_unit, pixel)
+    assert found == (wanted if wanted is None else pytest.approx(wanted))
+
+
+@pytest.mark.parametrize("wrong", [{"preset": "x"}, {"polarity": "up"}, {"half_width": -1.0}])
+def test_what_nobody_can_have_chosen_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        replace(Settings(), **wrong)
+
+
+def test_the_manifest_has_every_key_and_default(
+    viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    assert replace(settings.load(), keys={}) == Settings()
+    dock = add_dock(viewer)
+    assert {a.id: a.key for a in dock.controller.actions} == settings.load().keys
+
+
+def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:
+    dock = add_dock(viewer)
+    viewer.add_image(np.random.default_rng(0).normal(100, 5, (64, 96)), name="x",
+                     scale=(0.5, 0.5), units=("um", "um"))  # fmt: skip
+    viewer.add_shapes([[[10, 10], [10, 60]]], shape_type="line", name="x sketches",
+                      scale=(0.5, 0.5), units=("um", "um"))  # fmt: skip
+    box = dock.settings_box
+    assert not box.isVisible()
+    click(dock.settings.title)
+    assert box.isVisible()
+    box.polarity.setFocus()
+    QTest.keyClick(box.polarity, Qt.Key.Key_Down)
+    box.polarity.activated.emit(box.polarity.currentIndex())
+    box.half_width.setFocus()
+    box.half_width.selectAll()
+    QTest.keyClicks(box.half_width, "1.5")
+    QTest.keyClick(box.half_width, Qt.Key.Key_Return)
+    assert box.half_width.suffix() == " µm"
+    dock.preset.setCurrentIndex(0)
+    dock.preset.activated.emit(0)
+    refine(dock)
+    assert fake.calls[0]["polarity"] == "bright"
+    assert fake.calls[0]["half_width"] == pytest.approx(3.0)
+    assert fake.calls[0]["preset"] == "fast"
+    # Another key, by hand; the old one is free again.
+    edit = box.keys["next"]
+    edit.setFocus()
+    edit.setKeySequence(QKeySequence("H"))
+    edit.editingFinished.emit()
+    canvas(viewer).setFocus()
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_N)
+    assert dock.controller.selected is None
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_H)
+    until(lambda: dock.controller.selected == (0, 1), 5)
+    # Another dock, another session, napari's preferences.
+    kept = settings.load()
+    assert (kept.preset, kept.polarity, kept.half_width) == ("fast", "bright", 1.5)
+    written = Path(str(get_plugin_settings(PLUGIN).config_path))
+    assert "half_width: 1.5" in written.read_text(encoding="utf-8")
+    viewer.window.remove_dock_widget(dock)
+    again = add_dock(viewer)
+    assert again.preset.currentText() == "Fast"
+    assert again.settings_box.half_width.value() == 1.5
+    assert again.controller.actions["next"].key == "H"
+    kept_by_napari: Any = get_plugin_settings(PLUGIN)
+    kept_by_napari.refining.preset = "thorough"
+    assert again.preset.currentText() == "Thorough"
+    click(again.settings.title)
+    pixels = again.settings_box.pixels
+    QTest.mouseClick(pixels, Qt.MouseButton.LeftButton, pos=QPoint(8, pixels.height() // 2))
+    assert again.controller.ruler.unit == "px"
+    assert again.settings_box.half_width.text() == "1.500 µm"
+
+
+def test_napari_makes_a_page_of_them(viewer: Any, npe2pm_installed: None) -> None:
+    from napari._qt.dialogs.preferences_dialog import PreferencesDialog
+
+    manifest = PluginManifest.from_distribution(PLUGIN)
+    dialog = PreferencesDialog(parent=viewer.window._qt_window)
+    pages: Any = dialog._list
+    shown = [pages.item(i).text() for i in range(pages.count())]
+    dialog.close()
+    assert manifest.display_name in shown
