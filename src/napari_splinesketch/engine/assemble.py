@@ -39,12 +39,12 @@ def assemble(
         When the call began, by `time.perf_counter`.
     """
     corner = np.array([s.start for s in window])
-    drawn = _draw(seen.normal.shape, [*fit.bodies, *fit.fixed])
+    drawn = _draw(seen.normal.shape, [*fit.bodies, *fit.fixed, *fit.beside])
     numbers = [i for i, fault in enumerate(faults) if not fault]
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
     twins = assess.doubles(centres, seen.half_width)
     residual = seen.normal - drawn
-    everything = np.concatenate([*centres, *(b.points() for b in fit.fixed)])
+    everything = np.concatenate([*centres, *(b.points() for b in (*fit.fixed, *fit.beside))])
     made: list[Curve] = []
     rests = []
     for i, (body, number) in enumerate(zip(fit.bodies, numbers, strict=True)):
@@ -170,6 +170,9 @@ def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]
     most = max(len(b.knots) for b in fit.bodies)
     if most > 8:
         notes.append(f"Some bodies bend so much that their curves have {most} knots.")
+    if fit.beside:
+        some = "A body" if len(fit.beside) == 1 else f"{len(fit.beside)} bodies"
+        notes.append(f"{some} without a sketch lay across others, and took part in the model.")
     if overlap is not None:
         how = "hide each other" if overlap > 0.5 else "add up"
         notes.append(f"Where bodies overlap, they mostly {how}.")

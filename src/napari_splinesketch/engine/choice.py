@@ -26,6 +26,8 @@ KINK = 30.0
 SHORT = 0.5
 UNCOVERED = 1.0
 SHARED = 0.5
+UNSKETCHED = 30.0
+"""What a body without a sketch costs, so that none is made up for a speck."""
 ENOUGH_BODIES = 4
 USUAL_LENGTH = 1.25
 """With so many sketches, lengths beyond this many times the median earn nothing."""
@@ -75,11 +77,78 @@ def candidate_paths(
     line = resample(sketch, SAMPLES)
     apart = np.linalg.norm(graph.nodes[:, None] - line[None], axis=2).min(1)
     near = (apart[graph.ends] < reach).all(1) if len(graph.ends) else np.zeros(0, bool)
-    routes = list(_routes(graph, near, line, 3 * length + 2 * reach, weigh))
+    from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
+    routes = list(_routes(graph, near, from_start, 3 * length + 2 * reach, weigh))
     if not routes:
         return Paths((), np.zeros(0), np.zeros(0), np.zeros((0, len(graph.ends)), bool))
     drawn, total = _sampled(graph, routes)
     cost = _cost(drawn, total, line, length, half_width)
+    return _best_paths(graph, routes, cost, total, half_width, keep)
+
+
+def unsketched_paths(
+    graph: TraceGraph,
+    near: Bool[Array, " E"],
+    unexplained: Bool[Array, " E"],
+    half_width: float,
+    weigh: int,
+    keep: int,
+) -> Paths:
+    """Smooth paths that a body without a sketch may take; the first of them is none at all.
+
+    Parameters
+    ----------
+    graph, half_width
+        As above.
+    near
+        (E,) pieces that it may run along.
+    unexplained
+        (E,) pieces at one of which it begins.
+    weigh, keep
+        Paths looked at, and kept.
+    """
+    none = Paths((np.zeros((0, 2)),), np.zeros(1), np.zeros(1), np.zeros((1, len(near)), bool))
+    unlikely = np.ones(len(graph.nodes))
+    unlikely[graph.ends[unexplained]] = 0
+    routes = list(_routes(graph, near, unlikely - 0.5 * graph.tips, np.inf, weigh))
+    if not routes:
+        return none
+    drawn, total = _sampled(graph, routes)
+    cost = UNSKETCHED + _bending(drawn, total, half_width)
+    found = _best_paths(graph, routes, cost, total, half_width, keep)
+    pairs = zip((none.cost, none.length, none.covers), (found.cost, found.length, found.covers))
+    return Paths((*none.points, *found.points), *(np.concatenate(pair) for pair in pairs))
+
+
+def unexplained_beside(
+    graph: TraceGraph,
+    covered: Bool[Array, " E"],
+    explained: Bool[Array, " E"],
+    half_width: float,
+) -> Bool[Array, " E"]:
+    """The pieces that hang on covered ones and that nothing explains, if they are worth a body."""
+    rest = ~(covered | explained)
+    beside = np.zeros(len(rest), dtype=bool)
+    touched = np.zeros(len(graph.nodes), dtype=bool)
+    touched[graph.ends[covered]] = True
+    while True:
+        more = rest & touched[graph.ends].any(1) & ~beside
+        if not more.any() or graph.lengths[beside].sum() > graph.lengths[covered].sum():
+            break
+        beside |= more
+        touched[graph.ends[more]] = True
+    worth = graph.lengths[beside].sum() * UNIT / half_width * UNCOVERED > UNSKETCHED
+    return beside if worth else np.zeros_like(beside)
+
+
+def _best_paths(
+    graph: TraceGraph,
+    routes: list[Route],
+    cost: Float[Array, " R"],
+    total: Float[Array, " R"],
+    half_width: float,
+    keep: int,
+) -> Paths:
     once = _distinct_routes(routes, cost)
     routes, cost, total = [routes[i] for i in once], cost[once], total[once]
     order = _kept(cost, cost - UNCOVERED * total * UNIT / half_width, keep)
@@ -131,11 +200,11 @@ def _kept(cost: Float[Array, " R"], earned: Float[Array, " R"], keep: int) -> In
 def _routes(
     graph: TraceGraph,
     near: Bool[Array, " E"],
-    line: Float[Array, "S 2"],
+    unlikely: Float[Array, " V"],
     longest: float,
     weigh: int,
 ) -> Iterator[Route]:
-    """Paths without repeated pieces and without sharp turns, from nodes near the first end."""
+    """Paths without repeated pieces and without sharp turns, from the likeliest nodes."""
     leaving: dict[int, list[tuple[int, int]]] = {}
     for piece in np.flatnonzero(near).tolist():
         for side in (0, 1):
@@ -143,11 +212,9 @@ def _routes(
     nodes = np.array(list(leaving), dtype=int)
     if not len(nodes):
         return
-    from_start = np.linalg.norm(graph.nodes[nodes] - line[0], axis=1)
-    from_start = from_start - 2 * graph.tips[nodes]
     ends, lengths, headings, bridges = graph.lists
     budget = weigh // min(STARTS, len(nodes))
-    for start in nodes[np.argsort(from_start)[:STARTS]].tolist():
+    for start in nodes[np.argsort(unlikely[nodes], kind="stable")[:STARTS]].tolist():
         queue: deque[tuple[Route, float, list[float] | None]] = deque(
             ((step,), lengths[step[0]], None) for step in leaving[start]
         )
@@ -220,6 +287,19 @@ def _cost(
     scale = UNIT / half_width
     apart = np.linalg.norm(drawn - line, axis=2) * scale
     ends = np.minimum(apart[:, [0, -1]].mean(1), END_CAP)
+    short = np.maximum(0.85 * length - total, 0) * scale
+    return apart.mean(1) + ends + _bending(drawn, total, half_width) + SHORT * short
+
+
+def unsketched_cost(points: Float[Array, "N 2"], half_width: float) -> float:
+    """What a body without a sketch costs."""
+    total = np.array([arc_length(points)[-1]])
+    return UNSKETCHED + float(_bending(resample(points, SAMPLES)[None], total, half_width)[0])
+
+
+def _bending(
+    drawn: Float[Array, "R S 2"], total: Float[Array, " R"], half_width: float
+) -> Float[Array, " R"]:
     # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
     smooth = drawn
     for _ in range(2):
@@ -231,9 +311,7 @@ def _cost(
     spacing = np.maximum(total / (SAMPLES - 1), 1e-6)[:, None]
     bend = turn * half_width / spacing
     bending = (bend**2 * spacing / half_width).sum(1)
-    kink = np.maximum(bend.max(1) - 0.45, 0)
-    short = np.maximum(0.85 * length - total, 0) * scale
-    return apart.mean(1) + ends + BENDING * bending + KINK * kink + SHORT * short
+    return BENDING * bending + KINK * np.maximum(bend.max(1) - 0.45, 0)
 
 
 def _polyline(graph: TraceGraph, route: Route) -> Float[Array, "N 2"]:
@@ -248,13 +326,14 @@ def choose_sets(
     beam: int,
     keep: int,
     explained: Bool[Array, " E"],
+    sketched: int | None = None,
 ) -> list[tuple[int, ...]]:
-    """The best distinct sets of one path per sketch (-1 where there is none), cheapest first.
+    """The best distinct sets of one path per body (-1 where there is none), cheapest first.
 
     Beside the paths' own costs a set pays for pieces of skeleton that it explains twice, and
     earns what it explains; `explained` pieces are explained already. Sets that cost far more
-    than the best, or that differ from a better one by no more than the end of a body, are left
-    out.
+    than the best, or whose first `sketched` paths differ from a better one's by no more than the
+    end of a body, are left out.
     """
     scale = UNIT / half_width
     reward = graph.lengths * scale * UNCOVERED
@@ -277,7 +356,8 @@ def choose_sets(
         covered = np.maximum(covered[which], covers[path])
         cost = extended[which, path]
     plausible = chosen[cost <= cost[0] + PLAUSIBLE]
-    return _distinct(graph.lengths, candidates, plausible, DISTINCT * half_width, keep)
+    mine = candidates[:sketched]
+    return _distinct(graph.lengths, mine, plausible, DISTINCT * half_width, keep)
 
 
 def _distinct(
@@ -293,7 +373,7 @@ def _distinct(
         differ = (
             max(
                 float(lengths[paths.covers[i] != paths.covers[j]].sum())
-                for paths, i, j in zip(candidates, row, other, strict=True)
+                for paths, i, j in zip(candidates, row, other, strict=False)
                 if i >= 0
             )
             for other in kept

@@ -24,6 +24,8 @@ SMOOTH = 1.5
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 EXPLAINED = 1.0
 """Pieces nearer than this many half-widths to a fixed curve are explained already."""
+MOST_UNSKETCHED = 2
+"""Bodies without a sketch that are looked for beside those of one cluster, at most."""
 
 Line = Float[Array, "N 2"]
 
@@ -52,9 +54,20 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Sketches whose paths may share pieces, and the sets of paths worth a comparison."""
+    """Sketches whose paths may share pieces, and the sets of paths worth a comparison.
+
+    Attributes
+    ----------
+    members
+        Numbers of the sketches.
+    paths
+        Candidates of each of them, then of bodies beside them that have no sketch.
+    sets
+        One path for each, best first.
+    """
 
     members: tuple[int, ...]
+    paths: list[choice.Paths]
     sets: list[tuple[int, ...]]
 
 
@@ -77,6 +90,22 @@ class Comparison:
     fit: Callable[[list[Line], Int[Array, " n"]], list[fitting.Body]]
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where the fits begin.
+
+    Attributes
+    ----------
+    starts
+        One for each sketch, then one for each body beside them that nobody sketched.
+    clusters
+        Which of them have to be fitted together.
+    """
+
+    starts: list[Start]
+    clusters: list[tuple[int, ...]]
+
+
 def find(
     seen: Scene,
     sketches: list[Line],
@@ -84,8 +113,8 @@ def find(
     settings: Settings,
     comparison: Comparison | None,
     tick: Callable[[float], None],
-) -> tuple[list[Start], list[tuple[int, ...]]]:
-    """A start for every sketch, and which sketches have to be fitted together.
+) -> Found:
+    """A start for every sketch, and for what lies across them without one.
 
     Parameters
     ----------
@@ -110,46 +139,108 @@ def find(
         candidates.append(choice.candidate_paths(graph, sketch, w, settings.weigh, settings.paths))
     candidates = choice.without_excess(candidates, w)
     explained = _explained(graph, fixed, w)
-    clusters = []
-    for members in _interacting(candidates, sketches, w):
-        paths = [candidates[i] for i in members]
-        sets = choice.choose_sets(graph, paths, w, settings.beam, settings.sets, explained)
-        clusters.append(Cluster(members, sets))
+    clusters = [
+        _cluster(graph, members, [candidates[i] for i in members], w, settings, explained)
+        for members in _interacting(candidates, sketches, w)
+    ]
     trials = [
-        Trial(
-            number,
-            row,
-            [_start(candidates[i], p, sketches[i], w) for i, p in zip(c.members, row, strict=True)],
-        )
+        Trial(number, _starts(c, row, [sketches[i] for i in c.members], w))
         for number, c in enumerate(clusters)
         for row in c.sets
     ]
     if comparison:
         trials = _fitted(trials, comparison)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
+    together = []
     for number, cluster in enumerate(clusters):
         mine = [t for t in trials if t.cluster == number]
         drawn = [sketches[i] for i in cluster.members]
         best = mine[0].starts
         if comparison and len(mine) > 1:
             best = _best(mine, drawn, w, comparison)
-        for i, start in zip(cluster.members, best, strict=True):
+        for i, start in zip(cluster.members, best, strict=False):
             starts[i] = start
-    return starts, [c.members for c in clusters]
+        beside = best[len(drawn) :]
+        together.append((*cluster.members, *range(len(starts), len(starts) + len(beside))))
+        starts += beside
+    return Found(starts, together)
+
+
+def _cluster(
+    graph: tracing.TraceGraph,
+    members: tuple[int, ...],
+    paths: list[choice.Paths],
+    half_width: float,
+    settings: Settings,
+    explained: Bool[Array, " E"],
+) -> Cluster:
+    """The sets of paths of some sketches, with a body without a sketch where one lies across."""
+
+    def choose():
+        number = len(members)
+        beam, keep = settings.beam, settings.sets
+        return choice.choose_sets(graph, paths, half_width, beam, keep, explained, number)
+
+    sets = choose()
+    for _ in range(MOST_UNSKETCHED):
+        covered = _covered(paths, _nearest(paths, sets, len(members)), len(explained))
+        beside = choice.unexplained_beside(graph, covered, explained, half_width)
+        if not beside.any():
+            break
+        near = beside | covered
+        weigh, keep = settings.weigh // 4, settings.paths
+        paths.append(choice.unsketched_paths(graph, near, beside, half_width, weigh, keep))
+        sets = choose()
+    return Cluster(members, paths, sets)
+
+
+def _nearest(
+    paths: list[choice.Paths], sets: list[tuple[int, ...]], sketched: int
+) -> tuple[int, ...]:
+    """The set whose paths suit their sketches best, whatever it leaves unexplained."""
+
+    def cost(row: tuple[int, ...]) -> float:
+        pairs = zip(paths[:sketched], row, strict=False)
+        return sum(p.cost[i] for p, i in pairs if i >= 0)
+
+    return min(sets, key=cost)
+
+
+def _covered(
+    paths: list[choice.Paths], row: tuple[int, ...], pieces: int
+) -> Bool[Array, " E"]:
+    """The pieces that a set of paths runs along."""
+    covered = np.zeros(pieces, dtype=bool)
+    for candidates, path in zip(paths, row, strict=True):
+        if path >= 0:
+            covered |= candidates.covers[path]
+    return covered
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One set of paths for one cluster."""
+    """One set of paths for one cluster: those of its sketches, then those without one."""
 
     cluster: int
-    paths: tuple[int, ...]
     starts: list[Start]
 
     @property
     def bodies(self) -> list[fitting.Body]:
         """The fitted starts."""
         return [s.body for s in self.starts if s.body is not None]
+
+
+def _starts(
+    cluster: Cluster, row: tuple[int, ...], sketches: list[Line], half_width: float
+) -> list[Start]:
+    number = len(sketches)
+    starts = [
+        _start(paths, path, sketch, half_width)
+        for paths, path, sketch in zip(cluster.paths[:number], row, sketches, strict=False)
+    ]
+    beside = zip(cluster.paths[number:], row[number:], strict=True)
+    lines = [paths.points[path] for paths, path in beside if path > 0]
+    return starts + [Start(smoothed(line, SMOOTH * half_width), True) for line in lines]
 
 
 def _start(paths: choice.Paths, path: int, sketch: Line, half_width: float) -> Start:
@@ -185,17 +276,20 @@ def _best(
         misfit = ((values - fitting.render_at(pixels, trial.bodies)) ** 2).sum()
         costs = [
             choice.path_cost(b.points(), s, half_width)
-            for b, s in zip(trial.bodies, sketches, strict=True)
+            for b, s in zip(trial.bodies, sketches, strict=False)
         ]
+        beside = trial.bodies[len(sketches) :]
+        costs += [choice.unsketched_cost(b.points(), half_width) for b in beside]
         scores.append(comparison.weight * misfit + PATH_WEIGHT * sum(costs))
     order = np.argsort(scores)
     best = trials[order[0]]
     rivals = [trials[r].bodies for r in order[1:] if scores[r] < scores[order[0]] + CLOSE]
     apart = DIFFERENT * half_width
+    number = len(sketches)
     return [
         replace(start, ambiguous=any(_differ(body, row[k]) > apart for row in rivals))
-        for k, (start, body) in enumerate(zip(best.starts, best.bodies, strict=True))
-    ]
+        for k, (start, body) in enumerate(zip(best.starts[:number], best.bodies, strict=False))
+    ] + best.starts[number:]
 
 
 def _differ(a: fitting.Body, b: fitting.Body) -> float:

@@ -32,20 +32,25 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SceneFit:
-    """The bodies of the sketches, in their order, then the fixed ones.
+    """What a scene is made of.
 
     Attributes
     ----------
-    bodies, fixed
-        Fitted bodies, and those that did not move.
+    bodies
+        One for each sketch.
+    fixed
+        Bodies that did not move.
+    beside
+        Bodies without a sketch that lie across the others.
     starts
-        Where each fit began.
+        Where the fit of each sketch began.
     parts
         Which parts of the model pay; empty where that was not weighed.
     """
 
     bodies: list[Body]
     fixed: list[Body]
+    beside: list[Body]
     starts: list[finding.Start]
     parts: dict[str, model.Part]
 
@@ -76,21 +81,25 @@ def fit_scene(
     report("tracing bodies", 0.02)
     still = [spline.resample(c.points, 100) - corner for c in fixed]
     comparison = _comparison(seen, settings.judge, report) if settings.judge else None
-    starts, clusters = finding.find(
+    found = finding.find(
         seen, sketches, still, settings, comparison,
         lambda share: report("tracing bodies", 0.02 + 0.03 * share),
     )  # fmt: skip
-    starts = _approach(seen, starts, settings)
+    starts, number = _approach(seen, found.starts, settings), len(sketches)
     parts = _weigh(seen, starts, settings)
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
     groups: dict[int, list[int]] = {}
-    for members in clusters:
+    for members in found.clusters:
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
     flat = seen.background_kind != "textured" and not settings.everything
     priors = bands.default_priors(len(starts) + len(fixed), seen.half_width)
     priors = model.restrict(priors, parts, flat)
-    bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, report)
-    return SceneFit(bodies, others, starts, parts)
+
+    def on_polish(share: float, lines: Centrelines) -> None:
+        report("polishing", 0.4 + 0.6 * share, lambda: lines()[:number])
+
+    bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
+    return SceneFit(bodies[:number], others, bodies[number:], starts[:number], parts)
 
 
 def _comparison(seen: Scene, level: LevelSettings, report: Reporter) -> finding.Comparison:
@@ -157,7 +166,7 @@ def _approach(seen: Scene, starts: list[finding.Start], settings: Settings):
     return [replace(s, line=moved[i]) if i in moved else s for i, s in enumerate(starts)]
 
 
-def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, report: Reporter):
+def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, report):
     """Full resolution, group by group: bodies of a group have the same number of knots."""
     bodies: list[Body] = [None] * len(starts)  # type: ignore[list-item]
     others: list[Body] = []
@@ -175,7 +184,7 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
                 known = {i: b.points() for i, b in enumerate(bodies) if b is not None}
                 return [{**known, **now}.get(i, s.line) + corner for i, s in enumerate(starts)]
 
-            report("polishing", 0.4 + 0.6 * (done + share * count) / len(starts), lines)
+            report((done + share * count) / len(starts), lines)
 
         found = fitting.fit_level(
             seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level
