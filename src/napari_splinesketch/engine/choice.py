@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -26,6 +27,9 @@ KINK = 30.0
 SHORT = 0.5
 UNCOVERED = 1.0
 SHARED = 0.5
+EAGERNESS = (1.0, 0.4)
+"""Shares of UNCOVERED with which sets are looked for: the eager way explains the image, the other
+one stays with the sketches; which was right the comparison tells."""
 UNSKETCHED = 30.0
 """What a body without a sketch costs, so that none is made up for a speck."""
 ENOUGH_BODIES = 4
@@ -335,8 +339,25 @@ def choose_sets(
     than the best, or whose first `sketched` paths differ from a better one's by no more than the
     end of a body, are left out.
     """
+    rows = [
+        _beam(graph, candidates, half_width, beam, explained, UNCOVERED * share)
+        for share in EAGERNESS
+    ]
+    mixed = [row for pair in zip_longest(*rows) for row in pair if row is not None]
+    return _distinct(graph.lengths, candidates[:sketched], mixed, DISTINCT * half_width, keep)
+
+
+def _beam(
+    graph: TraceGraph,
+    candidates: list[Paths],
+    half_width: float,
+    beam: int,
+    explained: Bool[Array, " E"],
+    earned: float,
+) -> list[tuple[int, ...]]:
+    """Sets by what they cost less what they earn a px that they explain, cheapest first."""
     scale = UNIT / half_width
-    reward = graph.lengths * scale * UNCOVERED
+    reward = graph.lengths * scale * earned
     shared = np.maximum(graph.lengths - FREE_SHARED * half_width, 0.1 * graph.lengths)
     shared = shared * scale * SHARED
     chosen = np.zeros((1, 0), dtype=int)
@@ -355,21 +376,19 @@ def choose_sets(
         chosen = np.concatenate([chosen[which], path[:, None]], 1)
         covered = np.maximum(covered[which], covers[path])
         cost = extended[which, path]
-    plausible = chosen[cost <= cost[0] + PLAUSIBLE]
-    mine = candidates[:sketched]
-    return _distinct(graph.lengths, mine, plausible, DISTINCT * half_width, keep)
+    return [tuple(row) for row in chosen[cost <= cost[0] + PLAUSIBLE].tolist()]
 
 
 def _distinct(
     lengths: Float[Array, " E"],
     candidates: list[Paths],
-    chosen: Int[Array, "S n"],
+    chosen: list[tuple[int, ...]],
     apart: float,
     keep: int,
 ) -> list[tuple[int, ...]]:
     """The first sets that differ from one another by pieces longer than `apart` together."""
     kept: list[tuple[int, ...]] = []
-    for row in map(tuple, chosen.tolist()):
+    for row in chosen:
         differ = (
             max(
                 float(lengths[paths.covers[i] != paths.covers[j]].sum())
