@@ -58,22 +58,22 @@ class Settings:
         Use every part of the model, whether it pays or not.
     """
 
-    weigh: int = 2000
+    weigh: int = 1000
     paths: int = 40
     beam: int = 64
-    sets: int = 3
+    sets: int = 5
     coarse: tuple[LevelSettings, ...] = (
         LevelSettings(2.5, (10, 10), 8.0, sparse=True),
         LevelSettings(1.0, (10, 10), 4.0, sparse=True),
     )
-    judge: LevelSettings | None = LevelSettings(0.5, (8, 6), 4.0, sparse=True)
+    judge: LevelSettings | None = LevelSettings(0.5, (5, 3), 4.0, sparse=True)
     polish: LevelSettings = LevelSettings(0.0, (5, 4, 4, 4, 4, 4), 4.0)
     knots: tuple[int, ...] = (8, 12, 16, 24)
     everything: bool = False
 
 
 SETTINGS: dict[PresetName, Settings] = {
-    "fast": Settings(weigh=1000, sets=1, judge=None, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
+    "fast": Settings(sets=1, judge=None, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
     "balanced": Settings(),
     "thorough": Settings(weigh=6000, sets=10, paths=80, beam=256),
 }
