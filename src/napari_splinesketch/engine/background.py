@@ -15,6 +15,11 @@ BLOCK = 32
 TOLERANCE = 0.3
 """A background that misses the blocks' medians by this share of the noise is good enough."""
 
+CURVED_PIXELS = 8000
+"""So many pixels tell the surface that a varying background is measured from."""
+CURVED_ROUNDS, STANDS_OUT = 6, 2.0
+"""Times that it is fitted, and standard deviations beyond which a pixel is left out."""
+
 
 def estimate_background(
     image: Float[Array, "H W"], noise: float, kind: Kind | None = None
@@ -43,8 +48,30 @@ def estimate_background(
     plane = _plane_at(fitted, np.arange(h), np.arange(w))
     if kind == "linear":
         return plane, kind
-    rest = medians - _plane_at(fitted, rows, columns)
-    return plane + _interpolated(rest, rows, columns, image.shape), kind
+    curved = _curved(image)
+    rest, rows, columns = _block_medians(image - curved)
+    return curved + _interpolated(rest, rows, columns, image.shape), kind
+
+
+def _curved(image: Float[Array, "H W"]) -> Float[Array, "H W"]:
+    """The cubic surface that most pixels lie on: what stands out is left out of the fit."""
+    h, w = image.shape
+    rows, columns = (np.linspace(-1, 1, n) for n in (h, w))
+    step = max(1, round(np.sqrt(h * w / CURVED_PIXELS)))
+    values = image[::step, ::step].ravel()
+    design = _cubic(*np.meshgrid(rows[::step], columns[::step], indexing="ij"))
+    kept = np.ones(len(values), dtype=bool)
+    coefficients = np.zeros(design.shape[1])
+    for _ in range(CURVED_ROUNDS):
+        coefficients = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
+        rest = np.abs(values - design @ coefficients)
+        kept = rest <= STANDS_OUT * 1.4826 * np.median(rest)
+    return (_cubic(*np.meshgrid(rows, columns, indexing="ij")) @ coefficients).reshape(h, w)
+
+
+def _cubic(rows: Float[Array, "h w"], columns: Float[Array, "h w"]) -> Float[Array, "P 10"]:
+    r, c = rows.ravel(), columns.ravel()
+    return np.stack([r**i * c**j for i in range(4) for j in range(4 - i)], axis=1)
 
 
 def _block_medians(image):
