@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Bool, Float, Real
 
 from napari_splinesketch.engine import assess, fitting, scene, spline
 from napari_splinesketch.engine.background import estimate_background
@@ -39,7 +39,7 @@ def assemble(
         When the call began, by `time.perf_counter`.
     """
     corner = np.array([s.start for s in window])
-    drawn = _draw(seen.normal.shape, [*fit.bodies, *fit.fixed, *fit.beside])
+    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
     numbers = [i for i, fault in enumerate(faults) if not fault]
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
     twins = assess.doubles(centres, seen.half_width)
@@ -86,12 +86,13 @@ def full_list(
     )
 
 
-def _draw(shape: tuple[int, int], bodies: list[Body]) -> Float[Array, "H W"]:
-    """All bodies, as a share of the contrast."""
-    flat = np.zeros(shape[0] * shape[1])
+def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
+    """All bodies, as a share of the contrast; guessed where the image has no value."""
+    flat = np.zeros(valid.size)
     pixels = np.unique(np.concatenate([b.pixels for b in bodies]))
     flat[pixels] = fitting.render_at(pixels, bodies)
-    return flat.reshape(shape)
+    drawn = flat.reshape(valid.shape)
+    return drawn if valid.all() else scene.filled(drawn, valid)
 
 
 def _rest(body: Body, residual: Float[Array, "H W"]) -> Float[Array, " m"]:

@@ -165,7 +165,9 @@ def doubts(
     return found
 
 
-def doubles(curves: list[Float[Array, "P 2"]], half_width: float) -> dict[int, int]:
+def doubles(
+    curves: list[Float[Array, "P 2"]], half_width: float, share: float = SAME_BODY
+) -> dict[int, int]:
     """Curves that run along another for much of their length, with the other's number."""
     found = {}
     low = np.array([c.min(0) for c in curves]).reshape(-1, 2) - half_width
@@ -174,6 +176,6 @@ def doubles(curves: list[Float[Array, "P 2"]], half_width: float) -> dict[int, i
         meets = np.flatnonzero(((low <= high[i]) & (high >= low[i])).all(1))
         for j in meets[meets != i].tolist():
             apart = np.linalg.norm(a[::4, None] - curves[j][None, ::2], axis=2).min(1)
-            if (apart < 0.6 * half_width).mean() > SAME_BODY:
+            if (apart < 0.6 * half_width).mean() > share:
                 found[i] = j
     return found

@@ -120,8 +120,8 @@ def unsketched_paths(
     drawn, total = _sampled(graph, routes)
     cost = UNSKETCHED + _bending(drawn, total, half_width)
     found = _best_paths(graph, routes, cost, total, half_width, keep)
-    pairs = zip((none.cost, none.length, none.covers), (found.cost, found.length, found.covers))
-    return Paths((*none.points, *found.points), *(np.concatenate(pair) for pair in pairs))
+    both = (none.cost, found.cost), (none.length, found.length), (none.covers, found.covers)
+    return Paths((*none.points, *found.points), *map(np.concatenate, both))
 
 
 def unexplained_beside(

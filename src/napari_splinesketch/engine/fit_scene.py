@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import bands, finding, fitting, model, spline
+from napari_splinesketch.engine import bands, finding, fitting, model, pairs, spline
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.settings import LevelSettings, Settings
@@ -99,7 +100,34 @@ def fit_scene(
         report("polishing", 0.4 + 0.6 * share, lambda: lines()[:number])
 
     bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
-    return SceneFit(bodies[:number], others, bodies[number:], starts[:number], parts)
+    sketched, beside = bodies[:number], bodies[number:]
+    again = partial(_polish_again, seen, settings.polish, settings.knots[0])
+    sketched = pairs.split_pairs(seen, sketches, sketched, [*others, *beside], again)
+    return SceneFit(sketched, others, beside, starts[:number], parts)
+
+
+def _polish_again(
+    seen: Scene,
+    level: LevelSettings,
+    knots: int,
+    lines: list[Line],
+    widths: list[float],
+    rest: list[Body],
+) -> list[Body]:
+    """Fit lines with half-widths of their own beside bodies that stay."""
+    knots = max([knots, *(len(b.knots) for b in rest)])
+    priors = bands.default_priors(len(lines) + len(rest), seen.half_width)
+    start = [
+        bands.start_values(spline.fit_knots(x, knots), priors.mean[0], log_width_0=np.log(w))
+        for x, w in zip(lines, widths, strict=True)
+    ]
+    still = [
+        bands.start_values(spline.fit_knots(b.points(64), knots), b.parameters) for b in rest
+    ]
+    theta = np.array([*start, *still])
+    return fitting.fit_level(seen.normal, seen, theta, priors, level, moving=len(lines))[
+        : len(lines)
+    ]
 
 
 def _comparison(seen: Scene, level: LevelSettings, report: Reporter) -> finding.Comparison:

@@ -70,10 +70,10 @@ def read_scene(
     """
     image = np.asarray(image, dtype=np.float64)
     valid = np.isfinite(image)
-    filled = image if valid.all() else _filled(image, valid)
-    noise = pixel_noise(filled)
-    background, kind = estimate_background(filled, noise)
-    flat = filled - background
+    whole = image if valid.all() else filled(image, valid)
+    noise = pixel_noise(whole)
+    background, kind = estimate_background(whole, noise)
+    flat = whole - background
     smooth = ndimage.gaussian_filter(flat, 1.0)[near & valid]
     low, centre, high = np.quantile(smooth, [0.01, 0.5, 0.99])
     bright = high - centre >= centre - low if polarity == "auto" else polarity == "bright"
@@ -88,7 +88,7 @@ def read_scene(
     )
 
 
-def _filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
+def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
     """The image with missing pixels like those around them, or like the median far inside."""
     known, weight = (
         ndimage.gaussian_filter(a, MISSING) for a in (np.where(valid, image, 0.0), valid * 1.0)
