@@ -162,6 +162,11 @@ def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]
         "textured": "The background varies, so it was followed block by block.",
     }
     notes = [background[seen.background_kind]]
+    if seen.contradicted is not None:
+        notes.append(
+            f"No body here has a half-width of {seen.contradicted:.1f} px, so it was measured:"
+            f" {seen.half_width:.1f} px."
+        )
     words = {"width": "half-width", "brightness": "brightness"}
     for part, weighed in fit.parts.items():
         if weighed.on:

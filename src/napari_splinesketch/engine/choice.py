@@ -391,9 +391,12 @@ def _distinct(
     for row in chosen:
         differ = (
             max(
-                float(lengths[paths.covers[i] != paths.covers[j]].sum())
-                for paths, i, j in zip(candidates, row, other, strict=False)
-                if i >= 0
+                (
+                    float(lengths[paths.covers[i] != paths.covers[j]].sum())
+                    for paths, i, j in zip(candidates, row, other, strict=False)
+                    if i >= 0
+                ),
+                default=0.0,
             )
             for other in kept
         )

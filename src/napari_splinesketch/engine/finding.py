@@ -132,7 +132,7 @@ def find(
         Called with the share of the sketches whose paths are known; may raise `Stopped`.
     """
     w = seen.half_width
-    graph = tracing.trace(tracing.body_mask(seen.normal, w), w)
+    graph = tracing.trace(seen.mask, w)
     candidates = []
     for i, sketch in enumerate(sketches):
         tick(i / len(sketches))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import assess, fitting, spline, tracing
+from napari_splinesketch.engine import assess, fitting, spline
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.types import Array
@@ -45,7 +45,7 @@ def split_pairs(
     if not pairs:
         return bodies
     found = list(bodies)
-    depth = _depth(tracing.body_mask(seen.normal, seen.half_width))
+    depth = _depth(seen.mask)
     for i, j in pairs:
         lines, width = _beside(found[i], depth, (sketches[i], sketches[j]))
         rest = [b for k, b in enumerate(found) if k not in (i, j)] + others

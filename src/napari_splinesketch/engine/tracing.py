@@ -63,12 +63,13 @@ class TraceGraph:
 
 
 def body_mask(
-    image: Float[Array, "H W"], half_width: float, threshold: float = THRESHOLD
+    image: Float[Array, "H W"], half_width: float, smoothing: float = 0.0
 ) -> Bool[Array, "H W"]:
     """Pixels that are body: the smoothed image (background 0, bodies 1) above a threshold."""
-    smooth = ndimage.gaussian_filter(image, max(SMOOTHING * half_width, 0.5))
+    sigma = max(SMOOTHING * half_width, 0.5, smoothing)
+    smooth = ndimage.gaussian_filter(image, sigma)
     smallest = int(max(4 * half_width**2, 6))
-    return remove_small_objects(smooth > threshold, max_size=smallest)
+    return remove_small_objects(smooth > THRESHOLD, max_size=smallest)
 
 
 def trace(mask: Bool[Array, "H W"], half_width: float) -> TraceGraph:
