@@ -9,14 +9,15 @@ from napari_splinesketch.engine.profile import WIDTH_MODES, modes, tapered_width
 from napari_splinesketch.engine.tube import INDEX
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Status
 
-LARGE_SD = 0.5
+LARGE_SD = 0.4
 LARGE_RESIDUAL = 3.0
 VISIBLE_RESIDUAL = 0.25
 MOVED = 0.5
 LONGER = 1.8
+SHORTER = 2.5
 SAME_BODY = 0.5
 """Limits beyond which a curve asks for a look: px; times the noise and share of the contrast;
-shares of the sketch's length; factor of length; share of the length that two curves run along
+shares of the sketch's length; factors of length; share of the length that two curves run along
 each other."""
 CORE = 0.3
 """Pixels with this share of a body's brightness tell how well it is explained."""
@@ -157,7 +158,7 @@ def doubts(
     moved = np.linalg.norm(curve.mean(0) - drawn.mean(0))
     if moved > MOVED * max(length, before):
         found.append(f"it moved {moved:.0f} px from its sketch")
-    if not 1 / LONGER < length / before < LONGER * np.pi / 2:
+    if not 1 / SHORTER < length / before < LONGER * np.pi / 2:
         found.append(f"its length changed from {before:.0f} to {length:.0f} px")
     edge = np.array(shape) - 1
     if ((curve < 0) | (curve > edge)).any():

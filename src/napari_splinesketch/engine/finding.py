@@ -1,7 +1,7 @@
 """Find before polish: which way through the traces each sketch means."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,7 +16,7 @@ from napari_splinesketch.engine.types import Array
 
 PATH_WEIGHT = 1.0
 """Of a path's own cost against one fully unexplained pixel, when sets of paths are compared."""
-CLOSE = 5.0
+CLOSE = 3.0
 """Sets whose scores are closer than this cannot be told apart ..."""
 DIFFERENT = 0.7
 """... where their curves are further apart than this, half-widths."""
@@ -82,12 +82,13 @@ class Comparison:
     weight
         Pixels of the image that each pixel looked at stands for.
     fit
-        Fits lines to that image, each within its replica of the scene.
+        Fits lines to that image, each within its replica of the scene, beside fixed curves given
+        as (replica, number): the fitted bodies, then the fixed ones.
     """
 
     image: Float[Array, "H W"]
     weight: float
-    fit: Callable[[list[Line], Int[Array, " n"]], list[fitting.Body]]
+    fit: Callable[[list[Line], Int[Array, " n"], list[tuple[int, int]]], list[fitting.Body]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ def find(
         for row in c.sets
     ]
     if comparison:
-        trials = _fitted(trials, comparison)
+        trials = _fitted(trials, fixed, comparison, w)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     together = []
     for number, cluster in enumerate(clusters):
@@ -206,9 +207,7 @@ def _nearest(
     return min(sets, key=cost)
 
 
-def _covered(
-    paths: list[choice.Paths], row: tuple[int, ...], pieces: int
-) -> Bool[Array, " E"]:
+def _covered(paths: list[choice.Paths], row: tuple[int, ...], pieces: int) -> Bool[Array, " E"]:
     """The pieces that a set of paths runs along."""
     covered = np.zeros(pieces, dtype=bool)
     for candidates, path in zip(paths, row, strict=True):
@@ -219,10 +218,21 @@ def _covered(
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One set of paths for one cluster: those of its sketches, then those without one."""
+    """One set of paths for one cluster: those of its sketches, then those without one.
+
+    Attributes
+    ----------
+    cluster
+        Its number.
+    starts
+        Where the fits begin.
+    still
+        Fixed curves that lie across.
+    """
 
     cluster: int
     starts: list[Start]
+    still: list[fitting.Body] = field(default_factory=list)
 
     @property
     def bodies(self) -> list[fitting.Body]:
@@ -257,23 +267,47 @@ def smoothed(line: Line, sigma: float) -> Line:
     return ndimage.gaussian_filter1d(extended, sigma, axis=0)[len(before) : -len(after)]
 
 
-def _fitted(trials: list[Trial], comparison: Comparison) -> list[Trial]:
+def _fitted(
+    trials: list[Trial], fixed: list[Line], comparison: Comparison, half_width: float
+) -> list[Trial]:
     """The trials with every path fitted, each trial a replica of the scene."""
     lines = [s.line for t in trials for s in t.starts]
     replica = np.repeat(np.arange(len(trials)), [len(t.starts) for t in trials])
-    bodies = iter(comparison.fit(lines, replica))
-    return [replace(t, starts=[replace(s, body=next(bodies)) for s in t.starts]) for t in trials]
+    across: dict[int, list[int]] = {}
+    for t in trials:
+        met = across.setdefault(t.cluster, [])
+        met += [k for k in _met(fixed, t.starts, half_width) if k not in met]
+    still = [(r, k) for r, t in enumerate(trials) for k in across[t.cluster]]
+    bodies = comparison.fit(lines, replica, still)
+    fitted, fixed_bodies = iter(bodies[: len(lines)]), iter(bodies[len(lines) :])
+    return [
+        Trial(
+            t.cluster,
+            [replace(s, body=next(fitted)) for s in t.starts],
+            [next(fixed_bodies) for _ in across[t.cluster]],
+        )
+        for t in trials
+    ]
+
+
+def _met(fixed: list[Line], starts: list[Start], half_width: float) -> list[int]:
+    """Fixed curves whose surroundings overlap with those of some paths."""
+    if not fixed or not starts:
+        return []
+    points = np.concatenate([s.line for s in starts])
+    low, high = points.min(0) - 4 * half_width, points.max(0) + 4 * half_width
+    return [k for k, f in enumerate(fixed) if (f.max(0) > low).all() and (f.min(0) < high).all()]
 
 
 def _best(
     trials: list[Trial], sketches: list[Line], half_width: float, comparison: Comparison
 ) -> list[Start]:
     """The trial that explains the image best, and where another one does about as well."""
-    pixels = np.unique(np.concatenate([b.pixels for t in trials for b in t.bodies]))
+    pixels = np.unique(np.concatenate([b.pixels for t in trials for b in (*t.bodies, *t.still)]))
     values = comparison.image.ravel()[pixels]
     scores = []
     for trial in trials:
-        misfit = ((values - fitting.render_at(pixels, trial.bodies)) ** 2).sum()
+        misfit = ((values - fitting.render_at(pixels, [*trial.bodies, *trial.still])) ** 2).sum()
         costs = [
             choice.path_cost(b.points(), s, half_width)
             for b, s in zip(trial.bodies, sketches, strict=False)

@@ -81,7 +81,9 @@ def fit_scene(
     """
     report("tracing bodies", 0.02)
     still = [spline.resample(c.points, 100) - corner for c in fixed]
-    comparison = _comparison(seen, settings.judge, report) if settings.judge else None
+    comparison = None
+    if settings.judge:
+        comparison = _comparison(seen, fixed, corner, settings.judge, report)
     found = finding.find(
         seen, sketches, still, settings, comparison,
         lambda share: report("tracing bodies", 0.02 + 0.03 * share),
@@ -121,24 +123,32 @@ def _polish_again(
         bands.start_values(spline.fit_knots(x, knots), priors.mean[0], log_width_0=np.log(w))
         for x, w in zip(lines, widths, strict=True)
     ]
-    still = [
-        bands.start_values(spline.fit_knots(b.points(64), knots), b.parameters) for b in rest
-    ]
+    still = [bands.start_values(spline.fit_knots(b.points(64), knots), b.parameters) for b in rest]
     theta = np.array([*start, *still])
     return fitting.fit_level(seen.normal, seen, theta, priors, level, moving=len(lines))[
         : len(lines)
     ]
 
 
-def _comparison(seen: Scene, level: LevelSettings, report: Reporter) -> finding.Comparison:
+def _comparison(
+    seen: Scene,
+    fixed: Sequence[Curve],
+    corner: Float[Array, "2"],
+    level: LevelSettings,
+    report: Reporter,
+) -> finding.Comparison:
     """Fits of candidate paths, coarser than the final one."""
     soft = ndimage.gaussian_filter(seen.normal, level.blur * seen.half_width)
 
-    def fit(lines: list[Line], replica) -> list[Body]:
-        priors = bands.default_priors(len(lines), seen.half_width)
+    def fit(lines: list[Line], replica, still: list[tuple[int, int]]) -> list[Body]:
+        priors = bands.default_priors(len(lines) + len(still), seen.half_width)
         theta = _begin(lines, priors, COARSE_KNOTS)
+        if still:
+            others = _still(fixed, corner, COARSE_KNOTS, priors)
+            theta = np.concatenate([theta, others[[k for _, k in still]]])
+            replica = np.concatenate([replica, [r for r, _ in still]])
         return fitting.fit_level(
-            soft, seen, theta, priors, level, replica=replica,
+            soft, seen, theta, priors, level, replica=replica, moving=len(lines),
             report=lambda done, _: report("comparing paths", 0.05 + 0.3 * done),
         )  # fmt: skip
 
