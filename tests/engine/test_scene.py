@@ -74,8 +74,12 @@ def test_half_width_is_measured(half_width, error):
     assert np.median(measured) == pytest.approx(1, abs=error)
 
 
-def test_a_given_half_width_is_used():
-    assert read(frame().image, half_width=7.5).half_width == 7.5
+def test_a_given_half_width_is_used_where_bodies_are_like_that():
+    measured = read(frame().image).half_width
+    told = read(frame().image, half_width=1.3 * measured)
+    assert (told.half_width, told.contradicted) == (1.3 * measured, None)
+    wrong = read(frame().image, half_width=3 * measured)
+    assert (wrong.half_width, wrong.contradicted) == (measured, 3 * measured)
 
 
 def test_only_the_surroundings_of_the_sketches_tell_contrast_and_width():
@@ -108,7 +112,7 @@ def test_pixels_that_are_not_finite_are_left_out():
 def test_a_constant_image_is_all_background(value):
     seen = read(np.full(SHAPE, value), polarity="bright")
     np.testing.assert_allclose(seen.background, value)
-    np.testing.assert_allclose(seen.normal, 0, atol=1e-6)
+    np.testing.assert_allclose(seen.normal, 0, atol=1e-5)
     assert np.isfinite([seen.contrast, seen.noise, seen.half_width]).all()
 
 

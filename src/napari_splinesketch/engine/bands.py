@@ -14,6 +14,8 @@ from napari_splinesketch.engine.types import Array
 SAMPLES = 64
 CURVES = (16, 128, 1024, 8192)
 PIXELS = tuple(TILE * n for n in (4, 16, 64))
+PIN = 0.003
+"""Standard deviation of the knots of a pinned curve, px."""
 KNOTS = (6, 8, 12, 16, 24)
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
 
@@ -125,10 +127,12 @@ def make_bands(
     theta: Float[Array, "n D"],
     half_width: float,
     priors: Priors,
+    pinned: Bool[Array, " n"],
 ) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
     """Pad everything, and move every curve to its own centre.
 
-    Curves see each other when they are of the same `replica` of the scene.
+    Curves see each other when they are of the same `replica` of the scene; `pinned` ones stay
+    where they are.
 
     Returns
     -------
@@ -165,6 +169,8 @@ def make_bands(
     mean, precision = np.zeros((2, n, d), dtype=np.float32)
     mean[:count, 2 * knots :] = priors.mean
     precision[:count, 2 * knots :] = priors.sd**-2.0
+    mean[:count, : 2 * knots] = begin[:count, : 2 * knots]
+    precision[:count, : 2 * knots] = np.where(pinned, PIN**-2.0, 0.0)[:, None]
     bands = Bands(
         position,
         image.ravel()[index].astype(np.float32),

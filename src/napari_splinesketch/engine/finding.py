@@ -176,21 +176,24 @@ def _cluster(
     explained: Bool[Array, " E"],
 ) -> Cluster:
     """The sets of paths of some sketches, with a body without a sketch where one lies across."""
+    number = len(members)
+    # One or two bodies leave less to be compared than three.
+    keep = min(settings.sets, -(-settings.sets * (number + 1) // 4))
 
     def choose():
-        number = len(members)
-        beam, keep = settings.beam, settings.sets
-        return choice.choose_sets(graph, paths, half_width, beam, keep, explained, number)
+        return choice.choose_sets(graph, paths, half_width, settings.beam, keep, explained, number)
 
     sets = choose()
     for _ in range(MOST_UNSKETCHED):
-        covered = _covered(paths, _nearest(paths, sets, len(members)), len(explained))
+        covered = _covered(paths, _nearest(paths, sets, number), len(explained))
         beside = choice.unexplained_beside(graph, covered, explained, half_width)
         if not beside.any():
             break
         near = beside | covered
-        weigh, keep = settings.weigh // 4, settings.paths
-        paths.append(choice.unsketched_paths(graph, near, beside, half_width, weigh, keep))
+        weigh = settings.weigh // 4
+        paths.append(
+            choice.unsketched_paths(graph, near, beside, half_width, weigh, settings.paths)
+        )
         sets = choose()
     return Cluster(members, paths, sets)
 

@@ -104,20 +104,22 @@ def fit_level(
     replica
         (n,) curves see each other only within the same replica of the scene.
     moving
-        The first so many curves move; the others only take part in the rendering.
+        The first so many curves move; of the others only the look is fitted.
     report
         See `Report`.
     """
     n, d = theta.shape
     k = (d - len(GLOBALS)) // 2
-    movable = n if moving is None else moving
+    pinned = np.arange(n) >= (n if moving is None else moving)
     replica = np.zeros(n, int) if replica is None else replica
     blur, stride = level.blur * seen.half_width, level.stride(seen.half_width)
     pixels = [
         pad.band_pixels(line, width + level.margin + 2 * blur, seen.valid, stride)
         for line, width in zip(lines_of(theta), _widths(theta, seen.half_width), strict=True)
     ]
-    bands, shift, begin = pad.make_bands(image, pixels, replica, theta, seen.half_width, priors)
+    bands, shift, begin = pad.make_bands(
+        image, pixels, replica, theta, seen.half_width, priors, pinned
+    )
     basis, bend = pad.spline_basis(k)
     shared = solver.Level(
         np.concatenate([np.full(2 * k, -1e6), priors.low]).astype(np.float32),
@@ -138,7 +140,8 @@ def fit_level(
         ]
 
     meets = _meeting(theta, pixels, image.shape[1], replica)
-    pending: Sequence[int] = np.flatnonzero(meets.any(1) | (np.arange(n) >= movable)).tolist()
+    free = ~pinned | (meets & ~pinned).any(1)
+    pending: Sequence[int] = np.flatnonzero(meets.any(1) | pinned).tolist()
     for turn, steps in enumerate((1, *level.steps)):
         visited = 0
         for now in _apart(pending, meets) if turn else _chunks(pending):
@@ -151,7 +154,7 @@ def fit_level(
             if report:
                 report((turn + visited / len(pending)) / (1 + len(level.steps)), bodies)
         moved = np.asarray(fit.gain)[:n] > GAIN
-        pending = _unsettled(moved, pending, meets, movable) if turn else list(range(movable))
+        pending = _unsettled(moved, pending, meets, free) if turn else np.flatnonzero(free).tolist()
         if not pending:
             break
     return bodies()
@@ -179,13 +182,13 @@ def _chunks(curves: Sequence[int]) -> Iterator[list[int]]:
         yield list(curves[first : first + CHUNK])
 
 
-def _unsettled(moved, visited: Sequence[int], meets, moving: int) -> list[int]:
+def _unsettled(moved, visited: Sequence[int], meets, free) -> list[int]:
     """Curves to visit next: those that moved when they were visited, and those beside them."""
     here = np.zeros(len(meets), dtype=bool)
     here[list(visited)] = True
     moved = here & moved
     again = moved | (meets & moved).any(1)
-    return np.flatnonzero(again[:moving]).tolist()
+    return np.flatnonzero(again & free).tolist()
 
 
 def _meeting(theta, pixels, width: int, replica) -> Bool[Array, "n n"]:
