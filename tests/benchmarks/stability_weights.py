@@ -12,7 +12,7 @@ import numpy as np
 from stability_cases import CASES
 from stability_rows import FAR, FOLDER, measure
 
-from napari_splinesketch.engine import bands, choice, finding
+from napari_splinesketch.engine import bands, choice, finding, smooth_paths
 
 FACTORS = (0.1, 10.0)
 CASE = "plain"
@@ -63,10 +63,10 @@ WEIGHTS: dict[str, Callable[[float], AbstractContextManager[None]]] = {
     **{
         words: partial(_constant, module, name)
         for words, module, name in (
-            ("bending of a path", choice, "BENDING"),
-            ("kinks of a path", choice, "KINK"),
-            ("too short a path", choice, "SHORT"),
-            ("skeleton left over", choice, "UNCOVERED"),
+            ("bending of a path", smooth_paths, "BENDING"),
+            ("kinks of a path", smooth_paths, "KINK"),
+            ("too short a path", smooth_paths, "SHORT"),
+            ("skeleton left over", smooth_paths, "UNCOVERED"),
             ("skeleton explained twice", choice, "SHARED"),
             ("path against picture", finding, "PATH_WEIGHT"),
         )

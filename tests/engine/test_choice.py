@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine import choice, tracing
+from napari_splinesketch.engine import choice, smooth_paths, tracing
 
 HALF_WIDTH = 3.0
 CENTRE = np.array([45.0, 60.0])
@@ -33,8 +33,8 @@ def graph() -> tracing.TraceGraph:
     return graph_of(cross())
 
 
-def paths(graph: tracing.TraceGraph, sketch: np.ndarray, keep: int = 40) -> choice.Paths:
-    return choice.candidate_paths(graph, sketch, HALF_WIDTH, 3000, keep)
+def paths(graph: tracing.TraceGraph, sketch: np.ndarray, keep: int = 40) -> smooth_paths.Paths:
+    return smooth_paths.candidate_paths(graph, sketch, HALF_WIDTH, 3000, keep)
 
 
 @pytest.mark.parametrize("angle", [40.0, 70.0, 90.0])
@@ -60,7 +60,7 @@ def test_straight_on_is_cheaper_than_around_the_bend():
     bent = np.concatenate([lines[0][:41], lines[1][41:]])
     straight = lines[0]
     between = (straight + bent) / 2
-    costs = [choice.path_cost(p, between, HALF_WIDTH) for p in (straight, bent)]
+    costs = [smooth_paths.path_cost(p, between, HALF_WIDTH) for p in (straight, bent)]
     assert costs[0] < costs[1]
 
 
@@ -100,12 +100,12 @@ STRAIGHT = np.column_stack([np.full(60, 10.0), np.linspace(0, 90, 60)])
 
 
 def test_cost_of_the_sketch_itself_is_nothing():
-    assert choice.path_cost(STRAIGHT, STRAIGHT, 3.0) == pytest.approx(0, abs=1e-6)
+    assert smooth_paths.path_cost(STRAIGHT, STRAIGHT, 3.0) == pytest.approx(0, abs=1e-6)
 
 
 def test_cost_grows_with_distance_bending_and_shortness():
     def cost(path: np.ndarray) -> float:
-        return choice.path_cost(path, STRAIGHT, 3.0)
+        return smooth_paths.path_cost(path, STRAIGHT, 3.0)
 
     def lower(rows: float) -> np.ndarray:
         return STRAIGHT + np.array([rows, 0])
@@ -118,7 +118,7 @@ def test_cost_grows_with_distance_bending_and_shortness():
 
 def test_cost_does_not_depend_on_the_scale():
     path = STRAIGHT + np.column_stack([4 * np.sin(np.linspace(0, 4, 60)), np.ones(60)])
-    costs = [choice.path_cost(s * path, s * STRAIGHT, 3.0 * s) for s in (1.0, 0.4, 3.0)]
+    costs = [smooth_paths.path_cost(s * path, s * STRAIGHT, 3.0 * s) for s in (1.0, 0.4, 3.0)]
     np.testing.assert_allclose(costs, costs[0], rtol=1e-6)
 
 

@@ -1,326 +1,132 @@
-"""Which paths through the graph of traces the sketches mean, chosen for all sketches together."""
+"""Which of their candidate paths the sketches mean, chosen for all of them together."""
 
-from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine import smooth_paths
+from napari_splinesketch.engine.settings import Settings
+from napari_splinesketch.engine.smooth_paths import Paths
 from napari_splinesketch.engine.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
-UNIT = 3.0
-"""Costs are in px for bodies of this half-width; others are scaled to it."""
-REACH = (10.0, 0.4)
-"""How far from its sketch a body is looked for: half-widths, share of the sketch's length."""
-TURN = np.cos(np.deg2rad(110))
-"""Sharpest turn at a node, as a cosine."""
-STARTS = 12
-"""Most nodes that the paths of one sketch start from."""
-SAMPLES = 20
-END_CAP = 25.0
-BENDING = 16.0
-KINK = 30.0
-SHORT = 0.5
-UNCOVERED = 1.0
 SHARED = 0.5
 EAGERNESS = (1.0, 0.4)
 """Shares of UNCOVERED with which sets are looked for: the eager way explains the image, the other
 one stays with the sketches; which was right the comparison tells."""
-UNSKETCHED = 30.0
-"""What a body without a sketch costs, so that none is made up for a speck."""
-ENOUGH_BODIES = 4
-USUAL_LENGTH = 1.25
-"""With so many sketches, lengths beyond this many times the median earn nothing."""
 FREE_SHARED = 4.5
 """Pieces shorter than this many half-widths may be shared for little."""
 PLAUSIBLE = 40.0
 """Sets that cost more than the best by this are not looked at."""
 DISTINCT = 6.0
 """Half-widths of skeleton by which a curve must differ for a set to be another one."""
+EXPLAINED = 1.0
+"""Pieces nearer than this many half-widths to a fixed curve are explained already."""
+MOST_UNSKETCHED = 2
+"""Bodies without a sketch that are looked for beside those of one cluster, at most."""
 
-
-Route = tuple[tuple[int, int], ...]
-"""Pieces with the end (0 or 1) at which each is entered."""
+Line = Float[Array, "N 2"]
 
 
 @dataclass(frozen=True, eq=False)
-class Paths:
-    """Candidate paths of one sketch, cheapest first.
+class Cluster:
+    """Sketches whose paths may share pieces, and the sets of paths worth a comparison.
 
     Attributes
     ----------
-    points
-        Polylines, oriented as the sketch.
-    cost
-        (C,) of each path alone.
-    length
-        (C,) px.
-    covers
-        (C, E) which pieces of the graph it runs along.
+    members
+        Numbers of the sketches.
+    paths
+        Candidates of each of them, then of bodies beside them that have no sketch.
+    sets
+        One path for each, best first.
     """
 
-    points: tuple[Float[Array, "N 2"], ...]
-    cost: Float[Array, " C"]
-    length: Float[Array, " C"]
-    covers: Bool[Array, "C E"]
+    members: tuple[int, ...]
+    paths: list[Paths]
+    sets: list[tuple[int, ...]]
 
 
-def candidate_paths(
-    graph: TraceGraph, sketch: Float[Array, "N 2"], half_width: float, weigh: int, keep: int
-) -> Paths:
-    """Smooth paths near a sketch, weighed by distance, ends, bending and length.
-
-    At most `weigh` are looked at, and the best `keep` returned.
-    """
-    length = arc_length(sketch)[-1]
-    reach = REACH[0] * half_width + REACH[1] * length
-    line = resample(sketch, SAMPLES)
-    apart = np.linalg.norm(graph.nodes[:, None] - line[None], axis=2).min(1)
-    near = (apart[graph.ends] < reach).all(1) if len(graph.ends) else np.zeros(0, bool)
-    from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
-    routes = list(_routes(graph, near, from_start, 3 * length + 2 * reach, weigh))
-    if not routes:
-        return Paths((), np.zeros(0), np.zeros(0), np.zeros((0, len(graph.ends)), bool))
-    drawn, total = _sampled(graph, routes)
-    cost = _cost(drawn, total, line, length, half_width)
-    return _best_paths(graph, routes, cost, total, half_width, keep)
+def interacting(
+    candidates: list[Paths], sketches: list[Line], half_width: float
+) -> list[tuple[int, ...]]:
+    """Groups of sketches whose likely paths share pieces or pass close to each other."""
+    likely = np.array([p.covers[p.cost < p.cost[:1].sum() + PLAUSIBLE].any(0) for p in candidates])
+    covers = csr_array(likely.astype(np.int32))
+    linked = (covers @ covers.T).tolil()
+    reach = 4 * half_width
+    boxes = np.array([(s.min(0) - reach, s.max(0) + reach) for s in sketches])
+    for i in np.flatnonzero(~likely.any(1)):
+        touching = (boxes[i, 0] <= boxes[:, 1]).all(1) & (boxes[i, 1] >= boxes[:, 0]).all(1)
+        linked[i, np.flatnonzero(touching)] = 1
+    count, label = connected_components(linked, directed=False)
+    return [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
 
 
-def unsketched_paths(
+def make_cluster(
     graph: TraceGraph,
-    near: Bool[Array, " E"],
-    unexplained: Bool[Array, " E"],
+    members: tuple[int, ...],
+    paths: list[Paths],
     half_width: float,
-    weigh: int,
-    keep: int,
-) -> Paths:
-    """Smooth paths that a body without a sketch may take; the first of them is none at all.
-
-    Parameters
-    ----------
-    graph, half_width
-        As above.
-    near
-        (E,) pieces that it may run along.
-    unexplained
-        (E,) pieces at one of which it begins.
-    weigh, keep
-        Paths looked at, and kept.
-    """
-    none = Paths((np.zeros((0, 2)),), np.zeros(1), np.zeros(1), np.zeros((1, len(near)), bool))
-    unlikely = np.ones(len(graph.nodes))
-    unlikely[graph.ends[unexplained]] = 0
-    routes = list(_routes(graph, near, unlikely - 0.5 * graph.tips, np.inf, weigh))
-    if not routes:
-        return none
-    drawn, total = _sampled(graph, routes)
-    cost = UNSKETCHED + _bending(drawn, total, half_width)
-    found = _best_paths(graph, routes, cost, total, half_width, keep)
-    both = (none.cost, found.cost), (none.length, found.length), (none.covers, found.covers)
-    return Paths((*none.points, *found.points), *map(np.concatenate, both))
-
-
-def unexplained_beside(
-    graph: TraceGraph,
-    covered: Bool[Array, " E"],
+    settings: Settings,
     explained: Bool[Array, " E"],
-    half_width: float,
-) -> Bool[Array, " E"]:
-    """The pieces that hang on covered ones and that nothing explains, if they are worth a body."""
-    rest = ~(covered | explained)
-    beside = np.zeros(len(rest), dtype=bool)
-    touched = np.zeros(len(graph.nodes), dtype=bool)
-    touched[graph.ends[covered]] = True
-    while True:
-        more = rest & touched[graph.ends].any(1) & ~beside
-        if not more.any() or graph.lengths[beside].sum() > graph.lengths[covered].sum():
+) -> Cluster:
+    """The sets of paths of some sketches, with a body without a sketch where one lies across."""
+    number = len(members)
+    # One or two bodies leave less to be compared than three.
+    keep = min(settings.sets, -(-settings.sets * (number + 1) // 4))
+
+    def choose():
+        return choose_sets(graph, paths, half_width, settings.beam, keep, explained, number)
+
+    sets = choose()
+    for _ in range(MOST_UNSKETCHED):
+        covered = _covered(paths, _nearest(paths, sets, number), len(explained))
+        beside = _unexplained_beside(graph, covered, explained, half_width)
+        if not beside.any():
             break
-        beside |= more
-        touched[graph.ends[more]] = True
-    worth = graph.lengths[beside].sum() * UNIT / half_width * UNCOVERED > UNSKETCHED
-    return beside if worth else np.zeros_like(beside)
-
-
-def _best_paths(
-    graph: TraceGraph,
-    routes: list[Route],
-    cost: Float[Array, " R"],
-    total: Float[Array, " R"],
-    half_width: float,
-    keep: int,
-) -> Paths:
-    once = _distinct_routes(routes, cost)
-    routes, cost, total = [routes[i] for i in once], cost[once], total[once]
-    order = _kept(cost, cost - UNCOVERED * total * UNIT / half_width, keep)
-    covers = np.zeros((len(order), len(graph.ends)), dtype=bool)
-    for row, i in enumerate(order):
-        covers[row, [piece for piece, _ in routes[i]]] = True
-    points = tuple(_polyline(graph, routes[i]) for i in order)
-    return Paths(points, cost[order], total[order], covers)
-
-
-def _distinct_routes(routes: list[Route], cost: Float[Array, " R"]) -> Int[Array, " D"]:
-    """The cheapest route of those along the same pieces, cheapest first."""
-    found: dict[frozenset[int], int] = {}
-    for i in np.argsort(cost, kind="stable").tolist():
-        found.setdefault(frozenset(piece for piece, _ in routes[i]), i)
-    return np.array(list(found.values()))
-
-
-def without_excess(candidates: list[Paths], half_width: float) -> list[Paths]:
-    """Make paths pay for what they are longer than the bodies of the frame usually are.
-
-    A path that runs on into a neighbour without a sketch explains more, but not its own body.
-    """
-    best = [p.length[0] for p in candidates if len(p.length)]
-    if len(best) < ENOUGH_BODIES:
-        return candidates
-    usual = USUAL_LENGTH * np.median(best)
-    weight = UNCOVERED * UNIT / half_width
-    return [
-        _sorted(replace(p, cost=p.cost + weight * np.maximum(p.length - usual, 0)))
-        for p in candidates
-    ]
-
-
-def _sorted(paths: Paths) -> Paths:
-    order = np.argsort(paths.cost, kind="stable")
-    points = tuple(paths.points[i] for i in order)
-    return Paths(points, paths.cost[order], paths.length[order], paths.covers[order])
-
-
-def _kept(cost: Float[Array, " R"], earned: Float[Array, " R"], keep: int) -> Int[Array, " C"]:
-    """The cheapest half by cost, the other half by cost less what the path would explain."""
-    best = np.argsort(cost)[: keep // 2]
-    rest = [i for i in np.argsort(earned)[:keep] if i not in set(best.tolist())]
-    chosen = np.concatenate([best, np.array(rest[: keep - len(best)], dtype=int)])
-    return chosen[np.argsort(cost[chosen])]
-
-
-def _routes(
-    graph: TraceGraph,
-    near: Bool[Array, " E"],
-    unlikely: Float[Array, " V"],
-    longest: float,
-    weigh: int,
-) -> Iterator[Route]:
-    """Paths without repeated pieces and without sharp turns, from the likeliest nodes."""
-    leaving: dict[int, list[tuple[int, int]]] = {}
-    for piece in np.flatnonzero(near).tolist():
-        for side in (0, 1):
-            leaving.setdefault(int(graph.ends[piece, side]), []).append((piece, side))
-    nodes = np.array(list(leaving), dtype=int)
-    if not len(nodes):
-        return
-    ends, lengths, headings, bridges = graph.lists
-    budget = weigh // min(STARTS, len(nodes))
-    for start in nodes[np.argsort(unlikely[nodes], kind="stable")[:STARTS]].tolist():
-        queue: deque[tuple[Route, float, list[float] | None]] = deque(
-            ((step,), lengths[step[0]], None) for step in leaving[start]
+        near = beside | covered
+        weigh = settings.weigh // 4
+        paths.append(
+            smooth_paths.unsketched_paths(graph, near, beside, half_width, weigh, settings.paths)
         )
-        for _ in range(budget):
-            if not queue:
-                break
-            route, length, heading = queue.popleft()
-            piece, side = route[-1]
-            if not bridges[piece]:
-                yield route
-                heading = headings[piece][1 - side]
-            used = {p for p, _ in route}
-            for step in leaving.get(ends[piece][1 - side], ()):
-                reached = length + lengths[step[0]]
-                if step[0] in used or reached > longest:
-                    continue
-                if (
-                    bridges[step[0]]
-                    or heading is None
-                    or _goes_on(heading, headings[step[0]][step[1]])
-                ):
-                    queue.append(((*route, step), reached, heading))
+        sets = choose()
+    return Cluster(members, paths, sets)
 
 
-def _goes_on(out: list[float], back: list[float]) -> bool:
-    """Whether a path that leaves one piece along `out` may enter one that leaves as `back`."""
-    return -(out[0] * back[0] + out[1] * back[1]) > TURN
+def _nearest(paths: list[Paths], sets: list[tuple[int, ...]], sketched: int) -> tuple[int, ...]:
+    """The set whose paths suit their sketches best, whatever it leaves unexplained."""
+
+    def cost(row: tuple[int, ...]) -> float:
+        pairs = zip(paths[:sketched], row, strict=False)
+        return sum(p.cost[i] for p, i in pairs if i >= 0)
+
+    return min(sets, key=cost)
 
 
-def _sampled(
-    graph: TraceGraph, routes: list[Route]
-) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
-    """Every route resampled to SAMPLES points, and its length."""
-    middle = np.array([p[len(p) // 2] for p in graph.pieces])
-    longest = max(map(len, routes))
-    pieces = np.full((len(routes), longest), -1)
-    sides = np.zeros((len(routes), longest), dtype=int)
-    for i, route in enumerate(routes):
-        pieces[i, : len(route)], sides[i, : len(route)] = np.array(route).T
-    there = pieces >= 0
-    points = np.empty((len(routes), 2 * longest + 1, 2))
-    points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
-    points[:, 1::2] = middle[pieces]
-    points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
-    half = np.where(there, graph.lengths[pieces] / 2, 0.0)
-    s = np.concatenate([np.zeros((len(routes), 1)), np.cumsum(np.repeat(half, 2, axis=1), 1)], 1)
-    total = s[:, -1]
-    target = total[:, None] * np.linspace(0, 1, SAMPLES)
-    at = (s[:, None, 1:] < target[:, :, None]).sum(2).clip(0, s.shape[1] - 2)
-    left, right = np.take_along_axis(s, at, 1), np.take_along_axis(s, at + 1, 1)
-    part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
-    rows = np.arange(len(routes))[:, None]
-    return points[rows, at] * (1 - part) + points[rows, at + 1] * part, total
+def _covered(paths: list[Paths], row: tuple[int, ...], pieces: int) -> Bool[Array, " E"]:
+    """The pieces that a set of paths runs along."""
+    covered = np.zeros(pieces, dtype=bool)
+    for candidates, path in zip(paths, row, strict=True):
+        if path >= 0:
+            covered |= candidates.covers[path]
+    return covered
 
 
-def path_cost(points: Float[Array, "N 2"], sketch: Float[Array, "M 2"], half_width: float) -> float:
-    """What one path costs by itself for a sketch: the lower the likelier it is meant."""
-    line, length = resample(sketch, SAMPLES), arc_length(sketch)[-1]
-    total = np.array([arc_length(points)[-1]])
-    return float(_cost(resample(points, SAMPLES)[None], total, line, length, half_width)[0])
-
-
-def _cost(
-    drawn: Float[Array, "R S 2"],
-    total: Float[Array, " R"],
-    line: Float[Array, "S 2"],
-    length: float,
-    half_width: float,
-) -> Float[Array, " R"]:
-    scale = UNIT / half_width
-    apart = np.linalg.norm(drawn - line, axis=2) * scale
-    ends = np.minimum(apart[:, [0, -1]].mean(1), END_CAP)
-    short = np.maximum(0.85 * length - total, 0) * scale
-    return apart.mean(1) + ends + _bending(drawn, total, half_width) + SHORT * short
-
-
-def unsketched_cost(points: Float[Array, "N 2"], half_width: float) -> float:
-    """What a body without a sketch costs."""
-    total = np.array([arc_length(points)[-1]])
-    return UNSKETCHED + float(_bending(resample(points, SAMPLES)[None], total, half_width)[0])
-
-
-def _bending(
-    drawn: Float[Array, "R S 2"], total: Float[Array, " R"], half_width: float
-) -> Float[Array, " R"]:
-    # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
-    smooth = drawn
-    for _ in range(2):
-        middle = (smooth[:, :-2] + 2 * smooth[:, 1:-1] + smooth[:, 2:]) / 4
-        smooth = np.concatenate([smooth[:, :1], middle, smooth[:, -1:]], axis=1)
-    step = np.diff(smooth, axis=1)
-    heading = np.arctan2(step[..., 1], step[..., 0])
-    turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = np.maximum(total / (SAMPLES - 1), 1e-6)[:, None]
-    bend = turn * half_width / spacing
-    bending = (bend**2 * spacing / half_width).sum(1)
-    return BENDING * bending + KINK * np.maximum(bend.max(1) - 0.45, 0)
-
-
-def _polyline(graph: TraceGraph, route: Route) -> Float[Array, "N 2"]:
-    parts = [graph.pieces[p] if side == 0 else graph.pieces[p][::-1] for p, side in route]
-    return np.concatenate([parts[0], *(p[1:] for p in parts[1:])])
+def explained_by(graph: TraceGraph, fixed: list[Line], half_width: float) -> Bool[Array, " E"]:
+    """Which pieces lie along a fixed curve."""
+    done = np.zeros(len(graph.pieces), dtype=bool)
+    if not fixed or not len(done):
+        return done
+    middles = np.array([p[len(p) // 2] for p in graph.pieces])
+    for line in fixed:
+        apart = np.linalg.norm(middles[:, None] - line[None, ::2], axis=2).min(1)
+        done |= apart < EXPLAINED * half_width
+    return done
 
 
 def choose_sets(
@@ -340,7 +146,7 @@ def choose_sets(
     end of a body, are left out.
     """
     rows = [
-        _beam(graph, candidates, half_width, beam, explained, UNCOVERED * share)
+        _beam(graph, candidates, half_width, beam, explained, smooth_paths.UNCOVERED * share)
         for share in EAGERNESS
     ]
     mixed = [row for pair in zip_longest(*rows) for row in pair if row is not None]
@@ -356,7 +162,7 @@ def _beam(
     earned: float,
 ) -> list[tuple[int, ...]]:
     """Sets by what they cost less what they earn a px that they explain, cheapest first."""
-    scale = UNIT / half_width
+    scale = smooth_paths.UNIT / half_width
     reward = graph.lengths * scale * earned
     shared = np.maximum(graph.lengths - FREE_SHARED * half_width, 0.1 * graph.lengths)
     shared = shared * scale * SHARED
@@ -405,3 +211,27 @@ def _distinct(
         if len(kept) == keep:
             break
     return kept
+
+
+def _unexplained_beside(
+    graph: TraceGraph,
+    covered: Bool[Array, " E"],
+    explained: Bool[Array, " E"],
+    half_width: float,
+) -> Bool[Array, " E"]:
+    """The pieces that hang on covered ones and that nothing explains, if they are worth a body."""
+    rest = ~(covered | explained)
+    beside = np.zeros(len(rest), dtype=bool)
+    touched = np.zeros(len(graph.nodes), dtype=bool)
+    touched[graph.ends[covered]] = True
+    while True:
+        more = rest & touched[graph.ends].any(1) & ~beside
+        if not more.any() or graph.lengths[beside].sum() > graph.lengths[covered].sum():
+            break
+        beside |= more
+        touched[graph.ends[more]] = True
+    worth = (
+        graph.lengths[beside].sum() * smooth_paths.UNIT / half_width * smooth_paths.UNCOVERED
+        > smooth_paths.UNSKETCHED
+    )
+    return beside if worth else np.zeros_like(beside)

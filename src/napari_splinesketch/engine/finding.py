@@ -4,12 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import ndimage
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
-from napari_splinesketch.engine import choice, fitting, spline, tracing
+from napari_splinesketch.engine import choice, fitting, smooth_paths, spline, tracing
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
@@ -22,10 +20,6 @@ DIFFERENT = 0.7
 """... where their curves are further apart than this, half-widths."""
 SMOOTH = 1.5
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
-EXPLAINED = 1.0
-"""Pieces nearer than this many half-widths to a fixed curve are explained already."""
-MOST_UNSKETCHED = 2
-"""Bodies without a sketch that are looked for beside those of one cluster, at most."""
 
 Line = Float[Array, "N 2"]
 
@@ -50,25 +44,6 @@ class Start:
     traced: bool
     ambiguous: bool = False
     body: fitting.Body | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Cluster:
-    """Sketches whose paths may share pieces, and the sets of paths worth a comparison.
-
-    Attributes
-    ----------
-    members
-        Numbers of the sketches.
-    paths
-        Candidates of each of them, then of bodies beside them that have no sketch.
-    sets
-        One path for each, best first.
-    """
-
-    members: tuple[int, ...]
-    paths: list[choice.Paths]
-    sets: list[tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +112,16 @@ def find(
     candidates = []
     for i, sketch in enumerate(sketches):
         tick(i / len(sketches))
-        candidates.append(choice.candidate_paths(graph, sketch, w, settings.weigh, settings.paths))
-    candidates = choice.without_excess(candidates, w)
-    explained = _explained(graph, fixed, w)
+        candidates.append(
+            smooth_paths.candidate_paths(graph, sketch, w, settings.weigh, settings.paths)
+        )
+    candidates = smooth_paths.without_excess(candidates, w)
+    explained = choice.explained_by(graph, fixed, w)
     clusters = [
-        _cluster(graph, members, [candidates[i] for i in members], w, settings, explained)
-        for members in _interacting(candidates, sketches, w)
+        choice.make_cluster(
+            graph, members, [candidates[i] for i in members], w, settings, explained
+        )
+        for members in choice.interacting(candidates, sketches, w)
     ]
     trials = [
         Trial(number, _starts(c, row, [sketches[i] for i in c.members], w))
@@ -165,58 +144,6 @@ def find(
         together.append((*cluster.members, *range(len(starts), len(starts) + len(beside))))
         starts += beside
     return Found(starts, together)
-
-
-def _cluster(
-    graph: tracing.TraceGraph,
-    members: tuple[int, ...],
-    paths: list[choice.Paths],
-    half_width: float,
-    settings: Settings,
-    explained: Bool[Array, " E"],
-) -> Cluster:
-    """The sets of paths of some sketches, with a body without a sketch where one lies across."""
-    number = len(members)
-    # One or two bodies leave less to be compared than three.
-    keep = min(settings.sets, -(-settings.sets * (number + 1) // 4))
-
-    def choose():
-        return choice.choose_sets(graph, paths, half_width, settings.beam, keep, explained, number)
-
-    sets = choose()
-    for _ in range(MOST_UNSKETCHED):
-        covered = _covered(paths, _nearest(paths, sets, number), len(explained))
-        beside = choice.unexplained_beside(graph, covered, explained, half_width)
-        if not beside.any():
-            break
-        near = beside | covered
-        weigh = settings.weigh // 4
-        paths.append(
-            choice.unsketched_paths(graph, near, beside, half_width, weigh, settings.paths)
-        )
-        sets = choose()
-    return Cluster(members, paths, sets)
-
-
-def _nearest(
-    paths: list[choice.Paths], sets: list[tuple[int, ...]], sketched: int
-) -> tuple[int, ...]:
-    """The set whose paths suit their sketches best, whatever it leaves unexplained."""
-
-    def cost(row: tuple[int, ...]) -> float:
-        pairs = zip(paths[:sketched], row, strict=False)
-        return sum(p.cost[i] for p, i in pairs if i >= 0)
-
-    return min(sets, key=cost)
-
-
-def _covered(paths: list[choice.Paths], row: tuple[int, ...], pieces: int) -> Bool[Array, " E"]:
-    """The pieces that a set of paths runs along."""
-    covered = np.zeros(pieces, dtype=bool)
-    for candidates, path in zip(paths, row, strict=True):
-        if path >= 0:
-            covered |= candidates.covers[path]
-    return covered
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +171,7 @@ class Trial:
 
 
 def _starts(
-    cluster: Cluster, row: tuple[int, ...], sketches: list[Line], half_width: float
+    cluster: choice.Cluster, row: tuple[int, ...], sketches: list[Line], half_width: float
 ) -> list[Start]:
     number = len(sketches)
     starts = [
@@ -256,7 +183,7 @@ def _starts(
     return starts + [Start(smoothed(line, SMOOTH * half_width), True) for line in lines]
 
 
-def _start(paths: choice.Paths, path: int, sketch: Line, half_width: float) -> Start:
+def _start(paths: smooth_paths.Paths, path: int, sketch: Line, half_width: float) -> Start:
     if path < 0:
         return Start(sketch, False)
     return Start(smoothed(paths.points[path], SMOOTH * half_width), True)
@@ -312,11 +239,11 @@ def _best(
     for trial in trials:
         misfit = ((values - fitting.render_at(pixels, [*trial.bodies, *trial.still])) ** 2).sum()
         costs = [
-            choice.path_cost(b.points(), s, half_width)
+            smooth_paths.path_cost(b.points(), s, half_width)
             for b, s in zip(trial.bodies, sketches, strict=False)
         ]
         beside = trial.bodies[len(sketches) :]
-        costs += [choice.unsketched_cost(b.points(), half_width) for b in beside]
+        costs += [smooth_paths.unsketched_cost(b.points(), half_width) for b in beside]
         scores.append(comparison.weight * misfit + PATH_WEIGHT * sum(costs))
     order = np.argsort(scores)
     best = trials[order[0]]
@@ -333,35 +260,3 @@ def _differ(a: fitting.Body, b: fitting.Body) -> float:
     """Mean distance of the points of one curve from another, the larger of the two ways, px."""
     apart = np.linalg.norm(a.points()[:, None] - b.points()[None], axis=2)
     return float(max(apart.min(0).mean(), apart.min(1).mean()))
-
-
-def _explained(
-    graph: tracing.TraceGraph, fixed: list[Line], half_width: float
-) -> Bool[Array, " E"]:
-    """Which pieces lie along a fixed curve."""
-    done = np.zeros(len(graph.pieces), dtype=bool)
-    if not fixed or not len(done):
-        return done
-    middles = np.array([p[len(p) // 2] for p in graph.pieces])
-    for line in fixed:
-        apart = np.linalg.norm(middles[:, None] - line[None, ::2], axis=2).min(1)
-        done |= apart < EXPLAINED * half_width
-    return done
-
-
-def _interacting(
-    candidates: list[choice.Paths], sketches: list[Line], half_width: float
-) -> list[tuple[int, ...]]:
-    """Groups of sketches whose likely paths share pieces or pass close to each other."""
-    likely = np.array(
-        [p.covers[p.cost < p.cost[:1].sum() + choice.PLAUSIBLE].any(0) for p in candidates]
-    )
-    covers = csr_array(likely.astype(np.int32))
-    linked = (covers @ covers.T).tolil()
-    reach = 4 * half_width
-    boxes = np.array([(s.min(0) - reach, s.max(0) + reach) for s in sketches])
-    for i in np.flatnonzero(~likely.any(1)):
-        touching = (boxes[i, 0] <= boxes[:, 1]).all(1) & (boxes[i, 1] >= boxes[:, 0]).all(1)
-        linked[i, np.flatnonzero(touching)] = 1
-    count, label = connected_components(linked, directed=False)
-    return [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
