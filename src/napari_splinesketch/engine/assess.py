@@ -83,11 +83,10 @@ def make_curve(
     knots = body.knots
     u = uniform(knots)
     rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.inf
-    covariance = np.linalg.pinv(body.hessian.astype(np.float64), hermitian=True)
     points = spline.basis(len(knots), u) @ knots
     sd = np.full(POINTS, np.inf)
     if len(residual):
-        sd = normal_sd(covariance * max(rms / noise, 1.0) ** 2, knots, u)
+        sd = normal_sd(body.covariance * max(rms / noise, 1.0) ** 2, knots, u)
     sd *= _inflation(points, others, BESIDE * np.exp(body["log_width_0"]))
     end = int(END_SHARE * POINTS)
     if sd[end:-end].max() > LARGE_SD:

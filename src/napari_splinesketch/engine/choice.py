@@ -26,6 +26,8 @@ DISTINCT = 6.0
 """Half-widths of skeleton by which a curve must differ for a set to be another one."""
 EXPLAINED = 1.0
 """Pieces nearer than this many half-widths to a fixed curve are explained already."""
+MOST_COMPARED = 12
+"""Sets of paths for more sketches than this are not compared: they differ in too few of them."""
 MOST_UNSKETCHED = 2
 """Bodies without a sketch that are looked for beside those of one cluster, at most."""
 
@@ -79,6 +81,7 @@ def make_cluster(
     number = len(members)
     # One or two bodies leave less to be compared than three.
     keep = min(settings.sets, -(-settings.sets * (number + 1) // 4))
+    keep = keep if number <= MOST_COMPARED else 1
 
     def choose():
         return choose_sets(graph, paths, half_width, settings.beam, keep, explained, number)
@@ -163,24 +166,28 @@ def _beam(
 ) -> list[tuple[int, ...]]:
     """Sets by what they cost less what they earn a px that they explain, cheapest first."""
     scale = smooth_paths.UNIT / half_width
-    reward = graph.lengths * scale * earned
-    shared = np.maximum(graph.lengths - FREE_SHARED * half_width, 0.1 * graph.lengths)
-    shared = shared * scale * SHARED
+    used = np.flatnonzero(np.any([p.covers.any(0) for p in candidates], axis=0))
+    lengths = graph.lengths[used]
+    reward = lengths * scale * earned
+    shared = np.maximum(lengths - FREE_SHARED * half_width, 0.1 * lengths) * scale * SHARED
     chosen = np.zeros((1, 0), dtype=int)
-    covered = explained[None].astype(float)
+    covered = explained[None, used].astype(float)
     cost = np.zeros(1)
     for paths in candidates:
         if not len(paths.cost):
             chosen = np.pad(chosen, ((0, 0), (0, 1)), constant_values=-1)
             continue
-        covers = paths.covers.astype(float)
-        gain = ((1 - covered) * reward) @ covers.T
-        again = (covered * shared) @ covers.T
+        mine = np.flatnonzero(paths.covers[:, used].any(0))
+        covers = paths.covers[:, used[mine]].astype(float)
+        before = covered[:, mine]
+        gain = ((1 - before) * reward[mine]) @ covers.T
+        again = (before * shared[mine]) @ covers.T
         extended = cost[:, None] + paths.cost[None] - gain + again
         best = np.argsort(extended, axis=None)[:beam]
         which, path = np.unravel_index(best, extended.shape)
         chosen = np.concatenate([chosen[which], path[:, None]], 1)
-        covered = np.maximum(covered[which], covers[path])
+        covered = covered[which]
+        covered[:, mine] = np.maximum(covered[:, mine], covers[path])
         cost = extended[which, path]
     return [tuple(row) for row in chosen[cost <= cost[0] + PLAUSIBLE].tolist()]
 

@@ -129,7 +129,9 @@ def find(
         for row in c.sets
     ]
     if comparison:
-        trials = _fitted(trials, fixed, comparison, w)
+        compared = [len(c.members) <= choice.MOST_COMPARED for c in clusters]
+        left = [t for t in trials if not compared[t.cluster]]
+        trials = left + _fitted([t for t in trials if compared[t.cluster]], fixed, comparison, w)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     together = []
     for number, cluster in enumerate(clusters):
@@ -201,6 +203,8 @@ def _fitted(
     trials: list[Trial], fixed: list[Line], comparison: Comparison, half_width: float
 ) -> list[Trial]:
     """The trials with every path fitted, each trial a replica of the scene."""
+    if not trials:
+        return trials
     lines = [s.line for t in trials for s in t.starts]
     replica = np.repeat(np.arange(len(trials)), [len(t.starts) for t in trials])
     across: dict[int, list[int]] = {}

@@ -18,6 +18,8 @@ from napari_splinesketch.engine.types import Array, Curve
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
 COARSE_KNOTS = 8
+MOST_WEIGHED = 60
+"""So many bodies tell which parts of the model pay."""
 LOOSE_FIT = 0.1
 """Half-widths, at least LOOSE_FIT_PX, that knots may miss a traced path by (rms)."""
 LOOSE_FIT_PX = 0.15
@@ -157,7 +159,7 @@ def _comparison(
 
 def _weigh(seen: Scene, starts: list[finding.Start], settings: Settings) -> dict[str, model.Part]:
     """Which parts of the model pay, by the fits that compared paths."""
-    bodies = [s.body for s in starts if s.body is not None]
+    bodies = [s.body for s in starts if s.body is not None][:MOST_WEIGHED]
     if settings.everything or settings.judge is None or not bodies:
         return {}
     priors = bands.default_priors(len(bodies), seen.half_width)

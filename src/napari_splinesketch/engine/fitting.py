@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax
 import numpy as np
@@ -52,6 +53,12 @@ class Body:
     cost: float
     hessian: Float[Array, "D D"]
     settled: bool
+
+    @cached_property
+    def covariance(self) -> Float[Array, "D D"]:
+        """(D, D) inverse of the normal matrix; directions that nothing tells stay finite."""
+        matrix = self.hessian.astype(np.float64)
+        return np.linalg.inv(matrix + 1e-9 * np.trace(matrix) * np.eye(len(matrix)))
 
     @property
     def knots(self) -> Float[Array, "K 2"]:

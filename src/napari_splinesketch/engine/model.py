@@ -31,7 +31,7 @@ class Part:
     gain
         What it improves χ² by, over all bodies.
     price
-        What its parameters cost by the Bayesian information criterion.
+        What its parameters cost by Akaike's information criterion.
     """
 
     on: bool
@@ -43,7 +43,7 @@ def weigh(bodies: Sequence[Body], priors: Priors, scale: float) -> dict[str, Par
     """Which of PARTS pay, from a fit in which all of them were free.
 
     The gain of a part is the Wald statistic of its parameters against the priors' means, from
-    the data alone; its price is the number of parameters times the log of the number of pixels.
+    the data alone; its price is twice the number of parameters.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def weigh(bodies: Sequence[Body], priors: Priors, scale: float) -> dict[str, Par
             scale * _wald(body, names, mean, sd)
             for body, mean, sd in zip(bodies, priors.mean, priors.sd, strict=True)
         )
-        price = sum(len(names) * np.log(max(scale * len(b.pixels), 2)) for b in bodies)
+        price = 2.0 * len(names) * len(bodies)
         found[part] = Part(bool(gain > price), float(gain), float(price))
     return found
 
@@ -68,8 +68,7 @@ def weigh(bodies: Sequence[Body], priors: Priors, scale: float) -> dict[str, Par
 def _wald(body: Body, names: tuple[str, ...], mean, sd) -> float:
     at = [INDEX[name] for name in names]
     rows = len(body.theta) - len(GLOBALS) + np.array(at)
-    covariance = np.linalg.pinv(body.hessian.astype(np.float64), hermitian=True)
-    information = np.linalg.inv(covariance[np.ix_(rows, rows)])
+    information = np.linalg.inv(body.covariance[np.ix_(rows, rows)])
     data = information - np.diag(sd[at] ** -2.0)
     if np.linalg.eigvalsh(data).min() <= 0:
         return 0.0

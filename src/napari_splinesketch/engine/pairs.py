@@ -11,6 +11,8 @@ from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.types import Array
 
+UNEXPLAINED = 1.4
+"""Squared residual, noise² = 1, from which a second look is worth its time."""
 CLEARLY = 0.85
 """Two thin bodies take the place of a thick one where they leave less than this share of its
 squared residual ..."""
@@ -47,14 +49,23 @@ def split_pairs(
     found = list(bodies)
     depth = _depth(seen.mask)
     for i, j in pairs:
-        lines, width = _beside(found[i], depth, (sketches[i], sketches[j]))
-        rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
-        pair = polish(lines, [width, width], rest)
         one = [found[i], found[j]]
+        rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
+        rest = [b for b in rest if _meet(b, *one, reach=4 * seen.half_width)]
+        if _misfit(seen, one, one, rest) < UNEXPLAINED:
+            continue
+        lines, width = _beside(found[i], depth, (sketches[i], sketches[j]))
+        pair = polish(lines, [width, width], rest)
         better = _misfit(seen, pair, one, rest) < CLEARLY * _misfit(seen, one, pair, rest)
         if better and _aside(*pair) > ASIDE:
             found[i], found[j] = pair
     return found
+
+
+def _meet(body: Body, *pair: Body, reach: float) -> bool:
+    """Whether the surroundings of a body overlap with those of a pair."""
+    a, b = body.knots, np.concatenate([one.knots for one in pair])
+    return bool((a.max(0) > b.min(0) - reach).all() and (a.min(0) < b.max(0) + reach).all())
 
 
 def _depth(mask: Bool[Array, "H W"]) -> Float[Array, "H W"]:
@@ -90,8 +101,8 @@ def _aside(a: Body, b: Body) -> float:
 
 
 def _misfit(seen: Scene, bodies: list[Body], rivals: list[Body], rest: list[Body]) -> float:
-    """Squared residual in the bands of the bodies and of their rivals."""
+    """Mean squared residual in the bands of the bodies and of their rivals, noise² = 1."""
     near = np.unique(np.concatenate([b.pixels for b in (*bodies, *rivals)]))
     pixels = np.unique(np.concatenate([near, *(b.pixels for b in rest)]))
     drawn = fitting.render_at(pixels, [*bodies, *rest])[np.searchsorted(pixels, near)]
-    return float(((seen.normal.ravel()[near] - drawn) ** 2).sum())
+    return float(np.mean(((seen.normal.ravel()[near] - drawn) / seen.noise) ** 2))
