@@ -24,7 +24,7 @@ def add_dock(viewer: Any) -> SplinesketchDock:
     return made
 
 
-def until(condition: Callable[[], Any], seconds: float = 240.0) -> None:
+def until(condition: Callable[[], Any], seconds: float = 60.0) -> None:
     """Let the window live until something holds."""
     end = time.monotonic() + seconds
     while not condition():

@@ -316,9 +316,11 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
         for control in dock.content.findChildren(kind):
             assert control.toolTip(), control
     click(dock.settings.title)
+    dock.controller.selected = (0, 1)
     dock.resize(250, 700)
     QTest.qWait(50)
     assert dock.content.width() <= 250
+    assert dock.curve.isVisible()
     buttons = dock.content.findChildren(QAbstractButton)
     shown = [button for button in buttons if button.isVisible()]
     assert len(shown) > 6

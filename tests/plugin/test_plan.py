@@ -87,3 +87,12 @@ def test_curves_whose_line_is_gone_are_named() -> None:
     assert make_plan(State((OPEN, PIECE)), 0, [], "new").orphans == (1,)
     elsewhere = replace(OPEN, frame=4)
     assert make_plan(State((elsewhere,)), 0, [], "new").orphans == ()
+
+
+def test_a_curve_that_was_turned_stays_so() -> None:
+    turned = replace(OPEN, curve=as_drawn(A[::-1]))
+    (target,) = make_plan(State((turned,)), 0, [A], "all").targets
+    np.testing.assert_array_equal(target.start, A[::-1])
+    np.testing.assert_array_equal(target.sketch, A)
+    (target,) = make_plan(State((turned,)), 0, [A + 1], "all").targets
+    np.testing.assert_array_equal(target.start, A + 1)

@@ -14,23 +14,27 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress
 from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.actions import Action, Actions
+from napari_splinesketch.plugin.actions import Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
 from napari_splinesketch.plugin.adapter.pixels import block_around
 from napari_splinesketch.plugin.adapter.preview import Preview
 from napari_splinesketch.plugin.adapter.results import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
     Drawn,
+    draw_or_select,
     drawn_in,
     new_sketch_layer,
     selected_in,
 )
 from napari_splinesketch.plugin.adapter.space import current_frame, plane_problem
+from napari_splinesketch.plugin.corrections import Corrections
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.knot_editing import KnotEditing
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 from napari_splinesketch.plugin.records import Record, key_of
 from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
+from napari_splinesketch.plugin.standard_actions import standard_actions
 from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.work import Work
 
@@ -74,6 +78,10 @@ class Controller(SettingsKeeper):
         Whether a line is refined as soon as it is drawn.
     actions
         What can be done with a key.
+    corrections
+        What can be done to the shape of a curve.
+    knots
+        Leading a curve by its knots.
     """
 
     def __init__(self, viewer: ViewerModel):
@@ -84,21 +92,13 @@ class Controller(SettingsKeeper):
         self._preview: Preview | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._told: list[Image] = []
+        self.corrections = Corrections(self, partial(self.refine, "selected"))
+        self.knots = KnotEditing(self, partial(self.refine, "selected"))
         self.actions = Actions(viewer, self._is_meant)
-        self.actions.add(
-            Action("refine", "Refine", "G", self.refine, "Refine what is new or changed"),
-            Action(
-                "at_once",
-                "Refine at once",
-                "Shift+G",
-                self.toggle_at_once,
-                "Refine each line as soon as it is drawn, or no longer",
-            ),
-            Action("undo", "Undo", "Ctrl+Z", self.undo, "Take back the last step"),
-            Action("redo", "Redo", "Ctrl+Shift+Z", self.redo, "Do again what was taken back"),
-        )
+        self.actions.add(*standard_actions(self))
+        self.clicked.connect(lambda shift: self.corrections.pick(add=shift))
         self.choices.changed.connect(self._follow)
-        self.choices.edited.connect(self.changed.emit)
+        self.choices.edited.connect(lambda: self.changed.emit())
         # Later: napari is still busy with the line.
         self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
 
@@ -114,20 +114,24 @@ class Controller(SettingsKeeper):
         if layer is None:
             return Request(frame, problem=STEPS)
         drawn = drawn_in(self.viewer, layer, image, frame)
-        active = layer is self.viewer.layers.selection.active
+        state = self.work.state if self.work else State()
+        curves = scope == "selected" and any(key[0] == frame for key in self.selection)
+        active = layer is self.viewer.layers.selection.active and not curves
         marked = selected_in(layer) if active and scope != "all" else frozenset()
         chosen = {i for i, number in enumerate(drawn.numbers) if number in marked}
         if marked:
             scope = "selected"
             if not chosen:
                 return Request(frame, Plan(scope), drawn, words.NO_LINE)
-        state = self.work.state if self.work else State()
         plan = make_plan(state, frame, drawn.lines, scope, chosen, self.selection)
         problem = "" if plan.targets else words.nothing(plan, drawn, image.ndim > 2, layer.name)
         return Request(frame, plan, drawn, problem)
 
     def refine(self, scope: Scope = "new") -> None:
-        """Refine what `request` says, in a thread."""
+        """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
+        if self.knots.active:
+            self.knots.refine()
+            return
         request = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
         if request.problem or self.progress or image is None or layer is None:
@@ -210,6 +214,28 @@ class Controller(SettingsKeeper):
             said = self._cancelled()
             self._stop(Notice("cancelled", f"Cancelled. {said}"))
 
+    def undo(self) -> None:
+        """Take back the last step, or the last move of a knot."""
+        if self.knots.active:
+            self.knots.undo()
+        else:
+            super().undo()
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        if self.knots.active:
+            self.knots.redo()
+        else:
+            super().redo()
+
+    def draw_or_select(self) -> None:
+        """Draw lines; or, while drawing, go back to selecting curves."""
+        curves = self.work.layers.layer("curves") if self.work else None
+        if self.choices.sketches is None:
+            self.new_sketches()
+        else:
+            draw_or_select(self.viewer, self.choices.sketches, curves)
+
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""
         if self.choices.image is not None:
@@ -240,6 +266,7 @@ class Controller(SettingsKeeper):
 
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
+        self.knots.discard()
         self.abandon()
         self.actions.close()
         self.stop_listening()
@@ -294,7 +321,7 @@ class Controller(SettingsKeeper):
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""
-        if self.at_once and self.request().plan.scope == "new":
+        if self.at_once and not self.knots.active and self.request().plan.scope == "new":
             self.refine()
 
     def _follow(self) -> None:
@@ -302,6 +329,7 @@ class Controller(SettingsKeeper):
         pair = self.choices.image, self.choices.sketches
         if pair != self._pair:
             self._pair, self.notice = pair, Notice()
+            self.knots.discard()
         self._works = [w for w in self._works if {w.image, w.sketches} <= set(self.viewer.layers)]
         for work in self._works:
             work.forget_if_deleted()

@@ -24,6 +24,7 @@ from napari_splinesketch.plugin.adapter.space import ruler_of
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.curve_box import CurveBox
 from napari_splinesketch.plugin.export_dialog import ask_where
 from napari_splinesketch.plugin.films import Films
 from napari_splinesketch.plugin.films_box import SuggestRow, TrackRow
@@ -93,6 +94,7 @@ class SplinesketchDock(QScrollArea):
         self.notice = TextLabel()
         self.results = TextLabel()
         self.notes = FoldedText("What the image needed", words.NOTES_TIP)
+        self.curve = CurveBox(self.controller)
         self.visibility = VisibilityRow()
         self.look = LookBox()
         self.proofs = ProofMenu()
@@ -103,6 +105,7 @@ class SplinesketchDock(QScrollArea):
         self.settings = FoldedBox("Settings", "What you choose once for all", self.settings_box)
         self.export = QPushButton("Export…")
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
+        self.restore = QPushButton("Restore")
 
     def _lay_out(self) -> None:
         form = QFormLayout()
@@ -124,6 +127,7 @@ class SplinesketchDock(QScrollArea):
         texts = (self.hint, self.progress, self.notice, self.results)
         for widget in (self.at_once, self.track, *texts):
             layout.addWidget(widget)
+        layout.addWidget(self.curve)
         layout.addWidget(self.notes)
         layout.addWidget(self.visibility)
         layout.addWidget(self.look)
@@ -135,7 +139,7 @@ class SplinesketchDock(QScrollArea):
         layout.addLayout(row)
         steps = QHBoxLayout()
         steps.setSpacing(4)
-        for button in (self.undo, self.redo):
+        for button in (self.undo, self.redo, self.restore):
             button.setMinimumWidth(30)
             steps.addWidget(button)
         layout.addLayout(steps)
@@ -170,6 +174,7 @@ class SplinesketchDock(QScrollArea):
         self.export.clicked.connect(self._ask_where)
         self.undo.clicked.connect(controller.undo)
         self.redo.clicked.connect(controller.redo)
+        self.restore.clicked.connect(lambda: controller.restore())
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
@@ -183,6 +188,7 @@ class SplinesketchDock(QScrollArea):
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
             self.saver.flush()
+            self.controller.knots.discard()
             self.controller.abandon()
             self.controller.actions.close()
             self.panel.hide()
@@ -230,6 +236,7 @@ class SplinesketchDock(QScrollArea):
         notes = work.notes.get(request.frame, ()) if work and records else ()
         self.notes.say(words.notes(notes))
         self.preset.setCurrentIndex(engine.PRESETS.index(controller.preset))
+        self.curve.show_selection()
         self.visibility.show_work(work)
         curves = [record.curve for record in controller.records()]
         self.proofs.show_work(work)
@@ -251,16 +258,20 @@ class SplinesketchDock(QScrollArea):
 
     def _show_steps(self) -> None:
         controller = self.controller
-        history = controller.work.history if controller.work else None
+        work = controller.work
+        deleted = work.state.deleted if work else ()
+        steps = controller.knots.steps if controller.knots.active else work and work.history
+        done, undone = (steps.done, steps.undone) if steps else ("", "")
         running = "Wait until the refinement is over" if controller.progress else ""
-        for button, what, none in (
-            (self.undo, history.done if history else "", "There is nothing to undo"),
-            (self.redo, history.undone if history else "", "There is nothing to redo"),
+        for button, name, what, none in (
+            (self.undo, "undo", done, "There is nothing to undo"),
+            (self.redo, "redo", undone, "There is nothing to redo"),
+            (self.restore, "restore", f"curve {deleted[-1].id}" if deleted else "", ""),
         ):
-            action = controller.actions[button.text().lower()]
+            action = controller.actions[name]
             tip = f"{action.tip} ({action.key}): {what[:1].lower()}{what[1:]}"
             _enable(button, "" if what and not running else running or none, tip)
-            button.setVisible(bool(history and (history.done or history.undone)))
+            button.setVisible(bool(done or undone if button is not self.restore else deleted))
 
     def _on_panel(self, shown: bool) -> None:
         self.review.setChecked(shown)

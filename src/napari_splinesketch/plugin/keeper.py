@@ -11,6 +11,7 @@ from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.adapter.space import current_frame
 from napari_splinesketch.plugin.choices import Choices
 from napari_splinesketch.plugin.drawing import Drawing
 from napari_splinesketch.plugin.records import Key, Record, Review, key_of
@@ -48,6 +49,8 @@ class Keeper:
     """Whoever shows the state should look again."""
     selected_changed = Signal()
     """Other curves are selected."""
+    clicked = Signal(bool)
+    """The user has clicked into the layer of curves; with Shift, or without."""
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
@@ -66,6 +69,12 @@ class Keeper:
         """What is known of the chosen image through the chosen sketches."""
         pair = self.choices.image, self.choices.sketches
         return next((work for work in self._works if (work.image, work.sketches) == pair), None)
+
+    @property
+    def frame(self) -> int:
+        """Index of the frame in view."""
+        image = self.choices.image
+        return current_frame(self.viewer, image) if image else 0
 
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
@@ -117,6 +126,7 @@ class Keeper:
             Called when it is shown.
         """
         if self.work:
+            self.notice = Notice()
             self.work.history.apply(what, state)
             self._show(self.work, last)
 
@@ -148,6 +158,11 @@ class Keeper:
             what = f"{'Lock' if locked else 'Unlock'} {words.curves(chosen)}"
             self.apply(what, self.work.state.locked(chosen, locked))
 
+    def toggle_lock(self) -> None:
+        """Lock the selected curves, or unlock them if all are locked."""
+        chosen = [self.work.state.record(key) for key in self.selection] if self.work else []
+        self.lock(not all(record is not None and record.locked for record in chosen))
+
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named."""
         chosen = keys or self.selection
@@ -167,10 +182,11 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         # Later: napari is still busy with the edit that it tells of.
-        work.layers.toggled.connect(self.changed.emit)
-        work.proofs.toggled.connect(self.changed.emit)
+        work.layers.toggled.connect(lambda: self.changed.emit())
+        work.proofs.toggled.connect(lambda: self.changed.emit())
         work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
         work.layers.selected.connect(partial(self._on_selected, work))
+        work.layers.clicked.connect(lambda shift: self.clicked.emit(shift))
 
     def _adopt(self, work: Work) -> None:
         """Take over what the user deleted among the curves; what she moved goes back."""

@@ -110,7 +110,8 @@ def make_plan(
         elif known is not None and known.edited and same[i]:
             targets.append(Target(number, line, known.curve.points, new=False))
         else:
-            targets.append(Target(number, line, line, new=known is None))
+            start = _as_known(line, known) if same[i] else line
+            targets.append(Target(number, line, start, new=known is None))
     alone = [] if chosen else [record for record in here if record.id not in ids]
     for record in alone:
         asked = scope == "selected" and key_of(record) in selection
@@ -132,6 +133,16 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
     if gone:
         return False
     return known.edited or (scope == "all" and known.review == "open")
+
+
+def _as_known(line: Line, known: Record | None) -> Line:
+    """Let a line run as its curve does, which the user may have turned."""
+    if known is None:
+        return line
+    ends = known.curve.points[[0, -1]]
+    straight = np.linalg.norm(ends - line[[0, -1]], axis=1).sum()
+    turned = np.linalg.norm(ends - line[[-1, 0]], axis=1).sum()
+    return line[::-1] if turned < straight else line
 
 
 def _decided(record: Record) -> bool:

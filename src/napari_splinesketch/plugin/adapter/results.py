@@ -29,6 +29,8 @@ from napari_splinesketch.plugin.records import Key, Record
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
+CLICK = 4.0
+"""A mouse that moves less between press and release has clicked, px of the screen."""
 Role = Literal["curves", "outlines", "reconstruction"]
 
 
@@ -78,6 +80,8 @@ class ResultLayers:
     """A layer was shown or hidden."""
     selected = Signal()
     """The user has selected other curves in their layer."""
+    clicked = Signal(bool)
+    """The user has clicked into the layer of curves while moving the camera; with Shift, or not."""
 
     def __init__(self, viewer: ViewerModel, name: str, owner: Known):
         self._look: tuple[ColourBy, Ruler] = ("status", Ruler())
@@ -89,6 +93,7 @@ class ResultLayers:
         self._shown: dict[Role, tuple[Curve, ...]] = {}
         self._colours: dict[Role, list[str]] = {}
         self._written: set[Key] = set()
+        self._pictured: Mapping[int, Patch] | None = None
         self._busy = False
 
     def layer(self, role: Role) -> Layer | None:
@@ -118,8 +123,9 @@ class ResultLayers:
         for step in steps:
             if self._image in self._viewer.layers:
                 with self._undisturbed():
-                    step()
-            yield
+                    slow = step()
+                if slow:
+                    yield
 
     @contextmanager
     def _undisturbed(self) -> Iterator[None]:
@@ -162,30 +168,33 @@ class ResultLayers:
             return []
         return list(zip(layer.features["frame"], layer.features["id"], strict=True))
 
-    def _ensure(self, role: Role) -> None:
-        if self.layer(role) is None and self._owner.records:
+    def _ensure(self, role: Role) -> bool:
+        """Make a layer if there is none; say if that took time, as every step does."""
+        absent = self.layer(role) is None and bool(self._owner.records)
+        if absent:
             self._shown.pop(role, None)
             place = placement(self._image)
             self._add(role, Shapes(ndim=self._image.ndim, **self._keywords(role), **place))
+        return absent
 
-    def _show_outlines(self) -> None:
+    def _show_outlines(self) -> bool:
         outlined = [(record, outline(record.curve)) for record in self._owner.records]
         kept = [(record, line) for record, line in outlined if line is not None]
-        self._show_shapes("outlines", [r for r, _ in kept], [line for _, line in kept])
+        return self._show_shapes("outlines", [r for r, _ in kept], [line for _, line in kept])
 
-    def _show_curves(self) -> None:
+    def _show_curves(self) -> bool:
         records = self._owner.records
-        self._show_shapes("curves", records, [record.curve.points for record in records])
+        return self._show_shapes("curves", records, [record.curve.points for record in records])
 
     def _show_shapes(
         self,
         role: Role,
         records: Sequence[Record],
         lines: Sequence[Float[np.ndarray, "N 2"]],
-    ) -> None:
+    ) -> bool:
         layer = self.layer(role)
         if not isinstance(layer, Shapes):
-            return
+            return False
         curves = tuple(r.curve for r in records)
         anew = list(map(id, curves)) != list(map(id, self._shown.get(role, ())))
         anew = anew or layer.nshapes != len(curves)
@@ -210,20 +219,25 @@ class ResultLayers:
         if role == "curves":
             self._written = set(self._keys())
             _write_marks(layer, curves)
+        return anew
 
-    def _show_reconstruction(self) -> None:
+    def _show_reconstruction(self) -> bool:
         layer = self.layer("reconstruction")
-        if not self._owner.patches:
+        patches = self._owner.patches
+        if (layer or not patches) and patches is self._pictured:
+            return False
+        self._pictured = patches
+        if not patches:
             if layer:
                 self._viewer.layers.remove(layer)
-            return
+            return True
         film = Film(self._owner.patches, frame_shape(self._image))
         where = placement_on(self._image, film.grid.origin, film.grid.step)
         if isinstance(layer, Image) and layer.data.shape == film.shape:
             layer.data = cast(Any, film)
             for name, value in where.items():
                 setattr(layer, name, value)
-            return
+            return True
         visible = layer.visible if layer else False
         if layer:
             self._viewer.layers.remove(layer)
@@ -236,6 +250,7 @@ class ResultLayers:
         )
         layer.visible = visible
         self._add("reconstruction", layer)
+        return True
 
     def _keywords(self, role: Role) -> dict[str, Any]:
         return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
@@ -250,6 +265,7 @@ class ResultLayers:
         if isinstance(layer, Shapes) and role == "curves":
             layer.events.data.connect(self._on_data)
             layer.selected_data.events.items_changed.connect(self._on_selected)
+            layer.mouse_drag_callbacks.append(self._on_press)
 
     def _on_visible(self, event: Any) -> None:
         self.toggled.emit()
@@ -258,6 +274,17 @@ class ResultLayers:
         if not self._busy and event.action in EDITS:
             self._shown.pop("curves", None)
             self.edited.emit()
+
+    def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
+        """Tell a click from a drag, where napari itself only moves the camera."""
+        begin, shift = np.array(event.pos), "Shift" in event.modifiers
+        far = 0.0
+        yield
+        while event.type == "mouse_move":
+            far = max(far, float(np.linalg.norm(np.array(event.pos) - begin)))
+            yield
+        if layer.mode == "pan_zoom" and far < CLICK:
+            self.clicked.emit(shift)
 
     def _on_selected(self) -> None:
         if not self._busy:

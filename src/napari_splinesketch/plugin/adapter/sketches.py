@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Shapes
+from napari.layers import Image, Layer, Shapes
 
 from napari_splinesketch.plugin.adapter.space import (
     frame_numbers,
@@ -106,6 +106,18 @@ def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
     layer.current_edge_width = style["edge_width"]
     layer.mode = "add_line"
     return layer
+
+
+def draw_or_select(viewer: ViewerModel, sketches: Shapes, curves: Layer | None) -> None:
+    """Let the user draw lines, or select curves if she is drawing already."""
+    drawing = sketches.mode.startswith("add")
+    if viewer.layers.selection.active is sketches and drawing and isinstance(curves, Shapes):
+        viewer.layers.selection.active = curves
+        curves.mode = "pan_zoom"
+    else:
+        viewer.layers.selection.active = sketches
+        if not drawing:
+            sketches.mode = "add_line"
 
 
 def line_style(shape: Sequence[int]) -> dict[str, Any]:

@@ -119,6 +119,12 @@ def frame_count(image: Image) -> int:
     return int(np.prod(frame_shape(image), dtype=int))
 
 
+def pointer(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
+    """(row, col) of the image's pixels that the mouse is at."""
+    position = np.array(viewer.cursor.position)[None, -image.ndim :]
+    return from_world(viewer, image, position)[0, -2:]
+
+
 def frame_numbers(image: Image, pixels: Points) -> list[int]:
     """Frame of each (N, image.ndim) point; one beyond the ends belongs to the end."""
     leading = frame_shape(image)

@@ -1,0 +1,207 @@
+"""Correcting curves with mouse and keys, in a real window."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QPoint, Qt
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, fit_view, refine, until
+
+SHIFT = Qt.KeyboardModifier.ShiftModifier
+LINES = [np.array([[1.0, 20, 20], [1, 20, 90]]), np.array([[1.0, 60, 20], [1, 60, 90]])]
+ENDS = [line[[0, -1], 1:] for line in LINES]
+
+
+class Hand:
+    """Points, clicks and presses keys over the canvas."""
+
+    def __init__(self, viewer: Any):
+        self.viewer = viewer
+
+    def point(self, row: float, col: float) -> QPoint:
+        where = canvas_point(self.viewer, (2 * row, 2 * col))
+        QTest.mouseMove(canvas(self.viewer), where)
+        QTest.qWait(20)
+        return where
+
+    def click(self, row: float, col: float, modifiers: Any = NO_KEY) -> None:
+        QTest.mouseClick(canvas(self.viewer), LEFT, modifiers, self.point(row, col))
+
+    def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        QTest.mousePress(canvas(self.viewer), LEFT, NO_KEY, self.point(*begin))
+        for share in (0.5, 1.0):
+            self.point(*(np.array(begin) + share * (np.array(end) - begin)))
+        QTest.mouseRelease(canvas(self.viewer), LEFT, NO_KEY, self.point(*end))
+        QTest.qWait(20)
+
+    def press(self, key: str, modifiers: Any = NO_KEY) -> None:
+        QTest.keyClick(canvas(self.viewer), getattr(Qt.Key, f"Key_{key}"), modifiers)
+
+
+@pytest.fixture
+def hand(viewer: Any, dock: SplinesketchDock) -> Hand:
+    """Two refined lines in the second frame of a film of large pixels; curves can be clicked."""
+    pixels = np.random.default_rng(0).random((3, 96, 128)).astype(np.float32)
+    viewer.add_image(pixels, name="film", scale=(1, 2, 2))
+    viewer.add_shapes(LINES, shape_type="line", name="film sketches", scale=(1, 2, 2))
+    viewer.dims.set_point(0, 1)
+    refine(dock)
+    fit_view(viewer)
+    made = Hand(viewer)
+    viewer.layers.selection.active = viewer.layers["film sketches"]
+    viewer.layers["film sketches"].mode = "add_line"
+    made.press("H")
+    assert viewer.layers.selection.active is viewer.layers["film curves"]
+    return made
+
+
+def ends(dock: SplinesketchDock) -> dict[int, Any]:
+    return {r.id: np.round(r.curve.points[[0, -1]]).tolist() for r in dock.controller.records()}
+
+
+def settled(dock: SplinesketchDock, number: int) -> None:
+    shapes: Any = dock.controller.viewer.layers["film curves"]
+    until(lambda: shapes.nshapes == number, 20)
+    until(lambda: not dock.controller.progress, 20)
+    until(lambda: len(shapes.selected_data) == len(dock.controller.selection), 20)
+
+
+def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) -> None:
+    controller = dock.controller
+    hand.click(60, 50)
+    assert controller.selected == (1, 2)
+    assert "Curve 2" in dock.curve.title.text()
+    hand.press("H", SHIFT)
+    assert ends(dock) == {1: ENDS[0].tolist(), 2: ENDS[1][::-1].tolist()}
+    hand.click(20, 50, SHIFT)
+    assert set(controller.selection) == {(1, 1), (1, 2)}
+    hand.press("K", SHIFT)
+    assert all(record.locked for record in controller.records())
+    hand.press("H", SHIFT)
+    assert "locked" in dock.notice.text()
+    assert ends(dock)[1] == ENDS[0].tolist()
+    click(dock.curve.buttons["lock"])
+    hand.click(80, 100)
+    assert controller.selection == ()
+    assert not dock.curve.isVisible()
+    hand.drag((60, 50), (70, 60))
+    assert controller.selection == (), "moving the camera selects nothing"
+    hand.press("H")
+    assert viewer.layers.selection.active.name == "film sketches"
+    assert viewer.layers.selection.active.mode == "add_line"
+
+
+def test_splitting_joining_and_deleting(
+    viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
+) -> None:
+    controller = dock.controller
+    hand.point(20, 40)
+    hand.press("U", SHIFT)
+    settled(dock, 3)
+    assert ends(dock)[1] == [[20, 20], [20, 40]]
+    assert ends(dock)[3] == [[20, 40], [20, 90]]
+    assert set(controller.selection) == {(1, 1), (1, 3)}
+    assert dock.refine.text() == "Refine 2 changed"
+    hand.press("G")
+    settled(dock, 3)
+    begins = [np.round(line[[0, -1]]).tolist() for line in fake.calls[1]["lines"]]
+    assert begins == [[[20, 20], [20, 40]], [[20, 40], [20, 90]]]
+    assert len(fake.calls[1]["fixed"]) == 1
+    assert not dock.refine.isEnabled()
+    controller.select([(1, 1), (1, 3)])
+    hand.press("J", SHIFT)
+    settled(dock, 2)
+    assert ends(dock) == {1: ENDS[0].tolist(), 2: ENDS[1].tolist()}
+    hand.press("J", SHIFT)
+    assert "Select two curves" in dock.notice.text()
+    hand.press("Delete")
+    settled(dock, 1)
+    until(lambda: list(ends(dock)) == [2], 20)
+    assert dock.hint.text().count("Every line here has its curve") == 1, "it stays deleted"
+    click(dock.restore)
+    settled(dock, 2)
+    for _ in range(5):
+        click(dock.undo)
+    settled(dock, 2)
+    assert ends(dock) == {1: ENDS[0].tolist(), 2: ENDS[1].tolist()}
+    assert controller.work and controller.work.history.done == "Refine 2 curves"
+
+
+def test_an_end_is_extended_and_refined(
+    viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
+) -> None:
+    hand.click(60, 85)
+    hand.press("N", SHIFT)
+    settled(dock, 2)
+    assert ends(dock)[2] == [[60, 20], [60, 94]], "by the body's width"
+    assert len(fake.calls[1]["lines"]) == 1
+    assert dock.controller.work and dock.controller.work.history.done == "Refine curve 2"
+
+
+def test_knots_lead_a_curve(
+    viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
+) -> None:
+    controller = dock.controller
+    hand.press("U")
+    assert "Select one curve" in dock.notice.text()
+    hand.click(60, 50)
+    hand.press("U")
+    name = "film knots of curve 2"
+    knots = viewer.layers[name]
+    assert viewer.layers.selection.active is knots
+    assert knots.data.shape == (10, 3)
+    assert "Drag its knots" in dock.notice.text()
+    before = controller.work and controller.work.state
+    shown: list[float] = []
+    preview = viewer.layers["film as led"]
+    preview.events.data.connect(lambda event: shown.append(preview.data[:, 0, 1].max()))
+    place = tuple(knots.data[5, 1:])
+    hand.drag(place, (place[0] + 12, place[1]))
+    until(lambda: dock.undo.isEnabled(), 20)
+    np.testing.assert_allclose(knots.data[5], (1, place[0] + 12, place[1]), atol=0.6)
+    assert len(shown) >= 2, "it is drawn while it moves"
+    assert shown[-1] == pytest.approx(place[0] + 12, abs=0.7)
+    hand.press("Z", Qt.KeyboardModifier.ControlModifier)
+    assert viewer.layers[name].data[5, 1] == pytest.approx(60)
+    hand.press("Z", SHIFT | Qt.KeyboardModifier.ControlModifier)
+    assert controller.work and controller.work.state is before, "nothing is done yet"
+    hand.press("Return")
+    settled(dock, 2)
+    assert name not in viewer.layers
+    (line,) = fake.calls[1]["lines"]
+    assert line[:, 0].max() == pytest.approx(72, abs=1)
+    assert len(fake.calls[1]["fixed"]) == 1
+    np.testing.assert_array_equal(controller.records()[0].curve.points[:, 0], 20)
+    assert viewer.layers.selection.active.name == "film curves"
+
+
+def test_knots_that_are_taken_back_or_kept(
+    viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
+) -> None:
+    controller = dock.controller
+    hand.click(60, 50)
+    click(dock.curve.buttons["knots"])
+    name = "film knots of curve 2"
+    place = tuple(viewer.layers[name].data[5, 1:])
+    hand.drag(place, (place[0] + 12, place[1]))
+    hand.press("Escape")
+    assert name not in viewer.layers
+    assert controller.records()[1].curve.status == "good"
+    hand.press("U")
+    viewer.layers[name].selected_data = {5}
+    viewer.layers[name].remove_selected()
+    until(lambda: dock.undo.isEnabled() and len(viewer.layers[name].data) == 9, 20)
+    hand.press("U")
+    until(lambda: len(controller.records()[1].curve.knots) == 9, 20)
+    assert controller.records()[1].curve.status == "check"
+    np.testing.assert_array_equal(controller.records()[1].curve.half_width, 2)
+    assert dock.refine.text() == "Refine 1 changed"
+    hand.press("U")
+    viewer.layers.remove(name)
+    assert not controller.knots.active
+    assert "film as led" not in viewer.layers
+    assert len(fake.calls) == 1

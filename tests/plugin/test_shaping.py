@@ -1,0 +1,117 @@
+"""Cutting, joining, lengthening and turning curves."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin import shaping
+
+KNOTS = 9
+
+
+def bent(bend: float = 6.0, slope: float = 0.4, length: float = 80.0) -> Curve:
+    """A curve like a wave, whose half-width falls from 3 to 1 px."""
+    x = np.linspace(0, length, KNOTS)
+    knots = np.column_stack([slope * x + bend * np.sin(x / 15), x, np.linspace(3, 1, KNOTS)])
+    points = spline.sample(knots, 100)
+    return Curve(knots, points[:, :2], points[:, 2], np.linspace(0.1, 0.2, 100), "good", (), 0.05)
+
+
+curves = st.builds(bent, st.floats(-8, 8), st.floats(-2, 2), st.floats(40, 200))
+
+
+def same(a: Curve, b: Curve) -> None:
+    for name in ("knots", "points", "half_width", "sd"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+@given(curves)
+def test_turning_twice_changes_nothing(curve: Curve) -> None:
+    turned = shaping.flipped(curve)
+    np.testing.assert_array_equal(turned.points[0], curve.points[-1])
+    assert turned.half_width[0] == curve.half_width[-1]
+    assert (turned.status, turned.reasons) == (curve.status, curve.reasons)
+    same(shaping.flipped(turned), curve)
+
+
+@given(curves, st.integers(20, 80))
+def test_pieces_make_the_whole(curve: Curve, at: int) -> None:
+    first, second = shaping.split(curve, at)
+    np.testing.assert_allclose(first.points[0], curve.points[0], atol=0.05)
+    np.testing.assert_allclose(first.points[-1], curve.points[at], atol=0.05)
+    np.testing.assert_allclose(second.points[0], curve.points[at], atol=0.05)
+    np.testing.assert_allclose(second.points[-1], curve.points[-1], atol=0.05)
+    assert first.length + second.length == pytest.approx(curve.length, rel=0.01)
+    np.testing.assert_allclose(first.half_width[-1], second.half_width[0], atol=0.05)
+    assert first.reasons == second.reasons == (shaping.BY_HAND,)
+    whole = shaping.joined(first, second)
+    assert np.abs(whole.points - curve.points).max() < 1.0
+    np.testing.assert_allclose(whole.half_width, curve.half_width, atol=0.15)
+
+
+@pytest.mark.parametrize("turn", ["", "first", "second", "both"])
+def test_two_are_joined_by_their_nearest_ends(turn: str) -> None:
+    curve = bent()
+    first, second = shaping.split(curve, 40)
+    if turn in ("first", "both"):
+        first = shaping.flipped(first)
+    if turn in ("second", "both"):
+        second = shaping.flipped(second)
+    whole = shaping.joined(first, second)
+    expected = curve.points if turn in ("", "second") else curve.points[::-1]
+    np.testing.assert_allclose(whole.points[[0, -1]], expected[[0, -1]], atol=0.1)
+
+
+@given(curves, st.booleans(), st.floats(2, 12))
+def test_an_end_goes_on_along_its_tangent(curve: Curve, at_end: bool, by: float) -> None:
+    made = shaping.extended(curve, at_end, by)
+    assert made.length == pytest.approx(curve.length + by, rel=0.03)
+    new, old = (-1, 0) if at_end else (0, -1)
+    np.testing.assert_allclose(made.points[old], curve.points[old], atol=0.05)
+    beyond = made.points[new] - curve.points[new]
+    inner = curve.points[new] - curve.points[-4 if at_end else 3]
+    cosine = beyond @ inner / np.linalg.norm(beyond) / np.linalg.norm(inner)
+    assert cosine > 0.99
+    assert np.linalg.norm(beyond) == pytest.approx(by, rel=0.05)
+
+
+@given(curves, st.integers(0, KNOTS - 1), st.floats(-9, 9), st.floats(-9, 9))
+def test_a_knot_that_moves_takes_the_curve_along(
+    curve: Curve, knot: int, down: float, right: float
+) -> None:
+    knots = curve.knots[:, :2].copy()
+    knots[knot] += (down, right)
+    made = shaping.moved(curve, knots)
+    np.testing.assert_array_equal(made.knots[:, :2], knots)
+    np.testing.assert_array_equal(made.knots[:, 2], curve.knots[:, 2])
+    np.testing.assert_array_equal(made.half_width, curve.half_width)
+    dense = spline.basis(KNOTS, np.linspace(0, 1, 8000)) @ knots
+    apart = np.linalg.norm(made.points[:, None] - dense[None], axis=2).min(axis=1)
+    assert apart.max() < 0.1, "the natural cubic spline through the knots"
+    assert made.status == "check"
+
+
+def test_with_a_knot_less() -> None:
+    curve = bent()
+    made = shaping.moved(curve, np.delete(curve.knots[:, :2], 4, axis=0))
+    assert len(made.knots) == KNOTS - 1
+    np.testing.assert_allclose(made.knots[[0, -1], 2], (3, 1))
+
+
+def test_pieces_that_are_too_short() -> None:
+    with pytest.raises(ValueError, match="farther from the end"):
+        shaping.split(bent(), 2)
+
+
+def test_the_nearest_point() -> None:
+    curve = bent()
+    assert shaping.nearest(curve, curve.points[33] + 1e-3)[0] == 33
+    assert shaping.nearest(curve, curve.points[0] - (0, 5))[1] == pytest.approx(5)
+
+
+def test_the_width_of_a_body() -> None:
+    curve = bent()
+    assert shaping.body_width(curve) == pytest.approx(4, abs=0.2)
