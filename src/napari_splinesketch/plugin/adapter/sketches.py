@@ -68,12 +68,13 @@ def drawn_in(
     pixels = to_pixels(viewer, layer, image, vertices)
     frames = frame_numbers(image, pixels[first])
     seen = _in_view(viewer, layer, image, vertices[first])
+    kinds = layer.shape_type
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, line in enumerate(np.split(pixels[:, -2:], first[1:])):
         if frames[i] != frame or not seen[i] or (among and i not in among):
             continue
-        if layer.shape_type[i] not in LINES:
-            unusable[layer.shape_type[i]] += 1
+        if kinds[i] not in LINES:
+            unusable[kinds[i]] += 1
         elif not np.linalg.norm(np.diff(line, axis=0), axis=1).sum() >= SHORTEST:
             strays += 1
         else:

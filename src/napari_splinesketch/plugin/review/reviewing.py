@@ -76,7 +76,8 @@ class Reviewing:
         """Go to the first open curve after the selected one, or to the first of all."""
         now = {key_of(r): r for r in self.controller.records()}
         keys = [key_of(r) for r in order if key_of(r) in now]
-        at = max((i for i, k in enumerate(keys) if k in self.controller.selection), default=-1)
+        selection = self.controller.selection
+        at = max((i for i, key in enumerate(keys) if key in selection), default=-1)
         ahead = [k for k in (*keys[at + 1 :], *keys[: at + 1]) if now[k].review == "open"]
         if ahead:
             self.go_to(ahead[0])
