@@ -22,8 +22,8 @@ from rows import FOLDER
 from runner import pin_to_one_core, run
 
 CELLS = {"table": table_cells, "lines": line_cells, "sweep": sweep_cells}
-PARTS = (*CELLS, "bound", "scaling", "report")
-FRAMES = {"table": 48, "lines": 48, "sweep": 16, "bound": 24}
+PARTS = (*CELLS, "bound", "scaling", "solvers", "models", "report")
+FRAMES = {"table": 48, "lines": 48, "sweep": 16, "bound": 24, "solvers": 12, "models": 12}
 QUICK_FRAMES = 4
 LARGEST, QUICK_LARGEST = 1000, 30
 
@@ -50,6 +50,14 @@ def main() -> None:
     if "scaling" in options.parts:
         measured = [n for n in names if "scaling" in methods.make(n).parts]
         scaling.run(measured, largest=QUICK_LARGEST if options.quick else LARGEST)
+    if "solvers" in options.parts:
+        import compare_solvers
+
+        compare_solvers.run(QUICK_FRAMES if options.quick else FRAMES["solvers"])
+    if "models" in options.parts:
+        import compare_models
+
+        compare_models.run(QUICK_FRAMES if options.quick else FRAMES["models"])
     if "report" in options.parts:
         import report
 

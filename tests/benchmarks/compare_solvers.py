@@ -1,0 +1,184 @@
+"""Our Levenberg-Marquardt against kept libraries on the same problem: one body, one band.
+
+    python tests/benchmarks solvers
+
+Every solver minimises the same cost (data with Huber's loss, and all priors) from the same start,
+float32 where it can. Written to docs/benchmarks/solvers.csv. Compiling does not count.
+"""
+
+import csv
+import importlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+from result_tables import markdown
+from rows import FOLDER
+
+from napari_splinesketch import synthetic
+from napari_splinesketch.engine import bands, fitting, scene, solver, spline
+from napari_splinesketch.engine.tube import brightness
+
+KNOTS = 8
+STEPS = 30
+PATH = FOLDER / "solvers.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A body begun 2 px beside where it is."""
+
+    bands: solver.Bands
+    level: solver.Level
+    begin: np.ndarray
+
+    @staticmethod
+    def make(seed: int) -> "Problem":
+        """Set up the first level of a fit."""
+        made = synthetic.scene(seed, bodies=1)
+        seen = scene.read_scene(made.image, np.ones(made.image.shape, bool), "auto", None)
+        priors = bands.default_priors(1, seen.half_width)
+        line = synthetic.displace(made.centrelines[0], 2, np.random.default_rng(seed))
+        theta = bands.start_values(spline.fit_knots(line, KNOTS), priors.mean[0])[None]
+        pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid, 1)]
+        one, _, begin = bands.make_bands(
+            seen.normal, pixels, np.zeros(1, int), theta, seen.half_width, priors, np.zeros(1, bool)
+        )
+        edge = np.full(2 * KNOTS, 1e6)
+        level = solver.Level(
+            np.concatenate([-edge, priors.low]).astype(np.float32),
+            np.concatenate([edge, priors.high]).astype(np.float32),
+            np.float32(seen.noise),
+            np.float32(0),
+        )
+        return Problem(jax.device_put(one), jax.device_put(level), begin)
+
+
+@jax.jit
+def residuals(theta, problem):
+    """All rows whose squares add up to the cost that `solver` minimises."""
+    one, level, bend = problem
+    g = 2 * KNOTS
+    basis = jax.tree.map(jnp.asarray, bands.spline_basis(KNOTS)[0])
+    own, _ = brightness(theta, one.pixels, basis, level.blur)
+    slopes = one.pixels / solver.SLOPE_UNIT
+    overlap, offset, *slope = theta[-4:]
+    model = solver.blend(overlap, own, 0.0, 0.0) + offset + slope[0] * slopes[0]
+    rest = (one.values - model - slope[1] * slopes[1]) / level.noise
+    robust = jnp.sqrt(one.weight * solver._huber(rest) + 1e-12)
+    stiff = jnp.sqrt(one.bending) * (theta[:g].reshape(2, KNOTS) @ bend).ravel()
+    knots = theta[:g].reshape(2, KNOTS)
+    second = knots[:, 2:] - 2 * knots[:, 1:-1] + knots[:, :-2]
+    tangent = knots[:, 2:] - knots[:, :-2]
+    tangent = jax.lax.stop_gradient(tangent / (jnp.linalg.norm(tangent, axis=0) + 1e-6))
+    uneven = jnp.sqrt(one.spacing) * (tangent * second).sum(0)
+    prior = jnp.sqrt(one.prior_weight) * (theta - one.prior_mean)
+    return jnp.concatenate([robust, stiff, uneven, prior])
+
+
+def _root_of_bending() -> np.ndarray:
+    """A matrix whose product with its transpose is the bending matrix."""
+    values, vectors = np.linalg.eigh(spline.bending_matrix(KNOTS))
+    return (vectors * np.sqrt(np.maximum(values, 0))).astype(np.float32)
+
+
+def of_body(problem: Problem):
+    """The first (only) body of the padded arrays, for `residuals`."""
+    one = jax.tree.map(lambda a: a[0], problem.bands)
+    return one, problem.level, jnp.asarray(_root_of_bending())
+
+
+jacobian = jax.jit(jax.jacfwd(residuals))
+
+
+@partial(jax.jit, static_argnums=2)
+def _optimistix(theta, args, method):
+    library = importlib.import_module("optimistix")  # of the extra "benchmarks"
+    made = getattr(library, method)(rtol=1e-4, atol=1e-4)
+    return library.least_squares(residuals, made, theta, args, max_steps=STEPS, throw=False).value
+
+
+def ours(problem: Problem) -> np.ndarray:
+    """Our solver: one visit of at most STEPS evaluations."""
+    basis, bend = bands.spline_basis(KNOTS)
+    fit = solver.start(problem.begin, problem.bands.values.shape[1])
+    order = np.zeros(len(problem.begin), np.int32)
+    made = solver.sweep(
+        problem.bands, problem.level, fit, basis, bend, order, np.int32(1), np.int32(STEPS)
+    )
+    return np.asarray(made.theta[0])
+
+
+def by_optimistix(problem: Problem, method: str) -> np.ndarray:
+    """optimistix with forward-mode derivatives, compiled once."""
+    return np.asarray(_optimistix(problem.begin[0], of_body(problem), method))
+
+
+def by_scipy(problem: Problem, method: str) -> np.ndarray:
+    """SciPy, with compiled residuals and Jacobian."""
+    args = of_body(problem)
+    return scipy.optimize.least_squares(
+        lambda t: np.asarray(residuals(t.astype(np.float32), args), float),
+        problem.begin[0].astype(float),
+        lambda t: np.asarray(jacobian(t.astype(np.float32), args), float),  # pyright: ignore[reportArgumentType]
+        method=method,
+        max_nfev=STEPS,
+    ).x
+
+
+SOLVERS: dict[str, Callable[[Problem], np.ndarray]] = {
+    "ours": ours,
+    "optimistix LevenbergMarquardt": partial(by_optimistix, method="LevenbergMarquardt"),
+    "optimistix Dogleg": partial(by_optimistix, method="Dogleg"),
+    "scipy least_squares, lm": partial(by_scipy, method="lm"),
+    "scipy least_squares, trf": partial(by_scipy, method="trf"),
+}
+
+
+def run(frames: int) -> None:
+    """Solve every problem with every solver; the median of three calls is its time."""
+    problems = [Problem.make(seed) for seed in range(frames)]
+    with PATH.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["solver", "frame", "ms", "cost", "begin"])
+        for name, solve in SOLVERS.items():
+            solve(problems[0])
+            for k, problem in enumerate(problems):
+                times, theta = [], problem.begin[0]
+                for _ in range(3):
+                    began = time.process_time()
+                    theta = solve(problem)
+                    times.append(time.process_time() - began)
+                args = of_body(problem)
+                cost, first = (
+                    float((residuals(jnp.asarray(t, jnp.float32), args) ** 2).sum())
+                    for t in (theta, problem.begin[0])
+                )
+                writer.writerow(
+                    [name, k, f"{1e3 * np.median(times):.3f}", f"{cost:.1f}", f"{first:.1f}"]
+                )
+            print(name, "done", flush=True)
+
+
+def table() -> str:
+    """Medians over the frames; nothing where it has not been run."""
+    if not PATH.exists():
+        return "Not yet run."
+    with PATH.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    best: dict[str, float] = {}
+    for row in rows:
+        best[row["frame"]] = min(best.get(row["frame"], np.inf), float(row["cost"]))
+    body = []
+    for name in dict.fromkeys(row["solver"] for row in rows):
+        mine = [row for row in rows if row["solver"] == name]
+        above = [float(row["cost"]) / best[row["frame"]] - 1 for row in mine]
+        milliseconds = np.median([float(row["ms"]) for row in mine])
+        arrived = np.mean([a < 0.01 for a in above])
+        body.append([name, f"{milliseconds:.1f}", f"{100 * arrived:.0f} %"])
+    return markdown(["solver", "ms a body", "within 1 % of the lowest cost"], body)
