@@ -43,9 +43,7 @@ def run(frames: int) -> None:
                 made = synthetic.scene(seed + 900, **options)  # pyright: ignore[reportArgumentType]
                 lines = [synthetic.rotate(c, 20) for c in made.centrelines]
                 for name, settings in MODELS.items():
-                    if not seed:
-                        refine(made.image, lines, settings)
-                    times = []
+                    found, times = refine(made.image, lines, settings), []
                     for _ in range(3):
                         began = time.process_time()
                         found = refine(made.image, lines, settings)
