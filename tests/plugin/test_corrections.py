@@ -75,6 +75,8 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(60, 50)
     assert controller.selected == (1, 2)
     assert "Curve 2" in dock.curve.title.text()
+    curves = viewer.layers["film curves"]
+    assert curves.edge_width[1] > 2 * curves.edge_width[0], "it is seen to be selected"
     hand.press("H", SHIFT)
     assert ends(dock) == {1: ENDS[0].tolist(), 2: ENDS[1][::-1].tolist()}
     hand.click(20, 50, SHIFT)
@@ -88,6 +90,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(80, 100)
     assert controller.selection == ()
     assert not dock.curve.isVisible()
+    assert curves.edge_width[1] == curves.edge_width[0]
     hand.drag((60, 50), (70, 60))
     assert controller.selection == (), "moving the camera selects nothing"
     hand.press("H")
@@ -155,6 +158,8 @@ def test_knots_lead_a_curve(
     assert viewer.layers.selection.active is knots
     assert knots.data.shape == (10, 3)
     assert "Drag its knots" in dock.notice.text()
+    assert knots.mode == "select"
+    assert dock.refine.text() == "Refine curve 2"
     before = controller.work and controller.work.state
     shown: list[float] = []
     preview = viewer.layers["film as led"]

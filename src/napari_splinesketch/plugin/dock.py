@@ -212,11 +212,12 @@ class SplinesketchDock(QScrollArea):
     def _show(self) -> None:
         controller = self.controller
         request = controller.request()
-        self.refine.setText(words.button(request.plan))
+        led = controller.selection[:1] if controller.knots.active else ()
+        self.refine.setText(f"Refine curve {led[0][1]}" if led else words.button(request.plan))
         running = "A refinement is running" if controller.progress else ""
         _enable(
             self.refine,
-            running or request.problem,
+            running or ("" if led else request.problem),
             f"Fit a smooth curve with width to the body under each line ({_key(controller)})",
         )
         self.at_once.setChecked(controller.at_once)
@@ -226,7 +227,7 @@ class SplinesketchDock(QScrollArea):
         left_out = words.skipped(request.drawn.strays, request.drawn.unusable)
         alone = words.left_alone(request.plan)
         said = " ".join(filter(None, (request.problem, left_out, alone)))
-        self.hint.say("" if running else escape(said, quote=False))
+        self.hint.say("" if running or led else escape(said, quote=False))
         self.progress.show_progress(controller.progress)
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
         work = controller.work

@@ -201,6 +201,8 @@ class Keeper:
     def _on_selected(self, work: Work) -> None:
         if work is self.work and work.layers.selection() != self._selection:
             self._selection = work.layers.selection()
+            # Later: napari is still busy with the click.
+            QTimer.singleShot(0, work.layers.emphasise)
             self.selected_changed.emit()
             self.changed.emit()
 

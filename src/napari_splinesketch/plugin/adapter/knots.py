@@ -65,12 +65,12 @@ class KnotLayer:
             metadata={ROLE: "knots"},
             **placement(image),
         )
-        self._layer.mode = "select"
         self._paint()
         for key, run in keys.items():
             self._layer.bind_key(key, _pressed(run), overwrite=True)
         viewer.layers.append(self._layer)
         viewer.layers.selection.active = self._layer
+        self._layer.mode = "select"
         self._layer.mouse_drag_callbacks.append(self._follow)
         self._layer.events.data.connect(self._on_data)
 

@@ -29,6 +29,8 @@ from napari_splinesketch.plugin.records import Key, Record
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
+SELECTED = 2.5
+"""Breadth of a selected curve's line, relative."""
 CLICK = 4.0
 """A mouse that moves less between press and release has clicked, px of the screen."""
 Role = Literal["curves", "outlines", "reconstruction"]
@@ -93,6 +95,7 @@ class ResultLayers:
         self._shown: dict[Role, tuple[Curve, ...]] = {}
         self._colours: dict[Role, list[str]] = {}
         self._written: set[Key] = set()
+        self._broad: set[int] = set()
         self._pictured: Mapping[int, Patch] | None = None
         self._busy = False
 
@@ -163,6 +166,25 @@ class ResultLayers:
             with self._undisturbed(), layer.events.edge_width.blocker():
                 layer.selected_data = {i for i, key in enumerate(self._keys()) if key in keys}
             layer.events.highlight()
+        self.emphasise()
+
+    def emphasise(self) -> None:
+        """Draw the selected curves broader: napari marks them in some of its tools only."""
+        layer = self.layer("curves")
+        curves = self._shown.get("curves", ())
+        if not isinstance(layer, Shapes) or layer.nshapes != len(curves):
+            return
+        chosen = set(layer.selected_data)
+        changed, self._broad = chosen ^ self._broad, chosen
+        if not changed:
+            return
+        breadths = _breadths(curves, 1.0)
+        with self._undisturbed(), layer.events.edge_width.blocker():
+            for i in changed:
+                layer.selected_data = {i}
+                layer.current_edge_width = breadths[i] * (SELECTED if i in chosen else 1.0)
+            layer.selected_data = chosen
+        layer.refresh(thumbnail=False, extent=False)
 
     def _keys(self) -> list[Key]:
         layer = self.layer("curves")
@@ -206,6 +228,7 @@ class ResultLayers:
         self._colours[role] = colours
         if anew:
             self._shown[role] = curves
+            self._broad = set() if role == "curves" else self._broad
             layer.selected_data = set()
             layer.remove(list(range(layer.nshapes)))
         if anew and records:
