@@ -13,7 +13,7 @@ CHUNK = 50
 """Shapes added at once: napari takes about as long for one of them as for so many."""
 
 
-def step_through(steps: Iterator[None], last: Callable[[], None] = lambda: None) -> None:
+def step_through(steps: Iterator[object], last: Callable[[], None] = lambda: None) -> None:
     """Take a step at each turn of the event loop, and call `last` after the last one."""
     try:
         next(steps)
@@ -25,8 +25,8 @@ def step_through(steps: Iterator[None], last: Callable[[], None] = lambda: None)
 
 def add_shapes(
     layer: Shapes, shapes: Sequence[np.ndarray], kinds: Sequence[str], **look: Any
-) -> Iterator[None]:
-    """Add shapes to a layer, some at each step.
+) -> Iterator[slice]:
+    """Add shapes to a layer, some at each step; gives which.
 
     Parameters
     ----------
@@ -44,4 +44,4 @@ def add_shapes(
         some: dict[str, Any] = {"shape_type": list(kinds[part])}
         some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
         layer.add(list(shapes[part]), **some)
-        yield
+        yield part

@@ -1,24 +1,30 @@
 """What a layer of curves says of each of them."""
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.records import Record
+
+_known: WeakKeyDictionary[Curve, tuple[float, float, float, float]] = WeakKeyDictionary()
+"""Curves never change: what was measured once need not be measured again."""
 
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """Table of what is known of each curve; lengths in px."""
     curves = [record.curve for record in records]
+    length, mean, most, sd = zip(*map(_numbers, curves), strict=True) if curves else ((),) * 4
     return pd.DataFrame(
         {
             "id": [record.id for record in records],
             "frame": [record.frame for record in records],
-            "length": [curve.length for curve in curves],
-            "half_width_mean": [float(np.mean(curve.half_width)) for curve in curves],
-            "half_width_max": [float(np.max(curve.half_width)) for curve in curves],
-            "sd": [float(np.median(curve.sd)) for curve in curves],
+            "length": length,
+            "half_width_mean": mean,
+            "half_width_max": most,
+            "sd": sd,
             "residual": [curve.residual for curve in curves],
             "status": [str(curve.status) for curve in curves],
             "reasons": ["; ".join(curve.reasons) for curve in curves],
@@ -26,3 +32,13 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
             "locked": [record.locked for record in records],
         }
     )
+
+
+def _numbers(curve: Curve) -> tuple[float, float, float, float]:
+    """Length, mean and largest half-width, and standard error of a curve, px."""
+    found = _known.get(curve)
+    if found is None:
+        widths = curve.half_width
+        found = curve.length, float(np.mean(widths)), float(np.max(widths))
+        found = _known[curve] = (*found, float(np.median(curve.sd)))
+    return found

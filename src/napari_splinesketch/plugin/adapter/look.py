@@ -19,6 +19,10 @@ RIBBON = "#cc79a7"
 RIBBON_SDS = 2.0
 
 
+LEAST = 12
+"""Points along one side of an outline."""
+
+
 def breadth(curves: Sequence[Curve]) -> float:
     """Breadth of a good curve's line, px: a third of the bodies' width."""
     widths = np.array([np.median(curve.half_width) for curve in curves])
@@ -30,7 +34,12 @@ def outline(curve: Curve) -> Float[np.ndarray, "P 2"] | None:
     """Draw a closed line at a half-width to both sides of a curve, px; None if it failed."""
     if curve.status == "failed" or not np.isfinite(curve.half_width).all():
         return None
-    return _around(curve.points, curve.half_width)
+    # A body is smooth on the scale of its width: more points would only cost time.
+    count = len(curve.points)
+    spacing = max(curve.length / (count - 1), 1e-9)
+    step = int(np.clip(np.median(curve.half_width) / spacing, 1, count // LEAST))
+    some = np.unique(np.append(np.arange(0, count, step), count - 1))
+    return _around(curve.points[some], curve.half_width[some])
 
 
 def ribbon(curve: Curve) -> Float[np.ndarray, "P 2"] | None:

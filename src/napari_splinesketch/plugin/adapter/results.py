@@ -23,6 +23,7 @@ from napari_splinesketch.plugin.adapter.space import (
     placement,
     placement_on,
 )
+from napari_splinesketch.plugin.gently import add_shapes
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, Record
 
@@ -31,6 +32,8 @@ ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 SELECTED = 2.5
 """Breadth of a selected curve's line, relative."""
+MARKED = 200
+"""With more curves than this, numbers are in the table alone: there is no room for them."""
 CLICK = 4.0
 """A mouse that moves less between press and release has clicked, px of the screen."""
 Role = Literal["curves", "outlines", "reconstruction"]
@@ -94,7 +97,8 @@ class ResultLayers:
         self._layers: dict[Role, Layer] = {}
         self._shown: dict[Role, tuple[Curve, ...]] = {}
         self._colours: dict[Role, list[str]] = {}
-        self._written: set[Key] = set()
+        self._written: frozenset[Key] = frozenset()
+        self._rows: list[Key] = []
         self._broad: set[int] = set()
         self._pictured: Mapping[int, Patch] | None = None
         self._busy = False
@@ -124,11 +128,15 @@ class ResultLayers:
             self._show_curves,
         )
         for step in steps:
-            if self._image in self._viewer.layers:
-                with self._undisturbed():
-                    slow = step()
-                if slow:
-                    yield
+            yield from self._quietly(step())
+
+    def _quietly(self, steps: Iterator[None]) -> Iterator[None]:
+        """Take steps undisturbed, while there is an image to show them on."""
+        while self._image in self._viewer.layers:
+            with self._undisturbed():
+                if next(steps, steps) is steps:
+                    return
+            yield
 
     @contextmanager
     def _undisturbed(self) -> Iterator[None]:
@@ -148,7 +156,7 @@ class ResultLayers:
 
     def missing(self) -> set[Key]:
         """(frame, id) of the curves that the user has deleted from their layer."""
-        return set() if self.deleted() else self._written - set(self._keys())
+        return set() if self.deleted() else set(self._written - set(self._keys()))
 
     def selection(self) -> tuple[Key, ...]:
         """(frame, id) of the curves that are selected in their layer."""
@@ -192,77 +200,114 @@ class ResultLayers:
             return []
         return list(zip(layer.features["frame"], layer.features["id"], strict=True))
 
-    def _ensure(self, role: Role) -> bool:
-        """Make a layer if there is none; say if that took time, as every step does."""
-        absent = self.layer(role) is None and bool(self._owner.records)
-        if absent:
+    def _ensure(self, role: Role) -> Iterator[None]:
+        """Make a layer if there is none."""
+        if self.layer(role) is None and self._owner.records:
             self._shown.pop(role, None)
             place = placement(self._image)
             self._add(role, Shapes(ndim=self._image.ndim, **self._keywords(role), **place))
-        return absent
+            yield
 
-    def _show_outlines(self) -> bool:
-        outlined = [(record, outline(record.curve)) for record in self._owner.records]
-        kept = [(record, line) for record, line in outlined if line is not None]
-        return self._show_shapes("outlines", [r for r, _ in kept], [line for _, line in kept])
+    def _show_outlines(self) -> Iterator[None]:
+        lines = {id(r.curve): outline(r.curve) for r in self._fresh("outlines")}
+        kept = [r for r in self._owner.records if lines.get(id(r.curve), ()) is not None]
+        return self._show_shapes("outlines", kept, lines)
 
-    def _show_curves(self) -> bool:
-        records = self._owner.records
-        return self._show_shapes("curves", records, [record.curve.points for record in records])
+    def _show_curves(self) -> Iterator[None]:
+        lines = {id(r.curve): r.curve.points for r in self._fresh("curves")}
+        return self._show_shapes("curves", self._owner.records, lines)
+
+    def _fresh(self, role: Role) -> list[Record]:
+        """Records whose curves are not in their layer yet."""
+        there = {id(curve) for curve in self._shown.get(role, ())}
+        return [record for record in self._owner.records if id(record.curve) not in there]
 
     def _show_shapes(
         self,
         role: Role,
         records: Sequence[Record],
-        lines: Sequence[Float[np.ndarray, "N 2"]],
-    ) -> bool:
+        lines: Mapping[int, Float[np.ndarray, "N 2"] | None],
+    ) -> Iterator[None]:
+        """Take out the curves that are gone and add those that are new, some at each step."""
         layer = self.layer(role)
         if not isinstance(layer, Shapes):
-            return False
-        curves = tuple(r.curve for r in records)
-        anew = list(map(id, curves)) != list(map(id, self._shown.get(role, ())))
-        anew = anew or layer.nshapes != len(curves)
-        colours = colours_of(curves, *self._look)
-        if not anew and colours and colours != self._colours.get(role):
-            layer.edge_color = colours
-        self._colours[role] = colours
-        if anew:
-            self._shown[role] = curves
-            self._broad = set() if role == "curves" else self._broad
+            return
+        by_curve = {id(record.curve): record for record in records}
+        gone = self._gone(role, layer, by_curve)
+        if gone:
             layer.selected_data = set()
-            layer.remove(list(range(layer.nshapes)))
-        if anew and records:
-            layer.add(
-                [in_stack(self._image, r.frame, p) for r, p in zip(records, lines, strict=True)],
-                # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
-                shape_type="path",
-                edge_color=colours,
-                face_color="transparent",
-                edge_width=_breadths(curves, 0.5 if role == "outlines" else 1.0),
-            )
-        layer.features = features(records)
-        if role == "curves":
-            self._written = set(self._keys())
-            _write_marks(layer, curves)
-        return anew
+            layer.remove(gone)
+            self._drop(role, set(gone))
+        there = {id(curve) for curve in self._shown.get(role, ())}
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours = colours_of(curves, *self._look)
+        shapes = [in_stack(self._image, r.frame, _line(lines[id(r.curve)])) for r in fresh]
+        for done in add_shapes(
+            layer,
+            shapes,
+            # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=_breadths(curves, 0.5 if role == "outlines" else 1.0),
+        ):
+            self._shown[role] = (*self._shown.get(role, ()), *curves[done])
+            self._colours[role] = [*self._colours.get(role, ()), *colours[done]]
+            yield
+        self._describe(role, layer, by_curve)
+        if gone:
+            yield
 
-    def _show_reconstruction(self) -> bool:
+    def _gone(self, role: Role, layer: Shapes, by_curve: Mapping[int, Record]) -> list[int]:
+        """Positions in a layer of what does not belong there."""
+        shown = self._shown.get(role, ())
+        if layer.nshapes != len(shown):
+            self._shown[role], self._colours[role] = (), []
+            self._broad = set() if role == "curves" else self._broad
+            return list(range(layer.nshapes))
+        return [i for i, curve in enumerate(shown) if id(curve) not in by_curve]
+
+    def _drop(self, role: Role, positions: Collection[int]) -> None:
+        """Forget what was at some positions of a layer."""
+        kept = [i for i in range(len(self._shown.get(role, ()))) if i not in positions]
+        self._shown[role] = tuple(self._shown[role][i] for i in kept) if kept else ()
+        self._colours[role] = [self._colours[role][i] for i in kept]
+        if role == "curves":
+            self._broad = {new for new, old in enumerate(kept) if old in self._broad}
+
+    def _describe(self, role: Role, layer: Shapes, by_curve: Mapping[int, Record]) -> None:
+        """Let features, colours and marks of a layer say what is known now."""
+        shown = self._shown.get(role, ())
+        layer.features = features([by_curve[id(curve)] for curve in shown])
+        colours = colours_of(shown, *self._look)
+        if colours and colours != self._colours.get(role):
+            self._colours[role] = colours
+            layer.edge_color = colours
+        if role == "curves":
+            self._rows = self._keys()
+            self._written = frozenset(self._rows)
+            _write_marks(layer, shown)
+
+    def _show_reconstruction(self) -> Iterator[None]:
         layer = self.layer("reconstruction")
         patches = self._owner.patches
         if (layer or not patches) and patches is self._pictured:
-            return False
+            return
         self._pictured = patches
         if not patches:
             if layer:
                 self._viewer.layers.remove(layer)
-            return True
+            yield
+            return
         film = Film(self._owner.patches, frame_shape(self._image))
         where = placement_on(self._image, film.grid.origin, film.grid.step)
         if isinstance(layer, Image) and layer.data.shape == film.shape:
             layer.data = cast(Any, film)
             for name, value in where.items():
                 setattr(layer, name, value)
-            return True
+            yield
+            return
         visible = layer.visible if layer else False
         if layer:
             self._viewer.layers.remove(layer)
@@ -275,7 +320,7 @@ class ResultLayers:
         )
         layer.visible = visible
         self._add("reconstruction", layer)
-        return True
+        yield
 
     def _keywords(self, role: Role) -> dict[str, Any]:
         return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
@@ -297,7 +342,12 @@ class ResultLayers:
 
     def _on_data(self, event: Any) -> None:
         if not self._busy and event.action in EDITS:
-            self._shown.pop("curves", None)
+            left = set(self._keys())
+            if event.action == ActionType.REMOVED and len(left) < len(self._rows):
+                self._drop("curves", {i for i, key in enumerate(self._rows) if key not in left})
+                self._rows = [key for key in self._rows if key in left]
+            else:
+                self._shown.pop("curves", None)
             self.edited.emit()
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
@@ -328,8 +378,20 @@ def _breadths(curves: Sequence[Curve], factor: float) -> list[float]:
     return [unit * BREADTHS[curve.status] for curve in curves]
 
 
+def _line(line: Float[np.ndarray, "N 2"] | None) -> Float[np.ndarray, "N 2"]:
+    assert line is not None
+    return line
+
+
 def _write_marks(layer: Shapes, curves: Sequence[Curve]) -> None:
-    """Write number and mark beside the curves that ask for a look."""
+    """Write number and mark beside the curves that ask for a look, unless there are too many.
+
+    napari's time for text grows with the square of the number of shapes.
+    """
+    if len(curves) > MARKED:
+        if layer.text.values.size > 1:
+            layer.text = {"string": {"constant": ""}}
+        return
     numbers = layer.features["id"]
     layer.text = {
         "string": [

@@ -57,7 +57,8 @@ class SuggestedLines:
             self._shown |= dict(zip(fresh, shapes, strict=True))
             image = self._image
             style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
-            yield from add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style)
+            for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
+                yield
 
     def forget(self) -> None:
         """Leave the lines to the user."""

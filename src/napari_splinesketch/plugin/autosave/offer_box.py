@@ -65,7 +65,7 @@ def describe(offer: Offer) -> str:
     held = offer.summary
     parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
     where = f" in {held.frames} frames" if held.frames > 1 else ""
-    return f"<b>Saved work</b> of {_when(held.saved)}: {' and '.join(parts)}{where}."
+    return f"<b>Saved work</b> ({_when(held.saved)}): {' and '.join(parts)}{where}."
 
 
 def _when(saved: datetime) -> str:

@@ -53,7 +53,8 @@ def _restore(
     yield
     style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
     points = [shape.points if flat else vertices(image, frame, shape) for frame, shape in drawn]
-    yield from add_shapes(layer, points, [shape.kind for _, shape in drawn], **style)
+    for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
+        yield
     state = state_of(session.pages)
     if state.records and layer in controller.viewer.layers:
         controller.begin(image, layer)
