@@ -27,6 +27,7 @@ LOCKED = record(2, B, locked=True)
 EDITED = record(1, A, edited=True)
 FAILED = replace(OPEN, curve=replace(OPEN.curve, status="failed"))
 PIECE = record(9, D, drawn=False)
+CARRIED = State((PIECE, replace(PIECE, frame=1)))
 DELETED = State(deleted=(OPEN,))
 
 Case = tuple[State, list[np.ndarray], Scope, dict[str, Any], list[int], int, int]
@@ -45,6 +46,8 @@ CASES: dict[str, Case] = {
     "deleted, all": (DELETED, [A, B], "all", {}, [2], 0, 0),
     "deleted, then changed": (DELETED, [A + 3], "new", {}, [1], 0, 0),
     "deleted, then selected": (DELETED, [A], "selected", {"chosen": [0]}, [1], 0, 0),
+    "over one that was carried here": (CARRIED, [D + 3], "new", {}, [9], 0, 0),
+    "beside one that was carried here": (CARRIED, [A], "new", {}, [10], 1, 0),
     "all that is open": (
         State((OPEN, ACCEPTED, REJECTED, PIECE)), [A, B, C], "all", {}, [1, 9], 1, 0,
     ),

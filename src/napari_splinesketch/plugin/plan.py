@@ -158,7 +158,10 @@ def _matched(
     found = [exact.get(_print(line), 0) for line in lines]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
-    left = [record for record in drawn if record.id not in taken]
+    # A line over a curve that was carried here from another frame puts that one right.
+    elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
+    carried = [r for r in here if r.id in elsewhere and not (r.drawn or _decided(r))]
+    left = [record for record in (*drawn, *carried) if record.id not in taken]
     others = identify(rest, left, (*state.records, *state.deleted))
     numbers = iter(others)
     return [number or next(numbers) for number in found], [bool(number) for number in found]
