@@ -1,7 +1,7 @@
 """The state behind the dock: what would be refined, what runs, what came of it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,48 +20,19 @@ from napari_splinesketch.plugin.adapter.pixels import block_around
 from napari_splinesketch.plugin.adapter.preview import Preview
 from napari_splinesketch.plugin.adapter.results import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
-    Drawn,
     draw_or_select,
-    drawn_in,
     new_sketch_layer,
-    selected_in,
 )
-from napari_splinesketch.plugin.adapter.space import current_frame, plane_problem
 from napari_splinesketch.plugin.corrections import Corrections
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.knot_editing import KnotEditing
-from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
+from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.records import Record, key_of
+from napari_splinesketch.plugin.request import Request, request_of
 from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
 from napari_splinesketch.plugin.standard_actions import standard_actions
-from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.work import Work
-
-STEPS = "Press New sketch, then draw a line over each body."
-OPEN = "Open an image: drop a file on the window, or File > Open Sample."
-
-
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What Refine would do now.
-
-    Attributes
-    ----------
-    frame
-        Index of the frame in view.
-    plan
-        The curves that it would refine, and those that it would leave alone.
-    drawn
-        The sketches in that frame, and what is left out of them.
-    problem
-        Why there is nothing to do, in words; empty otherwise.
-    """
-
-    frame: int = 0
-    plan: Plan = field(default_factory=Plan)
-    drawn: Drawn = field(default_factory=Drawn)
-    problem: str = ""
 
 
 class Controller(SettingsKeeper):
@@ -104,28 +75,7 @@ class Controller(SettingsKeeper):
 
     def request(self, scope: Scope = "new") -> Request:
         """Say what Refine would do now; selected lines go before those that are new."""
-        image, layer = self.choices.image, self.choices.sketches
-        if image is None:
-            return Request(problem=OPEN)
-        problem = plane_problem(self.viewer, image)
-        if problem:
-            return Request(problem=problem)
-        frame = current_frame(self.viewer, image)
-        if layer is None:
-            return Request(frame, problem=STEPS)
-        drawn = drawn_in(self.viewer, layer, image, frame)
-        state = self.work.state if self.work else State()
-        curves = scope == "selected" and any(key[0] == frame for key in self.selection)
-        active = layer is self.viewer.layers.selection.active and not curves
-        marked = selected_in(layer) if active and scope != "all" else frozenset()
-        chosen = {i for i, number in enumerate(drawn.numbers) if number in marked}
-        if marked:
-            scope = "selected"
-            if not chosen:
-                return Request(frame, Plan(scope), drawn, words.NO_LINE)
-        plan = make_plan(state, frame, drawn.lines, scope, chosen, self.selection)
-        problem = "" if plan.targets else words.nothing(plan, drawn, image.ndim > 2, layer.name)
-        return Request(frame, plan, drawn, problem)
+        return request_of(self, scope)
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""

@@ -16,9 +16,10 @@ from napari_splinesketch.plugin.adapter.space import (
     go_to_frame,
     plane_problem,
 )
-from napari_splinesketch.plugin.controller import OPEN, Controller
+from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.records import Line
+from napari_splinesketch.plugin.request import OPEN
 from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.tracks import Progressing, bodies_at, given_in, taken_in
 from napari_splinesketch.plugin.work import Work

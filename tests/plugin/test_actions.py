@@ -1,0 +1,83 @@
+"""The table of actions and the keys that they are bound to."""
+
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from napari.components import ViewerModel
+from napari.utils.key_bindings import coerce_keybinding
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QLineEdit
+
+from napari_splinesketch.plugin.actions import Action, Actions
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .hand import QTest, canvas
+
+
+def press(viewer: Any, key: str) -> None:
+    bound = viewer.keymap.get(coerce_keybinding(key))
+    if bound:
+        bound(viewer)
+
+
+@pytest.fixture
+def heard() -> list[str]:
+    """The actions that were run."""
+    return []
+
+
+@pytest.fixture
+def table(heard: list[str]) -> Actions:
+    """Two actions, bound in a viewer in which another plugin has a key."""
+    viewer = ViewerModel()
+    viewer.bind_key("K", lambda viewer: heard.append("other"))
+    made = Actions(viewer, lambda: True)
+    made.add(*(Action(n, n, k, lambda n=n: heard.append(n), n) for n, k in ("aJ", "bK")))
+    return made
+
+
+def test_keys_run_actions_and_are_given_back(table: Actions, heard: list[str]) -> None:
+    viewer: Any = table._viewer
+    press(viewer, "J")
+    press(viewer, "K")
+    assert heard == ["a", "other"], "what another plugin has is left to it"
+    assert (table.bound("a"), table.bound("b")) == (True, False)
+    table.rebind({"a": "Shift+G", "b": "U"})
+    for key in ("J", "Shift+G", "U"):
+        press(viewer, key)
+    assert heard[2:] == ["a", "b"]
+    table.rebind({"a": ""})
+    press(viewer, "Shift+G")
+    table.close()
+    press(viewer, "U")
+    assert heard[4:] == []
+
+
+def test_a_second_table_takes_the_keys_over(table: Actions, heard: list[str]) -> None:
+    viewer: Any = table._viewer
+    again = Actions(viewer, lambda: True)
+    again.add(Action("a", "a", "J", lambda: heard.append("again"), "a"))
+    table.close()
+    press(viewer, "J")
+    assert heard == ["again"]
+
+
+def test_keys_of_the_dock(viewer: Any, dock: SplinesketchDock) -> None:
+    actions = list(dock.controller.actions)
+    text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")
+    groups = yaml.safe_load(text)["contributions"]["configurations"]
+    offered = {name: entry["default"] for name, entry in groups["keys"]["properties"].items()}
+    assert {action.id: action.key for action in actions} == offered
+    keys = [action.key for action in actions if action.key]
+    assert len(set(keys)) == len(keys), "no two have the same"
+    field = QLineEdit()
+    dock.content.layout().addWidget(field)  # pyright: ignore[reportOptionalMemberAccess]
+    viewer.add_image(np.eye(20), name="x")
+    QTest.keyClick(field, Qt.Key.Key_G, Qt.KeyboardModifier.ShiftModifier)
+    assert field.text().lower() == "g"
+    assert not dock.controller.at_once, "not while one types"
+    QTest.keyClick(canvas(viewer), Qt.Key.Key_G, Qt.KeyboardModifier.ShiftModifier)
+    assert dock.controller.at_once
