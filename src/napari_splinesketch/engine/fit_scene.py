@@ -92,6 +92,10 @@ def fit_scene(
     )  # fmt: skip
     starts, number = _approach(seen, found.starts, settings), len(sketches)
     parts = _weigh(seen, starts, settings)
+    # Where bodies cross, the coarse fit has found the way; a body alone keeps its ends better
+    # from its trace.
+    alone = {c[0] for c in found.clusters if len(c) == 1}
+    starts = [replace(s, body=None) if i in alone else s for i, s in enumerate(starts)]
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
     groups: dict[int, list[int]] = {}
     for members in found.clusters:

@@ -31,7 +31,7 @@ class Part:
     gain
         What it improves χ² by, over all bodies.
     price
-        What its parameters cost by Akaike's information criterion.
+        What it would improve χ² by if it only followed the noise.
     """
 
     on: bool
@@ -43,7 +43,8 @@ def weigh(bodies: Sequence[Body], priors: Priors, scale: float) -> dict[str, Par
     """Which of PARTS pay, from a fit in which all of them were free.
 
     The gain of a part is the Wald statistic of its parameters against the priors' means, from
-    the data alone; its price is twice the number of parameters.
+    the data alone; its price is what that is by chance, the number of parameters. Priors keep what
+    is on close to where it would be held otherwise, so that more need not be asked for.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def weigh(bodies: Sequence[Body], priors: Priors, scale: float) -> dict[str, Par
             scale * _wald(body, names, mean, sd)
             for body, mean, sd in zip(bodies, priors.mean, priors.sd, strict=True)
         )
-        price = 2.0 * len(names) * len(bodies)
+        price = float(len(names) * len(bodies))
         found[part] = Part(bool(gain > price), float(gain), float(price))
     return found
 
