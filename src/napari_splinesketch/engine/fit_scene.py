@@ -20,6 +20,9 @@ Centrelines = Callable[[], list[Line]]
 COARSE_KNOTS = 8
 MOST_WEIGHED = 60
 """So many bodies tell which parts of the model pay."""
+TRIM = 1.5
+"""A body alone is polished from its coarse fit without so many half-widths at either end: ends
+find their place better from within."""
 LOOSE_FIT = 0.1
 """Half-widths, at least LOOSE_FIT_PX, that knots may miss a traced path by (rms)."""
 LOOSE_FIT_PX = 0.15
@@ -92,11 +95,8 @@ def fit_scene(
     )  # fmt: skip
     starts, number = _approach(seen, found.starts, settings), len(sketches)
     parts = _weigh(seen, starts, settings)
-    # Where bodies cross, the coarse fit has found the way; a body alone keeps its ends better
-    # from its trace.
-    alone = {c[0] for c in found.clusters if len(c) == 1}
-    starts = [replace(s, body=None) if i in alone else s for i, s in enumerate(starts)]
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
+    alone = {c[0] for c in found.clusters if len(c) == 1}
     groups: dict[int, list[int]] = {}
     for members in found.clusters:
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
@@ -107,7 +107,9 @@ def fit_scene(
     def on_polish(share: float, lines: Centrelines) -> None:
         report("polishing", 0.4 + 0.6 * share, lambda: lines()[:number])
 
-    bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
+    bodies, others = _polish(
+        seen, starts, alone, groups, fixed, corner, settings, priors, on_polish
+    )
     sketched, beside = bodies[:number], bodies[number:]
     again = partial(_polish_again, seen, settings.polish, settings.knots[0])
     sketched = pairs.split_pairs(seen, sketches, sketched, [*others, *beside], again)
@@ -188,11 +190,16 @@ def _begin(lines: list[Line], priors: bands.Priors, knots: int, **overrides: flo
     )
 
 
-def _resume(start: finding.Start, mean: Float[Array, " G"], knots: int) -> Float[Array, " D"]:
+def _resume(
+    start: finding.Start, alone: bool, mean: Float[Array, " G"], knots: int, half_width: float
+) -> Float[Array, " D"]:
     """Where a polish begins: on the curve fitted along the path, or on the path itself."""
     if start.body is None:
         return bands.start_values(spline.fit_knots(start.line, knots), mean)
     line = start.body.points(64)
+    if alone:
+        line = spline.trimmed(line, TRIM * half_width)
+        return bands.start_values(spline.fit_knots(line, knots), mean)
     return bands.start_values(spline.fit_knots(line, knots), start.body.parameters)
 
 
@@ -210,7 +217,7 @@ def _approach(seen: Scene, starts: list[finding.Start], settings: Settings):
     return [replace(s, line=moved[i]) if i in moved else s for i, s in enumerate(starts)]
 
 
-def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, report):
+def _polish(seen, starts, alone, groups, fixed, corner, settings: Settings, priors, report):
     """Full resolution, group by group: bodies of a group have the same number of knots."""
     bodies: list[Body] = [None] * len(starts)  # type: ignore[list-item]
     others: list[Body] = []
@@ -218,7 +225,12 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
     for knots, members in sorted(groups.items()):
         count = len(members)
         mine = priors.of([*members, *range(len(starts), len(starts) + len(fixed))])
-        theta = np.array([_resume(starts[i], priors.mean[0], knots) for i in members])
+        theta = np.array(
+            [
+                _resume(starts[i], i in alone, priors.mean[0], knots, seen.half_width)
+                for i in members
+            ]
+        )
         if fixed:
             theta = np.concatenate([theta, _still(fixed, corner, knots, priors)])
 

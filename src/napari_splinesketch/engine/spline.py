@@ -39,6 +39,14 @@ def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def trimmed(points: Float[Array, "N 2"], end: float) -> Float[Array, "N 2"]:
+    """A polyline without so much of either end, px; at least half of it stays."""
+    s = arc_length(points)
+    cut = min(end, s[-1] / 4)
+    at = np.linspace(cut, s[-1] - cut, len(points))
+    return np.column_stack([np.interp(at, s, x) for x in points.T])
+
+
 def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:
     """Points of a polyline, uniform in arc length; further columns are interpolated along.
 
