@@ -8,6 +8,7 @@ on a display, or under xvfb-run.
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from napari import Viewer
@@ -38,7 +39,7 @@ def main(number: int) -> None:
     fake.go.set()
     fake.changes = {i: {"residual": i / number} for i in range(number)}
     engine.refine, engine.warm_up = fake.refine, lambda report: None
-    viewer = Viewer()
+    viewer: Any = Viewer()
     viewer.add_image(np.random.default_rng(0).normal(100, 5, (1024, 1024)), name="cells")
     across = int(np.ceil(np.sqrt(number)))
     corners = [divmod(i, across) for i in range(number)]
