@@ -3,110 +3,150 @@
     python docs/make_screenshots.py [FOLDER]
 
 Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/make_screenshots.py
+The settings and the saved work of whoever runs it are left alone.
 """
 
 import argparse
-import time
-from collections.abc import Callable
+import os
+import tempfile
 from pathlib import Path
-from typing import Any
-
-from napari import Viewer
-from PIL import Image
-from qtpy import QtTest
-from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QApplication, QDockWidget, QPushButton
-
-from napari_splinesketch.plugin.demo import open_demo
-from napari_splinesketch.plugin.dock import SplinesketchDock
+from typing import TYPE_CHECKING, Any
 
 IMAGES = Path(__file__).with_name("images")
-DOCK_WIDTH = 290
-COLOURS = 255
-"""Of a picture's palette: a quarter of the bytes, and nobody sees it."""
 NEAR = (4.2, (0, 118, 96))
 """Zoom and centre that show the upper left worms."""
-PATIENCE = 600.0
-"""For a refinement on a slow machine, s."""
+BARE = (6.0, (0, 236, 160))
+"""The same for three worms without lines ..."""
+LINES = (
+    ((212, 168), (225, 148)),
+    ((233, 131), (252, 150)),
+    ((247, 161), (257, 190)),
+)
+"""... and the lines that are drawn over them, (row, col), px."""
+WIDTH = 900
+"""Of the moving picture, px."""
+MOVE_MS, STEP_MS, LOOK_MS = 120, 700, 1800
+"""How long a picture is shown: while something moves, after a step, to look at it."""
 
-QTest: Any = QtTest.QTest
+if TYPE_CHECKING:
+    from napari import Viewer
+    from window import Movie
 
-
-def live(until: Callable[[], bool], seconds: float = PATIENCE) -> None:
-    """Let the window live until something holds, or the time is over."""
-    end = time.monotonic() + seconds
-    while not until() and time.monotonic() < end:
-        QApplication.processEvents()
-        time.sleep(0.005)
-
-
-def wait(seconds: float) -> None:
-    """Let the window live for a while."""
-    live(lambda: False, seconds)
-
-
-def click(button: QPushButton) -> None:
-    """Click a button with the mouse."""
-    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    from napari_splinesketch.plugin.dock import SplinesketchDock
 
 
-def shoot(viewer: Viewer, path: Path) -> None:
-    """Save a picture of the whole window."""
-    wait(0.5)
-    pixels = viewer.screenshot(canvas_only=False, flash=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(pixels[..., :3]).quantize(COLOURS, dither=Image.Dither.NONE).save(
-        path, optimize=True
-    )
-    print(f"{path} {path.stat().st_size / 1000:.0f} kB")
+def stills(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
+    """Go through the demo and take a picture at every step."""
+    import window as w
+    from qtpy.QtWidgets import QPushButton
+
+    w.look(viewer, *NEAR)
+    w.shoot(viewer, folder / "sketches.png")
+    w.refine(dock)
+    w.shoot(viewer, folder / "window.png")
+    eyes = dock.visibility.findChildren(QPushButton)
+    for eye in eyes:
+        w.click(eye)
+    w.shoot(viewer, folder / "model.png")
+    for eye in eyes:
+        w.click(eye)
+    viewer.reset_view()
+    w.wait(0.2)
+    w.shoot(viewer, folder / "whole.png")
 
 
-def look(viewer: Viewer, zoom: float, centre: tuple[float, float, float]) -> None:
-    """Point the camera."""
-    viewer.scene.camera.zoom = zoom
-    viewer.scene.camera.center = centre
+def reviewing(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
+    """Open the panel, look at the worst curve, and at what the model leaves unexplained."""
+    import window as w
+
+    w.look(viewer, *NEAR)
+    w.click(dock.review)
+    dock.panel.reviewing.next()
+    w.shoot(viewer, folder / "review.png")
+    dock.look.by.setCurrentIndex(1)
+    dock.look.by.activated.emit(1)
+    w.shoot(viewer, folder / "colours.png")
+    dock.look.by.setCurrentIndex(0)
+    dock.look.by.activated.emit(0)
+    dock.proofs.entry("residual").trigger()
+    w.shoot(viewer, folder / "residual.png")
+    dock.proofs.entry("residual").trigger()
+    w.click(dock.review)
+    w.wait(0.5)
 
 
-def refine(dock: SplinesketchDock) -> None:
-    """Click Refine and wait for the end."""
-    click(dock.refine)
-    live(lambda: dock.controller.progress is None)
-    if not dock.controller.records():
-        raise SystemExit(f"There is nothing to show: {dock.notice.text()}")
+def canvas_point(viewer: "Viewer", row: float, col: float) -> Any:
+    """Give the pixel of the canvas where a pixel of the image is shown."""
+    from qtpy.QtCore import QPoint
+
+    scene = viewer.window._qt_viewer.canvas.view.scene
+    x, y, _, w = scene.transform.map([col, row, 0, 1])
+    return QPoint(round(x / w), round(y / w))
 
 
-def widen(viewer: Viewer, dock: SplinesketchDock) -> None:
-    """Give the dock its width."""
-    around = dock.parent()
-    while not isinstance(around, QDockWidget):
-        around = around.parent()  # pyright: ignore[reportOptionalMemberAccess]
-    window = viewer.window._qt_window
-    window.resizeDocks([around], [DOCK_WIDTH], Qt.Orientation.Horizontal)
-    wait(0.5)
+def movie(viewer: "Viewer", dock: "SplinesketchDock", path: Path) -> None:
+    """Draw three lines, refine, accept: as one picture that moves."""
+    import window as w
+    from qtpy.QtCore import Qt
+
+    made = w.Movie(viewer, WIDTH)
+    surface = viewer.window._qt_viewer.canvas.native
+    viewer.layers.selection.active = viewer.layers["worms sketches"]
+    viewer.layers["worms sketches"].mode = "add_line"
+    w.look(viewer, *BARE)
+    w.wait(0.5)
+    made.take(STEP_MS)
+    for start, end in LINES:
+        drag(viewer, made, surface, start, end)
+    w.QTest.keyClick(surface, Qt.Key.Key_G)
+    w.live(lambda: _take(made) or dock.controller.progress is None)
+    w.wait(0.5)
+    made.take(LOOK_MS)
+    w.click(dock.review)
+    w.wait(0.5)
+    for key in (Qt.Key.Key_N, Qt.Key.Key_J, Qt.Key.Key_J):
+        w.QTest.keyClick(surface, key)
+        w.wait(0.7)
+        made.take(LOOK_MS)
+    made.save(path)
+
+
+def drag(viewer: "Viewer", made: "Movie", surface: Any, start: Any, end: Any) -> None:
+    """Draw a line with the mouse, and take pictures of it."""
+    import window as w
+    from qtpy.QtCore import Qt
+
+    left, free = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+    first, last = (canvas_point(viewer, *place) for place in (start, end))
+    w.QTest.mousePress(surface, left, free, first)
+    for share in (0.35, 0.7, 1.0):
+        point = first + (last - first) * share
+        w.QTest.mouseMove(surface, point)
+        w.wait(0.1)
+        made.take(MOVE_MS, (surface, point))
+    w.QTest.mouseRelease(surface, left, free, last)
+    w.wait(0.1)
+    made.take(STEP_MS // 2, (surface, last))
+
+
+def _take(made: "Movie") -> None:
+    made.take(MOVE_MS)
 
 
 def main() -> None:
-    """Go through the demo and take a picture at every step."""
+    """Make all pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=IMAGES)
     folder = parser.parse_args().folder
-    viewer = open_demo(block=False)
-    dock = next(w for w in viewer.window.dock_widgets.values() if isinstance(w, SplinesketchDock))
-    wait(1.0)
-    widen(viewer, dock)
-    look(viewer, *NEAR)
-    shoot(viewer, folder / "sketches.png")
-    refine(dock)
-    shoot(viewer, folder / "window.png")
-    eyes = dock.visibility.findChildren(QPushButton)
-    for eye in eyes:
-        click(eye)
-    shoot(viewer, folder / "model.png")
-    for eye in eyes:
-        click(eye)
-    viewer.reset_view()
-    wait(0.2)
-    shoot(viewer, folder / "whole.png")
+    # Before napari is imported: it reads its settings then.
+    home = tempfile.mkdtemp(prefix="splinesketch-pictures-")
+    os.environ |= {f"XDG_{name}_HOME": f"{home}/{name}" for name in ("CONFIG", "DATA", "STATE")}
+    import window as w
+
+    viewer, dock = w.open_window()
+    stills(viewer, dock, folder)
+    reviewing(viewer, dock, folder)
+    movie(viewer, dock, folder / "labelling.gif")
     viewer.close()
 
 

@@ -50,8 +50,6 @@ def test_every_proof_lies_on_the_image(
 ) -> None:
     image = film(viewer)
     refine(dock)
-    for proof in pictures.MAKERS:
-        assert dock.proofs.entry(proof).text()
     assert not any("residual" in layer.name for layer in viewer.layers)
     ask(dock, "residual")
     residual = layer_named(viewer, "film residual")

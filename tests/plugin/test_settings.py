@@ -84,6 +84,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert dock.controller.selected is None
     QTest.keyClick(canvas(viewer), Qt.Key.Key_H)
     until(lambda: dock.controller.selected == (0, 1), 5)
+    assert box.keys["draw"].keySequence().isEmpty(), "a key does one thing"
     # Another dock, another session, napari's preferences.
     kept = settings.load()
     assert (kept.preset, kept.polarity, kept.half_width) == ("fast", "bright", 1.5)

@@ -1,6 +1,6 @@
 """The settings that matter, out of the way until one asks for them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import get_args
 
@@ -129,8 +129,11 @@ class SettingsBox(QWidget):
             self.form.addRow(action.name, edit)
 
     def _on_key(self, name: str, edit: QKeySequenceEdit) -> None:
-        keys: Mapping[str, str] = {**self._settings.keys, name: _text(edit)}
-        self._change(keys=keys)
+        """Take a key for an action, from any other that has it."""
+        key = _text(edit)
+        others = {other: _text(box) for other, box in self.keys.items() if other != name}
+        freed = {other: "" for other, used in others.items() if used == key}
+        self._change(keys={**self._settings.keys, **others, **freed, name: key})
 
     def _on_half_width(self, value: float) -> None:
         self._change(half_width=value, half_width_unit=self._ruler.unit)
