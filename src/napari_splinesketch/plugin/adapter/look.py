@@ -17,10 +17,6 @@ BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
 RIBBON = "#cc79a7"
 """Reddish purple of Okabe and Ito."""
 RIBBON_SDS = 2.0
-MARK = "#ee3377"
-"""Magenta of Tol: of no status, and as visible on dark images as on light ones."""
-MARK_APART = 1.5
-"""Between the edge of the selected body and the line around it, half-widths of a line."""
 
 
 LEAST = 12
@@ -54,12 +50,6 @@ def ribbon(curve: Curve) -> Float[np.ndarray, "P 2"] | None:
     if curve.status == "failed" or not np.isfinite(curve.sd).all():
         return None
     return _around(curve.points, RIBBON_SDS * curve.sd)
-
-
-def mark(curve: Curve) -> Float[np.ndarray, "P 2"]:
-    """Draw a closed line around the selected curve, px, whether its width is known or not."""
-    known = np.where(np.isfinite(curve.half_width), curve.half_width, 0.0)
-    return _around(curve.points, known + MARK_APART * breadth([curve]))
 
 
 def normals(points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:

@@ -16,7 +16,7 @@ from napari_splinesketch.labels.masks import label_image
 from napari_splinesketch.labels.raster import rasterise
 from napari_splinesketch.plugin.adapter.bodies import alone
 from napari_splinesketch.plugin.adapter.film import Computed, Film, Patch
-from napari_splinesketch.plugin.adapter.look import MARK, RIBBON, breadth, mark, ribbon
+from napari_splinesketch.plugin.adapter.look import RIBBON, breadth, ribbon
 from napari_splinesketch.plugin.adapter.pixels import block_on
 from napari_splinesketch.plugin.adapter.planes import Planes
 from napari_splinesketch.plugin.adapter.results import Known, look_of
@@ -28,7 +28,7 @@ from napari_splinesketch.plugin.adapter.space import (
 )
 from napari_splinesketch.plugin.records import Record
 
-Proof = Literal["residual", "background", "body", "ribbon", "masks", "stack", "mark"]
+Proof = Literal["residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995
@@ -168,16 +168,6 @@ def _ribbon(known: Proven) -> Made | None:
     return Made(Shapes, lines, placement(known.image), {"shape_type": "path", **look})
 
 
-def _mark(known: Proven) -> Made | None:
-    chosen = known.chosen
-    if chosen is None:
-        return None
-    width = 0.6 * breadth([chosen.curve])
-    look = {"edge_color": MARK, "edge_width": width, "face_color": "transparent"}
-    line = in_stack(known.image, chosen.frame, mark(chosen.curve))
-    return Made(Shapes, [line], placement(known.image), {"shape_type": "path", **look})
-
-
 def _masks(known: Proven) -> Made | None:
     """Label image of each frame: a pixel's value is the number of its curve."""
     size = _size(known.image)
@@ -248,5 +238,4 @@ MAKERS: dict[Proof, Maker] = {
     "ribbon": Maker(_records, _ribbon),
     "masks": Maker(_records, _masks),
     "stack": Maker(_records, _stack),
-    "mark": Maker(_chosen, _mark),
 }

@@ -17,7 +17,6 @@ NAMES: Mapping[Proof, str] = {
     "ribbon": "uncertainty",
     "masks": "masks",
     "stack": "masks, one a body",
-    "mark": "selected",
 }
 
 
@@ -63,14 +62,6 @@ class ProofLayers:
             self._update(proof)
         self.toggled.emit()
         return self.layer(proof) is not None or not on
-
-    def mark(self, on: bool) -> None:
-        """Draw a line around the selected curve, or no longer."""
-        layer = self.layer("mark")
-        if on:
-            self._update("mark")
-        elif layer is not None:
-            self._viewer.layers.remove(layer)
 
     def update(self) -> None:
         """Bring the layers that are in view in step with what is known."""

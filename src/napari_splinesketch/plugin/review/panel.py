@@ -133,8 +133,6 @@ class ReviewPanel(QWidget):
 
     def _let_go(self) -> None:
         controller = self.controller
-        if controller.work is not None:
-            controller.work.proofs.mark(False)
         controller.changed.disconnect(self.show_state)
         controller.selected_changed.disconnect(self.show_selected)
         controller.viewer.events.theme.disconnect(self._on_theme)
@@ -174,8 +172,6 @@ class ReviewPanel(QWidget):
         controller = self.controller
         key, work = controller.selected, controller.work
         self.table.show_selected(key)
-        if work is not None:
-            work.proofs.mark(key is not None)
         row = self.model.row_of(key)
         if work is None or row is None:
             self.plots.show_profile(None)
