@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
+from napari.layers import Shapes
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin import engine
@@ -46,7 +47,7 @@ def main(number: int) -> None:
     step = 1000 / across
     lines = [np.array([[step * r + 5, step * c + 2], [step * r + 9, step * c + 20]])
              for r, c in corners]  # fmt: skip
-    viewer.add_shapes(lines, shape_type="line", name="cells sketches")
+    viewer.layers.append(Shapes(lines, shape_type="line", name="cells sketches"))
     dock = SplinesketchDock(viewer)
     viewer.window.add_dock_widget(dock, name="Splinesketch")
     refine(dock)
