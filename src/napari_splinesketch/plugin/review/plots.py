@@ -136,7 +136,7 @@ class CurvePlots(FigureCanvasQTAgg):
         x, y = profile.distance, profile.half_width
         sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
         self._width.set_data(x, y)
-        self._band.set_data(x, y - sd, y + sd)
+        self._band.set_data(x, np.maximum(y - sd, 0), y + sd)
         lines = [y + sd, y - sd]
         if profile.mean is not None:
             self._mean.set_data(x, profile.mean)
