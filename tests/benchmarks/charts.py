@@ -172,6 +172,7 @@ def scaling(points: Sequence[Point], path: Path) -> None:
     panels[1].set(xlabel="height and width, px", ylabel="seconds", title="10 curves")
     panels[2].set(xlabel="curves", ylabel="peak memory, MiB", ylim=(100, 4000))
     for panel in panels:
-        _logarithmic(panel, "xy")
+        if any(len(line.get_xdata()) for line in panel.lines):
+            _logarithmic(panel, "xy")
     figure.legend(*_legend(panels), loc="outside lower center", ncols=6, frameon=False)
     save(figure, path)
