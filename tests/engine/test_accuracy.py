@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.metrics import average_dtw, normal_distance
 
 SPOILT = {
     "rotated": lambda c, seed: synthetic.rotate(c, 20 * (-1) ** seed),
@@ -29,13 +29,14 @@ def test_bodies_are_found_to_half_a_pixel(bodies, kind):
     assert np.mean(np.array(after) > 2) <= (0.0 if bodies == 1 else 0.17)
 
 
-def test_the_error_falls_with_the_noise():
+def test_the_error_across_falls_with_the_noise():
+    """Along the body it does not: what is left at the ends is how they taper; see docs/limits."""
     after = []
     for snr in (4.0, 40.0):
         errors = []
         for seed in range(4):
             made = synthetic.scene(seed, snr=snr, texture=0.0)
             found = refine(made.image, [synthetic.rotate(c, 10) for c in made.centrelines])
-            errors.append(average_dtw(found.curves[0].points, made.centrelines[0]))
+            errors.append(np.mean(normal_distance(found.curves[0].points, made.centrelines[0])))
         after.append(np.median(errors))
-    assert after[1] < after[0]
+    assert after[1] < 0.5 * after[0]

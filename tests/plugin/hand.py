@@ -45,8 +45,12 @@ def refine(dock: SplinesketchDock) -> None:
 
 
 def refine_all(dock: SplinesketchDock) -> None:
-    """Choose to refine all again, and wait for the end."""
-    choose(dock, "Refine all")
+    """Choose to refine all again, the last entry beside Refine, and wait for the end."""
+    menu: Any = dock.more.menu()
+    menu.aboutToShow.emit()
+    entry = menu.actions()[-1]
+    assert entry.isEnabled(), entry.toolTip()
+    entry.trigger()
     until(lambda: dock.controller.progress is None)
 
 
