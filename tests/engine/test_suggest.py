@@ -50,6 +50,16 @@ def test_sensitivity_finds_what_is_faint(crowd: np.ndarray) -> None:
     assert counts[0] < counts[-1]
 
 
+def test_sensitivity_moves_the_threshold() -> None:
+    rows = np.arange(120.0)[:, None] + np.zeros(120)
+    inside = (np.arange(120) > 20) & (np.arange(120) < 100)
+    places = {20: 1.0, 45: 1.0, 70: 1.0, 95: 0.36}
+    image = sum(c * (np.abs(rows - r) < 3) * inside for r, c in places.items())
+    image = image + np.random.default_rng(0).normal(0, 0.02, (120, 120))
+    assert len(suggest(image, 0.5)) == 3
+    assert len(suggest(image, 1.0)) == 4
+
+
 def test_crossing_bodies_go_straight_on() -> None:
     rows, cols = np.mgrid[:90, :120].astype(float)
     image = np.zeros((90, 120))

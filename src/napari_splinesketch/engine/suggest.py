@@ -10,7 +10,7 @@ from napari_splinesketch.engine.background import estimate_background
 from napari_splinesketch.engine.cover import BODY, explain
 from napari_splinesketch.engine.scene import pixel_noise, read_scene
 from napari_splinesketch.engine.spline import arc_length, fit_knots
-from napari_splinesketch.engine.tracing import TraceGraph, body_mask, trace
+from napari_splinesketch.engine.tracing import THRESHOLD, TraceGraph, body_mask, trace
 from napari_splinesketch.engine.types import Array, Polarity
 
 THRESHOLDS = (0.65, 0.25)
@@ -67,7 +67,8 @@ def suggest(
     seen = read_scene(image, near, polarity, half_width)
     w = seen.half_width
     threshold = float(np.interp(sensitivity, (0, 1), THRESHOLDS))
-    graph = trace(body_mask(seen.normal, w, threshold) & near & seen.valid, w)
+    mask = body_mask(seen.normal * (THRESHOLD / threshold), w, seen.smoothing)
+    graph = trace(mask & near & seen.valid, w)
     body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), (CAUTION[0], 1, CAUTION[1])))
     lines = explain(graph, _brightness(graph, seen.normal, w), w, body)
     sketches = [_sketch(line, w) for line in lines]
