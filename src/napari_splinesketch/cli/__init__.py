@@ -101,12 +101,12 @@ def _tell(options: argparse.Namespace, outcome: "Outcome", outputs: Sequence[Pat
     """Report what was done; gives the exit code."""
     for note in outcome.notes:
         _say(note)
-    written = [str(path) for path in outputs]
-    _show(
-        options,
-        report.as_json(outcome.frames, written=written, notes=outcome.notes),
-        report.as_text(outcome.frames),
-    )
+    if options.json:
+        written = [str(path) for path in outputs]
+        told = report.as_json(outcome.frames, written=written, notes=outcome.notes)
+    else:
+        told = report.as_text(outcome.frames)
+    sys.stdout.writelines(told)
     return report.exit_code(outcome.frames)
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from napari_splinesketch.cli.images import Frames
 from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.report import FrameReport
+from napari_splinesketch.cli.report import Reports
 from napari_splinesketch.labels import Labels
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.provenance import provenance
@@ -25,7 +25,7 @@ class Outcome:
         What was left out of the sketches, or could not be written into the labels.
     """
 
-    frames: tuple[FrameReport, ...]
+    frames: Reports
     notes: tuple[str, ...]
 
 
@@ -61,22 +61,30 @@ def words(error: Exception) -> str:
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 
 
+def pixel_size(job: Scaled, images: Frames, sketches: Labels | None = None) -> Labels:
+    """Give the size of a pixel, as labels without curves: the user's, else the image's own."""
+    for known in (job, images, sketches):
+        if known and known.scale:
+            return Labels(scale=known.scale, units=known.units)
+    return Labels()
+
+
 def gather(
-    job: Scaled,
+    size: Labels,
     images: Frames,
     partial: Partial,
-    reports: Sequence[FrameReport],
+    reports: Reports,
     *,
     preset: str,
     options: dict[str, object],
-    sketches: Labels | None = None,
+    curves: bool = True,
 ) -> Labels:
     """Put the labels of all frames together, with the size of a pixel and where they come from.
 
     Parameters
     ----------
-    job
-        What the user asked for.
+    size
+        The size of a pixel, as `pixel_size` gives it.
     images
         The frames.
     partial
@@ -85,16 +93,10 @@ def gather(
         What came of them.
     preset, options
         For the provenance.
-    sketches
-        Give the size of a pixel where nobody else does.
+    curves
+        Whether to read the labels; False gives what they share alone.
     """
-    done = [report.frame for report in reports if report.error is None]
-    first = images[done[0]] if done else None
-    scale, units = job.scale, job.units
-    if not scale:
-        scale, units = images.scale, images.units
-    if not scale and sketches:
-        scale, units = sketches.scale, sketches.units
+    first = next((images[report.frame] for report in reports if report.error is None), None)
     source: dict[str, object] = {}
     if first is not None:
         source = provenance(
@@ -105,5 +107,7 @@ def gather(
             preset=preset,
             options=options,
         )
-    labels = tuple(label for r in reports for label in partial.labels(r.frame).labels)
-    return Labels(labels, scale, units, first.shape if first is not None else None, source)
+    frames = (report.frame for report in reports) if curves else ()
+    labels = tuple(label for frame in frames for label in partial.labels(frame).labels)
+    shape = first.shape if first is not None else None
+    return Labels(labels, size.scale, size.units, shape, source)

@@ -49,6 +49,7 @@ can be read: a Shapes layer saved by napari, ImageJ ROIs, labels of an earlier r
 examples:
   napari-splinesketch refine worms.tif sketches.csv -o labels.csv
   napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
+  napari-splinesketch refine film.tif sketches.csv -o labels.csv --jobs 2
   napari-splinesketch refine worms.png sketches.csv -o labels.csv \\
       --overlay overlay.png --reconstruction model.tif --masks masks.tif
 
@@ -68,7 +69,8 @@ TRACK = f"""\
 Refine the sketches of a film's first frame and carry the curves from frame to frame, each under its
 number. Sketches in later frames are refined there: new numbers join, known ones start anew. What
 drifts (its length or width jumps, it lies on another's body) is reported and not trusted; what
-is not found for three frames is lost. VIDEO and SKETCHES are what `refine` takes.
+is not found for three frames is lost. VIDEO and SKETCHES are what `refine` takes. A frame needs the
+one before it, so that one process does it all: several films can run side by side.
 
 examples:
   napari-splinesketch track film.tif film.csv -o labels.csv
@@ -160,6 +162,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
     add("--reconstruction", type=Path, metavar="TIFF", help="also write the image as explained")
     add("--masks", type=Path, metavar="TIFF", help="also write masks: body i has the value i + 1")
     add("--overlay", type=Path, metavar="PNG", help="also draw the curves over the first frame")
+    _add_workers(parser)
     _add_resume(parser)
 
 
@@ -191,7 +194,25 @@ def _add_suggest(parser: argparse.ArgumentParser) -> None:
     add("--frame", type=int, metavar="N", help="only on this frame, from 0")
     _add_look(parser)
     _add_pixel_size(parser)
+    _add_workers(parser)
     _add_resume(parser)
+
+
+def _add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add who works on the frames."""
+    who = parser.add_mutually_exclusive_group()
+    who.add_argument(
+        "--jobs",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="work on so many frames at a time, each in a process of its own (%(default)s)",
+    )
+    who.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="work on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786",
+    )
 
 
 def _add_resume(parser: argparse.ArgumentParser) -> None:
@@ -254,6 +275,13 @@ def _share(text: str) -> float:
     value = float(text)
     if not 0 <= value <= 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 1")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
     return value
 
 

@@ -11,8 +11,10 @@ import tifffile
 from jaxtyping import Float
 
 from napari_splinesketch.cli.report import FrameReport
-from napari_splinesketch.labels import Labels, read_labels, write_labels
+from napari_splinesketch.labels import Labels, read_labels
 from napari_splinesketch.labels.files import atomic
+
+FRAMES_A_FOLDER = 1000
 
 
 class ResumeError(ValueError):
@@ -38,7 +40,7 @@ class Partial:
         mine = json.loads(json.dumps(settings))
         if not note.exists():
             self.folder.mkdir(exist_ok=True)
-            _write_json(note, mine)
+            _write(note, _json(mine))
         elif not resume:
             raise ResumeError(
                 f"{self.folder} holds an interrupted run; continue it with --resume, or delete it"
@@ -67,21 +69,23 @@ class Partial:
             return None
 
     def save(
-        self,
-        report: FrameReport,
-        labels: Labels,
-        reconstruction: Float[np.ndarray, "H W"] | None,
+        self, report: FrameReport, table: str, reconstruction: Float[np.ndarray, "H W"] | None
     ) -> None:
-        """Keep a finished frame; its report is written last."""
-        write_labels(self._path(report.frame, ".csv"), labels, overwrite=True)
+        """Keep a finished frame, its labels as a table in CSV; its report is written last."""
+        self._path(report.frame, "").parent.mkdir(exist_ok=True)
+        _write(self.table(report.frame), table)
         if reconstruction is not None:
             with atomic(self._path(report.frame, ".tif"), overwrite=True) as temporary:
                 tifffile.imwrite(temporary, reconstruction.astype(np.float32))
-        _write_json(self._path(report.frame, ".json"), asdict(report))
+        _write(self._path(report.frame, ".json"), _json(asdict(report)))
+
+    def table(self, frame: int) -> Path:
+        """Name the table of a finished frame."""
+        return self._path(frame, ".csv")
 
     def labels(self, frame: int) -> Labels:
         """Give the labels of a finished frame."""
-        return read_labels(self._path(frame, ".csv"))
+        return read_labels(self.table(frame))
 
     def reconstruction(self, frame: int) -> Float[np.ndarray, "H W"] | None:
         """Give the reconstruction of a finished frame, or None where it has none."""
@@ -93,9 +97,14 @@ class Partial:
         shutil.rmtree(self.folder)
 
     def _path(self, frame: int, suffix: str) -> Path:
-        return self.folder / f"frame-{frame:09d}{suffix}"
+        # Folders with a million files are slow on many file systems.
+        return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
 
 
-def _write_json(path: Path, values: object) -> None:
+def _json(values: object) -> str:
+    return json.dumps(values, ensure_ascii=False)
+
+
+def _write(path: Path, text: str) -> None:
     with atomic(path, overwrite=True) as temporary:
-        temporary.write_text(json.dumps(values, ensure_ascii=False), encoding="utf-8")
+        temporary.write_bytes(text.encode())

@@ -1,26 +1,26 @@
-"""Refining the frames of an image or film, one after another, without losing any."""
+"""Refining the frames of an image or film, without losing any."""
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Real
 
 import napari_splinesketch
+from napari_splinesketch.cli.frame_run import FrameRun, Report
+from napari_splinesketch.cli.frame_task import Found
 from napari_splinesketch.cli.images import Frames, open_frames
-from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
+from napari_splinesketch.cli.outcome import Outcome, check_files, pixel_size
 from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.pictures import write_overlay, write_reconstruction
-from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.cli.pictures import write_masks, write_overlay, write_reconstruction
+from napari_splinesketch.cli.report import CurveReport, Reports
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Polarity, Progress
-from napari_splinesketch.labels import Label, Labels, masks, read_labels, write_labels
+from napari_splinesketch.labels import Label, Labels
+from napari_splinesketch.labels.by_frame import ByFrame, by_frame
 from napari_splinesketch.labels.files import checksum_of_file
-from napari_splinesketch.labels.provenance import checksum
 
-Report = Callable[[float, int], None]
-"""Told how many frames are done, counting part of the one being refined, and how many to do."""
 TIFF = (".tif", ".tiff")
 PICTURE = (".png", ".jpg", ".tif")
 
@@ -43,6 +43,8 @@ class Job:
     reconstruction: Path | None = None
     masks: Path | None = None
     overlay: Path | None = None
+    jobs: int = 1
+    scheduler: str | None = None
     resume: bool = False
     overwrite: bool = False
 
@@ -59,26 +61,15 @@ def refine_job(job: Job, report: Report) -> Outcome:
     Finished frames are kept beside the output until all outputs are written.
     """
     check_outputs(job)
-    sketches = read_labels(job.sketches)
-    by_frame: dict[int, list[Label]] = {}
-    for label in sketches.labels:
-        by_frame.setdefault(label.frame, []).append(label)
+    sketches = by_frame(job.sketches)
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
-        partial = Partial(job.output, _settings(job, images), resume=job.resume)
-        reports = []
-        for done, frame in enumerate(sorted(by_frame)):
-
-            def progress(fraction: float, done: int = done) -> None:
-                report(done + fraction, len(by_frame))
-
-            finished = partial.done(frame)
-            if finished is None:
-                finished = _refine_frame(job, images, frame, by_frame[frame], partial, progress)
-            reports.append(finished)
-            progress(1.0)
-        losses = _write(job, images, partial, reports, sketches)
+        head = pixel_size(job, images, sketches.head)
+        partial = Partial(job.output, _settings(job, images, head), resume=job.resume)
+        run = FrameRun(job, images, partial, head)
+        run.work(_finders(job, sketches), len(sketches.frames), report)
+        reports, losses = _write(job, run, sketches)
     partial.remove()
-    return Outcome(tuple(reports), (*sketches.notes, *losses))
+    return Outcome(reports, (*sketches.head.notes, *losses))
 
 
 def check_outputs(job: Job) -> None:
@@ -89,7 +80,7 @@ def check_outputs(job: Job) -> None:
             raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
 
 
-def _settings(job: Job, images: Frames) -> dict[str, object]:
+def _settings(job: Job, images: Frames, head: Labels) -> dict[str, object]:
     """Collect what the results depend on."""
     return {
         "version": napari_splinesketch.__version__,
@@ -101,58 +92,74 @@ def _settings(job: Job, images: Frames) -> dict[str, object]:
         "seed": job.seed,
         "channel": job.channel,
         "z": job.z,
+        "pixel size": [head.scale, head.units],
         "reconstruction": job.reconstruction is not None,
     }
 
 
-def _refine_frame(
-    job: Job,
-    images: Frames,
-    frame: int,
-    sketches: list[Label],
-    partial: Partial,
-    report: Callable[[float], None],
-) -> FrameReport:
-    began, digest = time.perf_counter(), None
-    ids = [label.curve for label in sketches]
+@dataclass(frozen=True, eq=False)
+class Refiner:
+    """Refines the sketches of one frame; the options are those of the job."""
 
-    def on_progress(progress: Progress) -> None:
-        report(progress.fraction)
+    frame: int
+    sketches: tuple[Label, ...]
+    preset: PresetName
+    polarity: Polarity
+    half_width: float | None
+    seed: int
+    reconstruction: bool
 
-    try:
-        image = images[frame]
-        digest = checksum(image)
+    def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
+        """Refine them all together."""
+
+        def on_progress(stage: Progress) -> None:
+            progress(stage.fraction)
+
         result = napari_splinesketch.refine(
             image,
-            [label.points for label in sketches],
-            job.preset,
-            polarity=job.polarity,
-            half_width=job.half_width,
+            [label.points for label in self.sketches],
+            self.preset,
+            polarity=self.polarity,
+            half_width=self.half_width,
             on_progress=on_progress,
-            seed=job.seed,
+            seed=self.seed,
         )
-    except Exception as error:  # one bad frame must not stop the others
-        seconds = time.perf_counter() - began
-        failed = FrameReport(frame, (), words(error), round(seconds, 3), digest)
-        partial.save(failed, Labels(tuple(_failed(label) for label in sketches)), None)
-        return failed
-    curves = tuple(map(CurveReport.of, result.curves, ids))
-    finished = FrameReport(frame, curves, None, round(result.seconds, 3), digest)
-    reconstruction = result.reconstruction if job.reconstruction else None
-    partial.save(finished, Labels.from_refinement(result, frame=frame, ids=ids), reconstruction)
-    return finished
+        ids = [label.curve for label in self.sketches]
+        return Found(
+            Labels.from_curves(result.curves, frame=self.frame, ids=ids).labels,
+            tuple(map(CurveReport.of, result.curves, ids)),
+            result.reconstruction if self.reconstruction else None,
+        )
+
+    def instead(self) -> tuple[Label, ...]:
+        """Give the sketches as drawn, as `refine` does with those that cannot be refined."""
+        return tuple(map(_failed, self.sketches))
+
+
+def _finders(job: Job, sketches: ByFrame) -> Iterator[tuple[int, Refiner]]:
+    for labels in sketches.read():
+        frame = labels[0].frame
+        yield (
+            frame,
+            Refiner(
+                frame,
+                labels,
+                job.preset,
+                job.polarity,
+                job.half_width,
+                job.seed,
+                job.reconstruction is not None,
+            ),
+        )
 
 
 def _failed(sketch: Label) -> Label:
-    """Give a sketch as drawn, as `refine` does with one that cannot be refined."""
     unknown = np.full(len(sketch.points), np.nan)
     certain = np.full(len(sketch.points), np.inf)
     return Label(sketch.frame, sketch.curve, sketch.points, unknown, certain, "failed")
 
 
-def _write(
-    job: Job, images: Frames, partial: Partial, reports: list[FrameReport], sketches: Labels
-) -> tuple[str, ...]:
+def _write(job: Job, run: FrameRun, sketches: ByFrame) -> tuple[Reports, tuple[str, ...]]:
     """Write all outputs from the finished frames; say what the labels' format cannot hold."""
     options = {
         "polarity": job.polarity,
@@ -160,23 +167,21 @@ def _write(
         "seed": job.seed,
         "sketches": job.sketches.name,
     }
-    labels = gather(
-        job, images, partial, reports, preset=job.preset, options=options, sketches=sketches
-    )
-    losses = write_labels(job.output, labels, overwrite=job.overwrite)
-    if job.masks:
-        masks.write(job.masks, labels, overwrite=job.overwrite)
+    partial, images = run.partial, run.images
+    reports, head, losses = run.write(sketches.frames.tolist(), job.preset, options)
     done = [r.frame for r in reports if r.error is None]
-    if job.reconstruction and labels.shape:
+    if job.masks:
+        write_masks(job.masks, partial, reports, head, overwrite=job.overwrite)
+    if job.reconstruction and head.shape:
         pages = (partial.reconstruction(frame) for frame in done)
         write_reconstruction(
             job.reconstruction,
             (page for page in pages if page is not None),
-            labels.shape,
+            head.shape,
             done,
             overwrite=job.overwrite,
         )
     if job.overlay and done:
-        drawn = [label for label in labels.labels if label.frame == done[0]]
+        drawn = partial.labels(done[0]).labels
         write_overlay(job.overlay, images[done[0]], drawn, overwrite=job.overwrite)
-    return losses
+    return reports, losses

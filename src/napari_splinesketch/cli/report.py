@@ -1,8 +1,12 @@
 """What a run reports: per curve and frame, as a table for people or JSON for scripts."""
 
+import json
+import tempfile
+import weakref
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -91,32 +95,73 @@ class FrameReport:
         return cls(**{**values, "curves": curves})
 
 
-def exit_code(frames: Sequence[FrameReport]) -> int:
+class Reports(Protocol):
+    """The reports of a run, to be gone through more than once."""
+
+    def __iter__(self) -> Iterator[FrameReport]:
+        """Give them in the order of the frames."""
+        ...
+
+    def __len__(self) -> int:
+        """Count them."""
+        ...
+
+
+class Spool:
+    """Reports in a file without a name: a long run has more of them than memory should hold."""
+
+    def __init__(self, reports: Iterable[FrameReport]) -> None:
+        self._file = tempfile.TemporaryFile("w+", encoding="utf-8")
+        weakref.finalize(self, self._file.close)
+        self._count = 0
+        for report in reports:
+            self._file.write(json.dumps(asdict(report)) + "\n")
+            self._count += 1
+
+    def __iter__(self) -> Iterator[FrameReport]:
+        """Read them, one after another."""
+        self._file.seek(0)
+        for line in self._file:
+            yield FrameReport.from_json(json.loads(line))
+
+    def __len__(self) -> int:
+        """Count them."""
+        return self._count
+
+
+def exit_code(frames: Reports) -> int:
     """Say whether every frame and curve could be refined."""
     failed = any(frame.error or {"failed", "lost"} & set(_counts(frame)) for frame in frames)
     return FAILURES if failed else DONE
 
 
-def as_json(frames: Sequence[FrameReport], **more: object) -> dict[str, object]:
-    """Give the report as values for JSON."""
-    return {**more, "counts": _total(frames), "frames": [asdict(frame) for frame in frames]}
+def as_json(frames: Reports, **more: object) -> Iterator[str]:
+    """Give the report as JSON, piece by piece."""
+    head = json.dumps({**more, "counts": _total(frames)}, ensure_ascii=False, indent=2)
+    yield head.removesuffix("\n}") + ',\n  "frames": ['
+    for number, frame in enumerate(frames):
+        yield (",\n    " if number else "\n    ") + json.dumps(asdict(frame), ensure_ascii=False)
+    yield "\n  ]\n}\n"
 
 
-def as_text(frames: Sequence[FrameReport]) -> str:
+def as_text(frames: Reports) -> Iterator[str]:
     """Give a table with one line a curve, then what went wrong, then the counts."""
-    lines = ["frame curve  length  half-width      sd  status"]
+    yield "frame curve  length  half-width      sd  status\n"
     for frame in frames:
         for curve in frame.curves:
-            lines.append(
+            yield (
                 f"{frame.frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
                 f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}"
                 + (f": {'; '.join(curve.reasons)}" if curve.reasons else "")
+                + "\n"
             )
-    lines += [f"frame {frame.frame}: {frame.error}" for frame in frames if frame.error]
-    return "\n".join([*lines, summary(frames)])
+    for frame in frames:
+        if frame.error:
+            yield f"frame {frame.frame}: {frame.error}\n"
+    yield summary(frames) + "\n"
 
 
-def summary(frames: Sequence[FrameReport]) -> str:
+def summary(frames: Reports) -> str:
     """Give one line of counts."""
     total = _total(frames)
     text = ", ".join(f"{total[key]} {key}" for key in ("good", "check", "failed"))
@@ -135,8 +180,10 @@ def _counts(frame: FrameReport) -> Counter[str]:
     return Counter(curve.status for curve in frame.curves)
 
 
-def _total(frames: Sequence[FrameReport]) -> dict[str, int]:
-    statuses = sum((_counts(frame) for frame in frames), Counter())
+def _total(frames: Reports) -> dict[str, int]:
+    statuses: Counter[str] = Counter()
+    for frame in frames:
+        statuses.update(_counts(frame))
     return {
         **{status: statuses[status] for status in ("good", "check", "failed")},
         **{status: statuses[status] for status in OTHER if status in statuses},

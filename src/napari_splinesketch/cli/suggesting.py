@@ -1,18 +1,21 @@
 """Suggesting sketches on the frames of an image or film."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Real
+
 import napari_splinesketch
+from napari_splinesketch.cli.frame_run import FrameRun, Report
+from napari_splinesketch.cli.frame_task import Found
 from napari_splinesketch.cli.images import Frames, ImageError, open_frames
-from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
+from napari_splinesketch.cli.outcome import Outcome, check_files, pixel_size
 from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.cli.report import CurveReport
 from napari_splinesketch.engine.types import Polarity
-from napari_splinesketch.labels import Label, Labels, write_labels
-from napari_splinesketch.labels.provenance import checksum
+from napari_splinesketch.labels import Label, Labels
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class SuggestJob:
     z: int | None = None
     scale: tuple[float, float] | None = None
     units: str | None = None
+    jobs: int = 1
+    scheduler: str | None = None
     resume: bool = False
     overwrite: bool = False
 
@@ -37,7 +42,7 @@ class SuggestJob:
         return (self.output,)
 
 
-def suggest_job(job: SuggestJob, report: Callable[[float, int], None]) -> Outcome:
+def suggest_job(job: SuggestJob, report: Report) -> Outcome:
     """Suggest sketches on every frame, or on the one asked for, and write them.
 
     A frame that cannot be read is reported, and the others go on.
@@ -48,24 +53,26 @@ def suggest_job(job: SuggestJob, report: Callable[[float, int], None]) -> Outcom
             count = f"{images.name} has {images.count}, counted from 0"
             raise ImageError(f"no frame {job.frame}: {count}")
         frames = range(images.count) if job.frame is None else [job.frame]
-        partial = Partial(job.output, _settings(job, images), resume=job.resume)
-        reports = []
-        for frame in frames:
-            reports.append(partial.done(frame) or _suggest_frame(job, images, frame, partial))
-            report(len(reports), len(frames))
+        head = pixel_size(job, images)
+        partial = Partial(job.output, _settings(job, images, head), resume=job.resume)
+        run = FrameRun(job, images, partial, head)
+        finders = (
+            (frame, Suggester(frame, job.sensitivity, job.polarity, job.half_width))
+            for frame in frames
+        )
+        run.work(finders, len(frames), report)
         options = {
             "command": "suggest",
             "sensitivity": job.sensitivity,
             "polarity": job.polarity,
             "half_width": job.half_width,
         }
-        labels = gather(job, images, partial, reports, preset="", options=options)
-        losses = write_labels(job.output, labels, overwrite=job.overwrite)
+        reports, _, losses = run.write(frames, "", options)
     partial.remove()
-    return Outcome(tuple(reports), losses)
+    return Outcome(reports, losses)
 
 
-def _settings(job: SuggestJob, images: Frames) -> dict[str, object]:
+def _settings(job: SuggestJob, images: Frames, head: Labels) -> dict[str, object]:
     return {
         "version": napari_splinesketch.__version__,
         "command": "suggest",
@@ -76,25 +83,33 @@ def _settings(job: SuggestJob, images: Frames) -> dict[str, object]:
         "frame": job.frame,
         "channel": job.channel,
         "z": job.z,
+        "pixel size": [head.scale, head.units],
     }
 
 
-def _suggest_frame(job: SuggestJob, images: Frames, frame: int, partial: Partial) -> FrameReport:
-    began, labels, error, digest = time.perf_counter(), (), None, None
-    try:
-        image = images[frame]
-        digest = checksum(image)
-        lines = napari_splinesketch.suggest(image, job.sensitivity, job.polarity, job.half_width)
+@dataclass(frozen=True)
+class Suggester:
+    """Suggests sketches on one frame; the options are those of the job."""
+
+    frame: int
+    sensitivity: float
+    polarity: Polarity
+    half_width: float | None
+
+    def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
+        """Suggest them."""
+        lines = napari_splinesketch.suggest(image, self.sensitivity, self.polarity, self.half_width)
         labels = tuple(
-            Label.from_sketch(line, frame=frame, identity=i) for i, line in enumerate(lines)
+            Label.from_sketch(line, frame=self.frame, identity=i) for i, line in enumerate(lines)
         )
-    except Exception as reason:  # one bad frame must not stop the others
-        error = words(reason)
-    curves = tuple(
-        CurveReport(label.curve, round(float(label.arc_length[-1]), 3), None, None, "sketch", ())
-        for label in labels
-    )
-    seconds = round(time.perf_counter() - began, 3)
-    finished = FrameReport(frame, curves, error, seconds, digest)
-    partial.save(finished, Labels(labels), None)
-    return finished
+        reports = (
+            CurveReport(
+                label.curve, round(float(label.arc_length[-1]), 3), None, None, "sketch", ()
+            )
+            for label in labels
+        )
+        return Found(labels, tuple(reports))
+
+    def instead(self) -> tuple[Label, ...]:
+        """Suggest nothing."""
+        return ()

@@ -10,12 +10,12 @@ import numpy as np
 
 import napari_splinesketch
 from napari_splinesketch.cli.images import Frames, ImageError, open_frames
-from napari_splinesketch.cli.outcome import Outcome, check_files, gather, words
+from napari_splinesketch.cli.outcome import Outcome, check_files, gather, pixel_size, words
 from napari_splinesketch.cli.partial import Partial
 from napari_splinesketch.cli.report import CurveReport, FrameReport
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, Polarity, Progress, Refinement
-from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+from napari_splinesketch.labels import Label, Labels, read_labels, table, write_labels
 from napari_splinesketch.labels.files import checksum_of_file
 from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
@@ -80,7 +80,12 @@ def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
             "sketches": job.sketches.name,
         }
         labels = gather(
-            job, images, partial, reports, preset=job.preset, options=options, sketches=sketches
+            pixel_size(job, images, sketches),
+            images,
+            partial,
+            reports,
+            preset=job.preset,
+            options=options,
         )
         losses = write_labels(job.output, labels, overwrite=job.overwrite)
     partial.remove()
@@ -152,9 +157,8 @@ def _track_frame(
     curves |= dict(zip(tracked.ids, tracked.curves, strict=True))
     seconds = round(time.perf_counter() - began, 3)
     finished = FrameReport(frame, _reports(curves, tracked), error, seconds, digest)
-    partial.save(
-        finished, Labels.from_curves(tuple(curves.values()), frame=frame, ids=curves), None
-    )
+    labels = Labels.from_curves(tuple(curves.values()), frame=frame, ids=curves)
+    partial.save(finished, table.text(labels), None)
     return finished
 
 

@@ -1,7 +1,8 @@
 """Masks as TIFF: a label image of each frame, or one mask for each body."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import tifffile
@@ -22,19 +23,53 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
 
     Where bodies overlap, the pixel belongs to the one that lies deeper around it.
     """
-    shape = image_shape(labels)
-    last = max((label.frame for label in labels.labels), default=0)
-    if last >= MAX_FRAMES:
-        raise ValueError(f"frame {last} is beyond {MAX_FRAMES} frames, the most that masks hold")
-    highest = max((label.curve for label in labels.labels), default=0) + 1
-    if highest > np.iinfo(np.uint32).max:
-        raise ValueError(f"identity {highest - 1} does not fit into a pixel; number curves from 0")
-    dtype = np.uint16 if highest <= np.iinfo(np.uint16).max else np.uint32
     frames: dict[int, list[Label]] = {}
     for label in labels.labels:
         frames.setdefault(label.frame, []).append(label)
-    pages = (label_image(frames.get(i, []), shape).astype(dtype) for i in range(last + 1))
-    _write(path, pages, (last + 1, *shape), dtype, _description(labels, "TYX"), overwrite)
+    write_frames(
+        path,
+        replace(labels, shape=image_shape(labels)),
+        lambda frame: frames.get(frame, []),
+        last=max(frames, default=0),
+        highest=max((label.curve for label in labels.labels), default=0),
+        overwrite=overwrite,
+    )
+
+
+def write_frames(
+    path: str | os.PathLike[str],
+    head: Labels,
+    labels_of: Callable[[int], Sequence[Label]],
+    *,
+    last: int,
+    highest: int,
+    overwrite: bool = False,
+) -> None:
+    """Write a label image as `write` does, holding the labels of one frame at a time.
+
+    Parameters
+    ----------
+    path
+        The TIFF.
+    head
+        What the labels share, of which the image's shape is needed.
+    labels_of
+        Gives the labels of a frame.
+    last
+        The last frame.
+    highest
+        The largest identity.
+    overwrite
+        Replace an existing file.
+    """
+    shape = image_shape(head)
+    if last >= MAX_FRAMES:
+        raise ValueError(f"frame {last} is beyond {MAX_FRAMES} frames, the most that masks hold")
+    if highest >= np.iinfo(np.uint32).max:
+        raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
+    dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
+    pages = (label_image(labels_of(i), shape).astype(dtype) for i in range(last + 1))
+    _write(path, pages, (last + 1, *shape), dtype, _description(head, "TYX"), overwrite)
 
 
 def write_stack(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
@@ -80,7 +115,7 @@ def image_shape(labels: Labels) -> tuple[int, int]:
     return shape
 
 
-def label_image(labels: list[Label], shape: tuple[int, int]) -> Integer[Array, "H W"]:
+def label_image(labels: Sequence[Label], shape: tuple[int, int]) -> Integer[Array, "H W"]:
     """Draw the bodies of one frame, each with its identity plus 1; 0 is background."""
     image = np.zeros(shape, np.uint32)
     deepest = np.zeros(shape, np.float32)

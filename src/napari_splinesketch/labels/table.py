@@ -1,14 +1,28 @@
 """The native format: a CSV table with one row for each point of a curve."""
 
 import csv
+import io
 import itertools
 import os
-from collections.abc import Iterator
+import shutil
+from array import array
+from collections.abc import Iterable, Iterator
+from typing import TextIO
 
-from napari_splinesketch.labels.files import atomic
+import numpy as np
+from jaxtyping import Int
+
+from napari_splinesketch.engine.types import Array
+from napari_splinesketch.labels.files import LabelsError, atomic
 from napari_splinesketch.labels.geometry import width_growth
 from napari_splinesketch.labels.rows import open_rows
-from napari_splinesketch.labels.table_reader import PIXELS, REQUIRED, UNITS, TableReader
+from napari_splinesketch.labels.table_reader import (
+    PIXELS,
+    REQUIRED,
+    UNITS,
+    DisorderError,
+    TableReader,
+)
 from napari_splinesketch.labels.types import Label, Labels
 
 
@@ -18,20 +32,71 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
         atomic(path, overwrite=overwrite) as temporary,
         temporary.open("x", encoding="utf-8", newline="") as file,
     ):
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(PIXELS + (UNITS if labels.scale else ()))
-        for label in labels.labels:
-            table.writerows(_rows(label, labels))
+        _write(file, labels)
+
+
+def text(labels: Labels) -> str:
+    """Give the whole table as text."""
+    file = io.StringIO(newline="")
+    _write(file, labels)
+    return file.getvalue()
+
+
+def join(
+    path: str | os.PathLike[str],
+    tables: Iterable[str | os.PathLike[str]],
+    scale: tuple[float, float] | None,
+    *,
+    overwrite: bool = False,
+) -> bool:
+    """Write the rows of many tables as one, without reading them into memory.
+
+    Parameters
+    ----------
+    path
+        The table to write.
+    tables
+        Tables as `write` leaves them, with the same columns and no body twice.
+    scale
+        The scale that all of them were written with.
+    overwrite
+        Replace an existing file.
+
+    Returns
+    -------
+    bool
+        Whether there are any rows.
+    """
+    header = text(Labels(scale=scale)).encode()
+    with atomic(path, overwrite=overwrite) as temporary, temporary.open("xb") as file:
+        file.write(header)
+        for table in tables:
+            with open(table, "rb") as part:
+                if part.readline() != header:
+                    raise LabelsError(table, "line 1", "other columns than expected")
+                shutil.copyfileobj(part, file)
+        return file.tell() > len(header)
+
+
+def _write(file: TextIO, labels: Labels) -> None:
+    table = csv.writer(file, lineterminator="\n")
+    table.writerow(PIXELS + (UNITS if labels.scale else ()))
+    for label in labels.labels:
+        table.writerows(_rows(label, labels))
 
 
 def losses(labels: Labels) -> tuple[str, ...]:
     """Say what the table has no place for."""
-    lost = []
-    if labels.provenance:
-        lost.append("CSV has no place for provenance (version, settings, image, date)")
-    if labels.scale and not labels.labels:
-        lost.append("a CSV without curves cannot hold the scale")
-    return tuple(lost)
+    return lost(provenance=bool(labels.provenance), scale=bool(labels.scale and not labels.labels))
+
+
+def lost(*, provenance: bool, scale: bool) -> tuple[str, ...]:
+    """Say that provenance is not kept, or the scale of a table without rows."""
+    told = {
+        "CSV has no place for provenance (version, settings, image, date)": provenance,
+        "a CSV without curves cannot hold the scale": scale,
+    }
+    return tuple(text for text, true in told.items() if true)
 
 
 def _rows(label: Label, labels: Labels) -> Iterator[tuple[object, ...]]:
@@ -62,3 +127,27 @@ def read(path: str | os.PathLike[str]) -> Labels:
     """
     with open_rows(path, REQUIRED) as rows:
         return TableReader(rows).labels()
+
+
+def overview(path: str | os.PathLike[str]) -> tuple[Int[Array, " F"], Labels] | None:
+    """Read a table for its frames and its scale, holding no more than the curves of one frame.
+
+    Returns
+    -------
+    The numbers of its frames in their order, and labels without curves; None where its frames are
+    in no order.
+    """
+    frames = array("q")
+    with open_rows(path, REQUIRED) as rows:
+        reader = TableReader(rows)
+        try:
+            frames.extend(labels[0].frame for labels in reader.frames())
+        except DisorderError:
+            return None
+        return np.array(frames), reader.head()
+
+
+def read_frames(path: str | os.PathLike[str]) -> Iterator[tuple[Label, ...]]:
+    """Read a table frame by frame; its frames must be in their order."""
+    with open_rows(path, REQUIRED) as rows:
+        yield from TableReader(rows).frames()

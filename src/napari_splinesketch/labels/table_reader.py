@@ -1,6 +1,8 @@
 """Reading the native table: every check, and the line where it failed."""
 
+import itertools
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -43,42 +45,66 @@ class _Block:
         )
 
 
+class DisorderError(ValueError):
+    """A table whose frames are in no order."""
+
+
 class TableReader:
     """Reads one table."""
 
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
-        self._physical = False
+        self._physical = all(name in rows.header for name in ("y", "x", "units"))
         self._units: str | None = None
         self._y = _doubles()
         self._x = _doubles()
+        self._found: tuple[float, float] | None = None
+        self._settled = 0
 
     def labels(self) -> Labels:
         """Read everything."""
-        self._physical = all(name in self._rows.header for name in ("y", "x", "units"))
-        labels = self._curves()
-        scale = self._scale(labels)
-        with blamed(lambda reason: self._rows.error(reason, 2)):
-            return Labels(labels, scale, (self._units or None) if scale else None)
+        labels = tuple(self._curves(set()))
+        self._settle(labels)
+        return self.head(labels)
 
-    def _curves(self) -> tuple[Label, ...]:
-        labels: dict[tuple[int, int], Label] = {}
+    def frames(self) -> Iterator[tuple[Label, ...]]:
+        """Read frame by frame; DisorderError where a frame comes after a later one.
+
+        The scale is that of the first frame, and `head` has it when all are read.
+        """
+        known: set[tuple[int, int]] = set()
+        last = -1
+        for frame, curves in itertools.groupby(self._curves(known), lambda label: label.frame):
+            if frame < last:
+                raise DisorderError
+            labels, last = tuple(curves), frame
+            known -= {(label.frame, label.curve) for label in labels}
+            self._settle(labels)
+            yield labels
+
+    def head(self, labels: tuple[Label, ...] = ()) -> Labels:
+        """Give labels with what was read of scale and units."""
+        with blamed(lambda reason: self._rows.error(reason, 2)):
+            return Labels(labels, self._found, (self._units or None) if self._found else None)
+
+    def _curves(self, known: set[tuple[int, int]]) -> Iterator[Label]:
+        """Read curve by curve; `known` gathers their keys."""
         block: _Block | None = None
         for row in self._rows:
             key = self._rows.integer(row, "frame"), self._rows.integer(row, "curve")
             if block is None or key != (block.frame, block.curve):
                 if block:
-                    labels[block.frame, block.curve] = self._finished(block)
-                if key in labels:
+                    yield self._finished(block)
+                if key in known:
                     raise self._rows.error(
                         f"curve {key[1]} of frame {key[0]} starts again; "
                         "the rows of a curve must follow one another"
                     )
+                known.add(key)
                 block = _Block(*key, row["status"], self._rows.line)
             self._add(block, row)
         if block:
-            labels[block.frame, block.curve] = self._finished(block)
-        return tuple(labels.values())
+            yield self._finished(block)
 
     def _add(self, block: _Block, row: Row) -> None:
         rows = self._rows
@@ -102,18 +128,23 @@ class TableReader:
         with blamed(lambda reason: self._rows.error(reason, block.line)):
             return block.label()
 
-    def _scale(self, labels: tuple[Label, ...]) -> tuple[float, float] | None:
+    def _settle(self, labels: tuple[Label, ...]) -> None:
+        """Take the scale from labels that were read, or compare it with that of earlier ones."""
         if not (self._physical and labels):
-            return None
+            return
+        # What has been read of the curve after these stays for the next time.
+        count = sum(len(label.points) for label in labels)
         pixels = np.concatenate([label.points for label in labels])
         sizes: list[float | None] = []
         for axis, (name, values) in enumerate((("y", self._y), ("x", self._x))):
-            physical = np.array(values)
-            sizes.append(_factor(pixels[:, axis], physical))
+            physical = np.array(values[:count])
+            del values[:count]
+            sizes.append(self._found[axis] if self._found else _factor(pixels[:, axis], physical))
             self._check_factor(pixels[:, axis], physical, sizes[-1], name)
         # A curve along one axis, in row 0, says nothing of the other: pixels are then square.
         y, x = sizes[0] or sizes[1], sizes[1] or sizes[0]
-        return (y, x) if y and x else None
+        self._found = (y, x) if y and x else None
+        self._settled += count
 
     def _check_factor(
         self,
@@ -125,7 +156,7 @@ class TableReader:
         expected = pixels * (factor or 0.0)
         agree = np.abs(physical - expected) <= SCALE_TOLERANCE * np.abs(expected) + 1e-300
         if not np.all(agree) or (factor is not None and not factor > 0):
-            line = int(np.argmin(agree)) + 2
+            line = self._settled + int(np.argmin(agree)) + 2
             pixel = {"y": "row", "x": "col"}[name]
             raise self._rows.error(
                 f"{name} is not {pixel} times one scale; correct it or remove columns "

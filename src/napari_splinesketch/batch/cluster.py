@@ -1,0 +1,82 @@
+"""Workers of a Dask cluster that is there already."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import ExitStack
+from typing import Any, Self
+
+from napari_splinesketch.batch.flow import AHEAD
+
+PATIENCE = 20.0
+"""How long a scheduler may take to answer, and the first worker to come, s."""
+FRESH = 2.0
+"""How long the number of workers is believed, s."""
+
+
+class Cluster:
+    """Works on the cluster of a scheduler; Dask itself replaces workers that die.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler, such as tcp://10.0.0.5:8786.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._inside = ExitStack()
+        self._asked, self._room = -FRESH, 1
+
+    @property
+    def deaths(self) -> tuple[type[BaseException], ...]:
+        """What Dask raises where a task's workers died again and again."""
+        from distributed import KilledWorker
+
+        return (KilledWorker,)
+
+    def __enter__(self) -> Self:
+        """Connect; ValueError says what to do where that fails."""
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ValueError(
+                "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
+            ) from None
+        try:
+            client = Client(self._address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:  # no answer, or no address at all
+            raise ValueError(
+                f"--scheduler {self._address}: no scheduler answers there ({error}); start one "
+                "with `dask scheduler`, which prints its address"
+            ) from None
+        self._client = self._inside.enter_context(client)
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            self._inside.close()
+            raise ValueError(
+                f"--scheduler {self._address} has no workers; start some with "
+                f"`dask worker {self._address} --nworkers auto --nthreads 1`"
+            ) from None
+        self._executor = self._inside.enter_context(client.get_executor(pure=False))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Give up what is under way; the cluster stays."""
+        self._executor.shutdown(wait=False)
+        self._inside.close()
+
+    @property
+    def room(self) -> int:
+        """How many tasks keep all workers busy, as of a moment ago: workers come and go."""
+        now = time.monotonic()
+        if now - self._asked > FRESH:
+            self._asked = now
+            threads: Any = self._client.nthreads()
+            self._room = AHEAD * sum(threads.values())
+        return self._room
+
+    def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
+        """Give a task to the cluster."""
+        return self._executor.submit(work, task)

@@ -1,0 +1,150 @@
+"""Tasks through workers: a few under way at a time, and none lost when a worker dies."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+AHEAD = 2
+"""Tasks under way for each process: one in hand, one waiting."""
+ALONE = 2
+"""A task in whose company so many workers died is tried once more with no other beside it."""
+
+Progress = Callable[[float], None]
+"""Told which share of a task is done."""
+Task = TypeVar("Task")
+Done = TypeVar("Done")
+
+
+class Workers(Protocol):
+    """Those who do the work: here, in other processes, or on other machines."""
+
+    @property
+    def room(self) -> int:
+        """How many tasks may be under way at a time."""
+        ...
+
+    @property
+    def deaths(self) -> tuple[type[BaseException], ...]:
+        """What a future raises where its worker died, rather than the work itself."""
+        ...
+
+    def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
+        """Begin with a task; workers that died before are replaced."""
+        ...
+
+
+class DeadlyError(RuntimeError):
+    """A task whose workers die."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Item(Generic[Task]):
+    task: Task
+    deaths: int = 0
+
+
+def through(
+    workers: Workers,
+    work: Callable[..., Done],
+    tasks: Iterable[Task],
+    *,
+    mend: Callable[[Task, Done], Task | None] = lambda task, done: None,
+) -> Iterator[tuple[Task, Done | DeadlyError]]:
+    """Give each task with its result as soon as it is done, in whatever order.
+
+    No more tasks than the workers have room for exist at a time; the next is taken when one is done
+    and the caller has dealt with its result.
+
+    Parameters
+    ----------
+    workers
+        Who does it.
+    work
+        Takes a task, and for workers in this process who to tell of the progress. Must be
+        importable, and have its own way to say that a task cannot be done: what it raises ends
+        everything.
+    tasks
+        Taken one by one.
+    mend
+        Sees every result, and gives a task that is to be done in its place, or None.
+    """
+    waiting, again, source = _Waiting(), deque[_Item[Task]](), iter(tasks)
+    while True:
+        while waiting.room(workers.room, again):
+            item = again.popleft() if again else _first(source)
+            if item is None:
+                break
+            waiting.begin(workers, work, item)
+        if not waiting:
+            return
+        for item, future in waiting.finished():
+            if future.cancelled():
+                raise ConnectionError("the scheduler is gone")
+            error = future.exception()
+            if error is None:
+                done = future.result()
+                better = mend(item.task, done)
+                if better is None:
+                    yield item.task, done
+                else:
+                    again.append(_Item(better, item.deaths))
+            elif not isinstance(error, workers.deaths):
+                raise error
+            elif item.deaths == ALONE:
+                yield item.task, DeadlyError(f"its worker died {ALONE + 1} times")
+            else:
+                again.append(_Item(item.task, item.deaths + 1))
+
+
+class _Waiting:
+    """What is under way."""
+
+    def __init__(self) -> None:
+        self._items: dict[Future[Any], _Item[Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def room(self, most: int, again: deque[_Item[Any]]) -> bool:
+        """Say whether another task may begin; one that may be deadly begins and stays alone."""
+        alone = again and again[0].deaths >= ALONE
+        alone = alone or any(item.deaths >= ALONE for item in self._items.values())
+        return not self._items if alone else len(self._items) < max(most, 1)
+
+    def begin(self, workers: Workers, work: Callable[..., Any], item: _Item[Any]) -> None:
+        self._items[workers.submit(work, item.task)] = item
+
+    def finished(self) -> Iterator[tuple[_Item[Any], Future[Any]]]:
+        """Wait, and give those that are done; they are forgotten one by one."""
+        done, _ = wait(self._items, return_when=FIRST_COMPLETED)
+        while done:
+            future = done.pop()
+            yield self._items.pop(future), future
+
+
+def _first(source: Iterator[Task]) -> _Item[Task] | None:
+    return next((_Item(task) for task in source), None)
+
+
+class Here:
+    """Works in this process, one task after another.
+
+    Parameters
+    ----------
+    progress
+        Told of the progress within a task.
+    """
+
+    room = 1
+    deaths = ()
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+
+    def submit(self, work: Callable[..., Done], task: Any) -> Future[Done]:
+        """Do it now."""
+        future: Future[Done] = Future()
+        future.set_result(work(task, self._progress))
+        return future

@@ -1,0 +1,77 @@
+"""Workers on this machine: processes that die with the one that started them."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from multiprocessing.connection import Connection
+from typing import Any, Self
+
+from napari_splinesketch.batch.flow import AHEAD
+from napari_splinesketch.batch.threads import one_thread_each
+
+
+class Local:
+    """Works in other processes on this machine; replaces them when one dies.
+
+    Parameters
+    ----------
+    jobs
+        Number of processes.
+    """
+
+    deaths = (BrokenProcessPool,)
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self.room = AHEAD * jobs
+        self._inside = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Be ready to start processes; they start with the first task."""
+        self._inside.enter_context(one_thread_each())
+        self._start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop at once: what is under way is given up."""
+        self._stop()
+        self._inside.close()
+
+    def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
+        """Give a task to the next process that is free."""
+        try:
+            return self._pool.submit(work, task)
+        except BrokenProcessPool:
+            self._stop()
+            self._start()
+            return self._pool.submit(work, task)
+
+    def _start(self) -> None:
+        # Not forked: JAX has threads, and a fork of a process with threads may hang.
+        context = multiprocessing.get_context("spawn")
+        ends, self._lifeline = context.Pipe(duplex=False)
+        self._ends = ends
+        self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (ends,))
+
+    def _stop(self) -> None:
+        self._lifeline.close()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._ends.close()
+
+
+def _begin(lifeline: Connection) -> None:
+    """Leave Ctrl-C to the process that started this one, and end when it ends, however."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+
+
+def _end_with(lifeline: Connection) -> None:
+    try:
+        lifeline.recv()
+    except (EOFError, OSError):
+        os._exit(1)
