@@ -1,5 +1,6 @@
 """Workers of a Dask cluster that is there already."""
 
+import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -43,6 +44,8 @@ class Cluster:
             raise ValueError(
                 "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
             ) from None
+        # What Dask has to say when a connection ends, we say in a sentence.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             client = Client(self._address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:  # no answer, or no address at all

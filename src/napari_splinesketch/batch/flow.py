@@ -81,7 +81,7 @@ def through(
             return
         for item, future in waiting.finished():
             if future.cancelled():
-                raise ConnectionError("the scheduler is gone")
+                raise ConnectionError("the scheduler of the workers is gone")
             error = future.exception()
             if error is None:
                 done = future.result()

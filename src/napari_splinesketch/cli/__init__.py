@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.cli.outcome import Outcome
     from napari_splinesketch.cli.refining import Job
 
+KEPT = "finished frames are kept: add --resume"
 BAR = "{percentage:3.0f}% |{bar}| frame {n:.1f} of {total:.0f}, {elapsed} gone, {remaining} to go"
 
 
@@ -32,13 +33,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands |= {"convert": _convert, "compare": _compare}
     try:
         return commands[options.command](options)
+    except ConnectionError as error:
+        _say(f"{error}; {KEPT}")
+        return report.INTERRUPTED
     except (ValueError, OSError) as error:
         # What the user can mend is said in one sentence; anything else is our mistake and shows.
         _say(f"napari-splinesketch {options.command}: {_sentence(error)}")
         return report.NOTHING
     except KeyboardInterrupt:
         kept = options.command in ("refine", "suggest", "track")
-        _say("interrupted; finished frames are kept: add --resume" if kept else "interrupted")
+        _say(f"interrupted; {KEPT}" if kept else "interrupted")
         return report.INTERRUPTED
 
 

@@ -22,7 +22,7 @@ class ResumeError(ValueError):
 
 
 class Partial:
-    """Holds what a run has finished, one set of whole files a frame.
+    """Holds what a run has finished, one set of whole files a frame; none before the first.
 
     Parameters
     ----------
@@ -36,24 +36,23 @@ class Partial:
 
     def __init__(self, output: Path, settings: Mapping[str, object], *, resume: bool) -> None:
         self.folder = output.with_name(f"{output.name}.partial")
-        note = self.folder / "run.json"
-        mine = json.loads(json.dumps(settings))
-        if not note.exists():
-            self.folder.mkdir(exist_ok=True)
-            _write(note, _json(mine))
-        elif not resume:
+        self._note = self.folder / "run.json"
+        self._mine = json.loads(json.dumps(settings))
+        if not self._note.exists():
+            return
+        if not resume:
             raise ResumeError(
                 f"{self.folder} holds an interrupted run; continue it with --resume, or delete it"
             )
-        else:
-            self._check(note, mine)
+        self._check()
 
-    def _check(self, note: Path, mine: dict[str, object]) -> None:
+    def _check(self) -> None:
         try:
-            theirs = json.loads(note.read_text(encoding="utf-8"))
+            theirs = json.loads(self._note.read_text(encoding="utf-8"))
         except ValueError:
-            raise ResumeError(f"{note} is damaged; delete {self.folder} and start anew") from None
-        differs = [key for key, value in mine.items() if value != theirs.get(key)]
+            why = f"{self._note} is damaged; delete {self.folder} and start anew"
+            raise ResumeError(why) from None
+        differs = [key for key, value in self._mine.items() if value != theirs.get(key)]
         if differs:
             raise ResumeError(
                 f"the interrupted run in {self.folder} differs in {', '.join(differs)}; "
@@ -72,6 +71,9 @@ class Partial:
         self, report: FrameReport, table: str, reconstruction: Float[np.ndarray, "H W"] | None
     ) -> None:
         """Keep a finished frame, its labels as a table in CSV; its report is written last."""
+        if not self._note.exists():
+            self.folder.mkdir(exist_ok=True)
+            _write(self._note, _json(self._mine))
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
         _write(self.table(report.frame), table)
         if reconstruction is not None:
@@ -94,7 +96,7 @@ class Partial:
 
     def remove(self) -> None:
         """Delete everything, once the run's output is written."""
-        shutil.rmtree(self.folder)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.

@@ -1,0 +1,272 @@
+"""More than one process, and more than one machine: the same labels, whatever happens."""
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack, nullcontext
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from distributed import Client
+
+from napari_splinesketch.batch import cluster as clusters
+from napari_splinesketch.cli import main
+from napari_splinesketch.cli.frame_source import Source
+from napari_splinesketch.cli.frame_task import FrameDone, FrameTask
+from napari_splinesketch.labels import Label, Labels, write_labels
+from napari_splinesketch.synthetic import scene
+
+from .fakes import FakeEngine, film
+
+FRAMES, BAD = 16, 5
+COMMAND = ("refine", "film.tif", "film.csv", "--preset", "fast", "--polarity", "bright")
+COMMAND += ("--half-width", "3")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A film of one body in which one frame cannot be refined, and its labels by one process."""
+    folder = tmp_path_factory.mktemp("film")
+    scenes = [scene(i, shape=(64, 80), length=40, polarity="bright") for i in range(4)]
+    frames = np.stack([scenes[i % 4].image for i in range(FRAMES)])
+    frames[BAD] = np.nan
+    tifffile.imwrite(folder / "film.tif", frames, photometric="minisblack")
+    lines = [scenes[i % 4].centrelines[0][::33] + 1 for i in range(FRAMES)]
+    labels = [Label.from_sketch(line, frame=i, identity=7) for i, line in enumerate(lines)]
+    write_labels(folder / "film.csv", Labels(tuple(labels)))
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        assert main([*COMMAND, "-o", "one.csv", "--reconstruction", "one.tif"]) == 1
+    finally:
+        os.chdir(before)
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(made)
+    return made
+
+
+def same(path: str = "many.csv") -> bool:
+    return Path(path).read_bytes() == Path("one.csv").read_bytes()
+
+
+def start(*more: str) -> subprocess.Popen[str]:
+    """Refine in another process, which has a group of its own for Ctrl-C."""
+    command = [sys.executable, "-c", "from napari_splinesketch.cli import main; exit(main())"]
+    command += [*COMMAND, *more]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def wait_for_frames(output: str, count: int) -> None:
+    """Wait until so many frames are kept."""
+    for _ in range(6000):
+        if len(list(Path(f"{output}.partial").glob("*/frame-*.json"))) >= count:
+            return
+        time.sleep(0.01)
+    raise AssertionError(f"fewer than {count} frames were done in a minute")
+
+
+def children(process: int) -> list[int]:
+    return list(map(int, Path(f"/proc/{process}/task/{process}/children").read_text().split()))
+
+
+def workers_of(process: int) -> list[int]:
+    """The processes that one has started, without Python's tracker of resources."""
+    commands = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children(process)}
+    return [pid for pid, command in commands.items() if "spawn_main" in command]
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are in /proc")
+
+
+@needs_proc
+def test_two_processes_of_which_one_is_killed_give_the_labels_of_one(folder: Path) -> None:
+    more = ["--reconstruction", "many.tif", "--masks", "masks.tif", "--json"]
+    run = start("-o", "many.csv", "--jobs", "2", *more)
+    wait_for_frames("many.csv", 1)
+    os.kill(workers_of(run.pid)[0], signal.SIGKILL)
+    given, told = run.communicate()
+    assert run.returncode == 1, told
+    report = json.loads(given)
+    assert [frame["frame"] for frame in report["frames"]] == list(range(FRAMES))
+    assert [f["frame"] for f in report["frames"] if f["error"]] == [BAD]
+    assert "finite" in report["frames"][BAD]["error"]
+    assert same()
+    assert np.array_equal(tifffile.imread("many.tif"), tifffile.imread("one.tif"))
+    masks = tifffile.imread("masks.tif")
+    assert masks.shape == (FRAMES, 64, 80)
+    assert [set(np.unique(page)) for page in masks] == [
+        {0} if frame == BAD else {0, 8} for frame in range(FRAMES)
+    ]
+    assert not Path("many.csv.partial").exists()
+
+
+@needs_proc
+def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_else(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = start("-o", "stopped.csv", "--jobs", "2")
+    wait_for_frames("stopped.csv", 1)
+    workers = workers_of(run.pid)
+    os.killpg(run.pid, signal.SIGINT)
+    _, told = run.communicate()
+    assert run.returncode == 130
+    assert told == "interrupted; finished frames are kept: add --resume\n"
+    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+    assert not Path("stopped.csv").exists()
+    assert not list(folder.rglob("*.part*"))[1:]  # but the folder of what is finished
+    kept = len(list(Path("stopped.csv.partial").glob("*/frame-*.json")))
+    assert 1 <= kept < FRAMES
+    assert main([*COMMAND, "-o", "stopped.csv", "--resume"]) == 1
+    assert same("stopped.csv")
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a scheduler with two workers, on the loopback."""
+    folder = tmp_path_factory.mktemp("cluster")
+    note = folder / "scheduler.json"
+    python = [sys.executable, "-m"]
+    loopback = ["--host", "127.0.0.1", "--no-dashboard"]
+    with ExitStack() as inside:
+
+        def run(name: str, *command: str) -> None:
+            log = inside.enter_context((folder / f"{name}.log").open("w"))
+            process = subprocess.Popen(
+                [*python, *command, *loopback], cwd=folder, stdout=log, stderr=log
+            )
+            inside.callback(process.wait)
+            inside.callback(process.terminate)
+
+        run("scheduler", "distributed.cli.dask_scheduler", "--port", "0", "--no-show",
+            "--scheduler-file", str(note))  # fmt: skip
+        for number in range(2):
+            run(f"worker-{number}", "distributed.cli.dask_worker", "--nthreads", "1",
+                "--scheduler-file", str(note))  # fmt: skip
+        for _ in range(600):
+            if note.exists() and note.read_text().endswith("}"):
+                break
+            time.sleep(0.1)
+        address = json.loads(note.read_text())["address"]
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=120)
+        yield address
+
+
+def test_a_cluster_of_which_a_worker_is_killed_gives_the_labels_of_one_process(
+    folder: Path, scheduler: str
+) -> None:
+    with Client(scheduler, set_as_default=False) as client:
+        workers = list(client.run(os.getpid).values())  # pyright: ignore
+    assert len(workers) == 2
+    run = start("-o", "lost.csv", "--scheduler", scheduler, "--reconstruction", "lost.tif")
+    wait_for_frames("lost.csv", 1)
+    os.kill(workers[0], signal.SIGKILL)
+    _, told = run.communicate()
+    assert run.returncode == 1, told
+    assert same("lost.csv")
+    assert np.array_equal(tifffile.imread("lost.tif"), tifffile.imread("one.tif"))
+
+
+class Elsewhere:
+    """Workers that find no image where it is for us, in this process to save time."""
+
+    room = 1
+    deaths = ()
+
+    def submit(self, work: Callable[..., FrameDone], task: FrameTask) -> Future[FrameDone]:
+        future: Future[FrameDone] = Future()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("napari_splinesketch.cli.frame_source.open_frames", _nowhere)
+            future.set_result(work(pickle.loads(pickle.dumps(task))))
+        return future
+
+
+def _nowhere(pattern: str, **axes: object) -> None:
+    raise FileNotFoundError(pattern)
+
+
+def test_pixels_are_sent_where_workers_cannot_open_the_image(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main([*COMMAND, "-o", "here.csv"]) == 0
+    here = [image for image, *_ in engine.calls]
+    engine.calls.clear()
+    monkeypatch.setattr(clusters, "Cluster", lambda address: nullcontext(Elsewhere()))
+    assert main([*COMMAND, "-o", "sent.csv", "--scheduler", "tcp://elsewhere:1"]) == 0
+    sent = [image for image, *_ in engine.calls]
+    assert len(sent) == len(here) == FRAMES
+    assert all(map(partial(np.array_equal, equal_nan=True), sent, here))
+    assert Path("sent.csv").read_bytes() == Path("here.csv").read_bytes()
+
+
+def test_a_film_that_a_worker_finds_changed_is_not_mistaken(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "film.tif", film(3), photometric="minisblack")
+    source = Source(str(tmp_path / "film.tif"), None, None, 3)
+    assert np.array_equal(source.read(1), film(3)[1])
+    with pytest.raises(ValueError, match="has 3 frames; expected 4"):
+        Source(str(tmp_path / "film.tif"), None, None, 4).read(1)
+
+
+def test_a_scheduler_that_is_none_is_said_with_the_remedy(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(clusters, "PATIENCE", 1.0)
+    for address in ("tcp://127.0.0.1:1", "nonsense://", "nonsense"):
+        assert main([*COMMAND, "-o", "none.csv", "--scheduler", address]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(f"napari-splinesketch refine: --scheduler {address}: no scheduler")
+        assert "dask scheduler" in told
+        assert len(told.splitlines()) == 1
+    assert not list(folder.glob("none.csv*"))
+
+
+@pytest.mark.parametrize("more", [["--jobs", "0"], ["--jobs", "2", "--scheduler", "tcp://a:1"]])
+def test_wrong_numbers_of_workers_are_argparse_s_errors(more: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*COMMAND, "-o", "labels.csv", *more])
+    assert caught.value.code == 2
+
+
+def test_a_worker_of_another_version_is_refused(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("napari_splinesketch.cli.frame_task.__version__", "0.0.1")
+    assert main([*COMMAND, "-o", "other.csv"]) == 2
+    assert "install the same version everywhere" in capsys.readouterr().err
+
+
+def test_sketches_are_taken_from_their_file_as_they_are_needed(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No more than one frame's sketches are held, and no more than one frame's pixels."""
+    from napari_splinesketch.labels import table
+
+    taken: list[int] = []
+    read = table.read_frames
+
+    def counted(path: Path) -> Iterator[tuple[Label, ...]]:
+        for labels in read(path):
+            taken.append(len(engine.calls))
+            yield labels
+
+    monkeypatch.setattr(table, "read_frames", counted)
+    main([*COMMAND, "-o", "lazy.csv"])
+    assert taken == list(range(FRAMES))

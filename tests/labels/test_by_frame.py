@@ -1,0 +1,74 @@
+"""Tables frame by frame: the memory of one, the same labels."""
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from napari_splinesketch.labels import Labels, LabelsError, table
+from napari_splinesketch.labels.by_frame import by_frame
+
+from .samples import FULL, bent, same_keys, same_points
+
+
+def test_a_table_is_read_frame_by_frame_with_its_scale(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    table.write(path, FULL)
+    found = by_frame(path)
+    assert found.frames.tolist() == [0, 4]
+    assert (found.head.scale, found.head.units) == (FULL.scale, FULL.units)
+    given = [label for labels in found.read() for label in labels]
+    assert same_keys(Labels(tuple(given)), FULL)
+    assert same_points(Labels(tuple(given)), FULL)
+
+
+def test_frames_in_no_order_are_put_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    table.write(path, Labels((bent(3, 1), bent(0, 2), bent(3, 0))))
+    found = by_frame(path)
+    assert found.frames.tolist() == [0, 3]
+    assert [[label.curve for label in labels] for labels in found.read()] == [[2], [1, 0]]
+
+
+def test_mistakes_are_found_before_the_first_frame_is_given(tmp_path: Path) -> None:
+    text = table.text(Labels((bent(0, 1), bent(0, 2))))
+    again = "".join(text.splitlines(keepends=True)[1:21])
+    _refused(tmp_path, text + again, "curve 1 of frame 0 starts again", 42)
+    header, one = table.text(Labels((bent(0, 1),), (0.5, 0.5), "µm")).split("\n", 1)
+    other = table.text(Labels((bent(1, 1),), (0.25, 0.5), "µm")).split("\n", 1)[1]
+    _refused(tmp_path, f"{header}\n{one}{other}", "y is not row times one scale", 22)
+
+
+def _refused(folder: Path, text: str, reason: str, line: int) -> None:
+    (folder / "spoilt.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(LabelsError, match=reason) as caught:
+        by_frame(folder / "spoilt.csv")
+    assert caught.value.place == f"line {line}"
+
+
+def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
+    parts = [Labels((label,), FULL.scale, FULL.units) for label in FULL.labels]
+    for number, part in enumerate(parts):
+        table.write(tmp_path / f"{number}.csv", part)
+    names = [tmp_path / f"{number}.csv" for number in range(len(parts))]
+    assert table.join(tmp_path / "all.csv", names, FULL.scale)
+    assert (tmp_path / "all.csv").read_text() == table.text(FULL)
+    assert not table.join(tmp_path / "none.csv", [], None)
+    assert table.read(tmp_path / "none.csv").labels == ()
+    with pytest.raises(LabelsError, match="other columns"):
+        table.join(tmp_path / "mixed.csv", names, None)
+    assert not (tmp_path / "mixed.csv").exists()
+
+
+def test_a_long_table_takes_the_memory_of_one_frame(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    peaks = []
+    for count in (20, 200):
+        table.write(path, Labels(tuple(bent(i, 0) for i in range(count))), overwrite=True)
+        found = by_frame(path)
+        tracemalloc.start()
+        assert sum(len(labels) for labels in by_frame(path).read()) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert len(found.frames) == count
+    assert peaks[1] < peaks[0] + 20_000  # 180 further frames are 115,000 bytes
