@@ -7,7 +7,7 @@ from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal
 
-from napari_splinesketch.plugin.adapter.results import is_result
+from napari_splinesketch.plugin.adapter.roles import is_result
 
 
 class Choices:

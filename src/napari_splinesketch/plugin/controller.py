@@ -18,18 +18,19 @@ from napari_splinesketch.plugin.actions import Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
 from napari_splinesketch.plugin.adapter.pixels import block_around
 from napari_splinesketch.plugin.adapter.preview import Preview
-from napari_splinesketch.plugin.adapter.results import is_result
+from napari_splinesketch.plugin.adapter.roles import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
     draw_or_select,
     new_sketch_layer,
 )
 from napari_splinesketch.plugin.corrections import Corrections
+from napari_splinesketch.plugin.gently import Soon
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.knot_editing import KnotEditing
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.records import Record, key_of
-from napari_splinesketch.plugin.request import Request, request_of
+from napari_splinesketch.plugin.request import Request, Requests
 from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
 from napari_splinesketch.plugin.standard_actions import standard_actions
 from napari_splinesketch.plugin.work import Work
@@ -58,6 +59,7 @@ class Controller(SettingsKeeper):
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
+        self._requests = Requests(self)
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
         self._preview: Preview | None = None
@@ -69,19 +71,21 @@ class Controller(SettingsKeeper):
         self.actions.add(*standard_actions(self))
         self.clicked.connect(lambda shift: self.corrections.pick(add=shift))
         self.choices.changed.connect(self._follow)
-        self.choices.edited.connect(lambda: self.changed.emit())
+        self._soon = Soon(lambda: self.changed.emit())
+        self.choices.edited.connect(lambda: self._soon())
         # Later: napari is still busy with the line.
         self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
 
     def request(self, scope: Scope = "new") -> Request:
         """Say what Refine would do now; selected lines go before those that are new."""
-        return request_of(self, scope)
+        return self._requests.request(scope)
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
         if self.knots.active:
             self.knots.refine()
             return
+        self._requests.forget()
         request = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
         if request.problem or self.progress or image is None or layer is None:
@@ -220,6 +224,7 @@ class Controller(SettingsKeeper):
         self.abandon()
         self.actions.close()
         self.stop_listening()
+        self._soon.stop()
         self.changed.disconnect()
         self.choices.changed.disconnect()
         self.choices.edited.disconnect()
@@ -282,7 +287,9 @@ class Controller(SettingsKeeper):
             self.knots.discard()
         self._works = [w for w in self._works if {w.image, w.sketches} <= set(self.viewer.layers)]
         for work in self._works:
-            work.forget_if_deleted()
+            if work.layers.deleted():
+                # Later: napari is still busy with the layer that it tells of.
+                QTimer.singleShot(0, partial(self._let_go, work))
         self.changed.emit()
 
 

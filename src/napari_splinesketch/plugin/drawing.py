@@ -29,12 +29,12 @@ class Drawing:
         self._last: dict[Work, list[Callable[[], None]]] = {}
 
     def start(self, work: Work, last: Callable[[], None]) -> None:
-        """Show what is known, from the first step on; call `last` when all is shown."""
+        """Show what is known, from the next turn of the event loop on; then call `last`."""
         running = work in self._steps
         self._steps[work] = work.show()
         self._last.setdefault(work, []).append(last)
         if not running:
-            self._go_on(work)
+            QTimer.singleShot(0, partial(self._go_on, work))
 
     def _go_on(self, work: Work) -> None:
         try:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin import engine, words
@@ -28,6 +29,10 @@ SUGGEST_TIP = (
     "Draw a line over each body that stands out in this frame: lines like your own, to be\n"
     "mended, deleted or taken back before you refine"
 )
+
+
+SAME = 0.02
+"""Lines no further apart are the same, px: layers hold single precision."""
 
 
 class Films:
@@ -116,11 +121,10 @@ class Films:
         self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
     ) -> Sequence[Line]:
         """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
-        old = {one.line.tobytes() for one in work.state.suggestions}
-        kept = {one.line.tobytes() for one in cleared.suggestions}
         drawn = drawn_in(self._controller.viewer, layer, image, frame).lines
-        gone = [line for line in work.state.suggestions if line.line.tobytes() in old - kept]
-        mine = [line for line in drawn if not any(_alike(line, one.line) for one in gone)]
+        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
+        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
+        mine = [line for line in drawn if not _among(line, groups.get(len(line)))]
         curves = [r.curve.points for r in work.records if r.frame == frame]
         return [*mine, *curves]
 
@@ -190,5 +194,6 @@ class Films:
         controller.finish(Notice("failed" if error else "done", going.said(error)))
 
 
-def _alike(a: Line, b: Line) -> bool:
-    return a.shape == b.shape and bool(np.allclose(a, b, atol=0.01))
+def _among(line: Line, others: Float[np.ndarray, "L N 2"] | None) -> bool:
+    """Whether a line is one of others with as many points, up to the precision of layers."""
+    return others is not None and bool((np.abs(others - line).max(axis=(1, 2)) < SAME).any())

@@ -1,7 +1,8 @@
 """Long changes in short steps, so that the window lives in between."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def step_through(steps: Iterator[object], last: Callable[[], None] = lambda: Non
 
 
 def add_shapes(
-    layer: Shapes, shapes: Sequence[np.ndarray], kinds: Sequence[str], **look: Any
+    layer: Shapes, shapes: Iterable[np.ndarray], kinds: Sequence[str], **look: Any
 ) -> Iterator[slice]:
     """Add shapes to a layer, some at each step; gives which.
 
@@ -33,15 +34,33 @@ def add_shapes(
     layer
         Where they go.
     shapes
-        Their vertices.
+        Their vertices; made when they are needed.
     kinds
         What each is, as napari names it.
     **look
         Colours and widths, as `Shapes.add` takes them: for all, or a list with one for each.
     """
-    for start in range(0, len(shapes), CHUNK):
+    made = iter(shapes)
+    for start in range(0, len(kinds), CHUNK):
         part = slice(start, start + CHUNK)
         some: dict[str, Any] = {"shape_type": list(kinds[part])}
         some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
-        layer.add(list(shapes[part]), **some)
+        layer.add(list(islice(made, CHUNK)), **some)
         yield part
+
+
+class Soon:
+    """Calls something at the next turn of the event loop, once however often it is asked for."""
+
+    def __init__(self, call: Callable[[], object]):
+        self._timer = QTimer()
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(call)
+
+    def __call__(self) -> None:
+        """Ask for the call."""
+        self._timer.start(0)
+
+    def stop(self) -> None:
+        """Call nothing any more."""
+        self._timer.stop()

@@ -27,6 +27,9 @@ class Notice:
     text: str = ""
 
 
+BACK = "Undo brings them back."
+
+
 class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them.
 
@@ -84,7 +87,7 @@ class Keeper:
     @property
     def selection(self) -> tuple[Key, ...]:
         """(frame, id) of the selected curves."""
-        known = {key_of(record) for record in self.records()}
+        known = self.work.state.by_key if self.work else {}
         return tuple(key for key in self._selection if key in known)
 
     @property
@@ -197,6 +200,16 @@ class Keeper:
             said = f"Curves are results: draw and move lines in {work.sketches.name!r}."
             self.notice = Notice("failed", said)
         self._show(work)
+
+    def _let_go(self, work: Work) -> None:
+        """Take the removal of the layer of curves for a step: the curves go, until undone."""
+        if work.layers.deleted():
+            work.layers.forget()
+            if work.records:
+                left = State(suggestions=work.state.suggestions)
+                work.history.apply("Remove the curves", left)
+                self.notice = Notice("done", "The curves are gone with their layer. " + BACK)
+                self._show(work)
 
     def _on_selected(self, work: Work) -> None:
         if work is self.work and work.layers.selection() != self._selection:

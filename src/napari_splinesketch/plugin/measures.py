@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.labels.geometry import width_growth
+from napari_splinesketch.plugin.once import once
 
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
@@ -81,6 +82,7 @@ def measure(curve: Curve, ruler: Ruler) -> Measures:
     )
 
 
+@once
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve asks for a look: by status, then by residual and sd."""
     numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
@@ -99,5 +101,8 @@ def mean_along(
     values: Sequence[Float[np.ndarray, " P"]],
 ) -> Float[np.ndarray, " P"] | None:
     """Average what curves have at the same share of their lengths; None without any."""
-    known = [v for v in values if np.isfinite(v).all()]
-    return np.mean(known, axis=0) if known else None
+    if not values:
+        return None
+    every = np.stack(values)
+    known = every[np.isfinite(every).all(axis=1)]
+    return known.mean(axis=0) if len(known) else None

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.once import once
 from napari_splinesketch.plugin.records import Key, Line, Record, identify, key_of
 from napari_splinesketch.plugin.state import State
 
@@ -98,21 +99,24 @@ def make_plan(
     here = [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]
     by_id = {record.id: record for record in (*gone, *here)}
+    deleted = {record.id for record in gone} - {record.id for record in here}
+    selection = set(selection)
     ids, same = _matched(lines, here, gone, state)
     targets, decided = [], 0
     for i, (line, number) in enumerate(zip(lines, ids, strict=True)):
         known = by_id.get(number)
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
-        if not (asked or (not chosen and _wanted(scope, known, same[i], known in gone))):
+        if not (asked or (not chosen and _wanted(scope, known, same[i], number in deleted))):
             continue
-        if known is not None and known not in gone and _decided(known):
+        if known is not None and number not in deleted and _decided(known):
             decided += 1
         elif known is not None and known.edited and same[i]:
             targets.append(Target(number, line, known.curve.points, new=False))
         else:
             start = _as_known(line, known) if same[i] else line
             targets.append(Target(number, line, start, new=known is None))
-    alone = [] if chosen else [record for record in here if record.id not in ids]
+    lined = set(ids)
+    alone = [] if chosen else [record for record in here if record.id not in lined]
     for record in alone:
         asked = scope == "selected" and key_of(record) in selection
         if (asked or _wanted(scope, record, True, False)) and not _decided(record):
@@ -120,7 +124,7 @@ def make_plan(
             targets.append(Target(record.id, record.sketch, start, False, record.drawn))
         decided += asked and _decided(record)
     moving = {target.id for target in targets}
-    orphans = tuple(r.id for r in here if r.drawn and r.id not in ids)
+    orphans = tuple(r.id for r in here if r.drawn and r.id not in lined)
     return Plan(scope, tuple(targets), tuple(_fixed(here, moving)), decided, orphans)
 
 
@@ -154,7 +158,7 @@ def _matched(
 ) -> tuple[list[int], list[bool]]:
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
-    exact = {_print(record.sketch): record.id for record in reversed(drawn)}
+    exact = {_print_of(record): record.id for record in reversed(drawn)}
     found = [exact.get(_print(line), 0) for line in lines]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
@@ -169,6 +173,11 @@ def _matched(
 
 def _print(line: Line) -> bytes:
     return (np.round(line, SAME) + 0.0).tobytes()
+
+
+@once
+def _print_of(record: Record) -> bytes:
+    return _print(record.sketch)
 
 
 def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:

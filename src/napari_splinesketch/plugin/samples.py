@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from napari_splinesketch.data import load_sample
-from napari_splinesketch.plugin.adapter.results import ROLE
+from napari_splinesketch.plugin.adapter.roles import ROLE
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX, line_style
 from napari_splinesketch.synthetic import rotate, scene
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -43,7 +44,12 @@ class State:
 
     def record(self, key: Key) -> Record | None:
         """Give a record by frame and id."""
-        return next((record for record in self.records if key_of(record) == key), None)
+        return self.by_key.get(key)
+
+    @cached_property
+    def by_key(self) -> Mapping[Key, Record]:
+        """Records by frame and id."""
+        return {key_of(record): record for record in self.records}
 
     def with_records(self, *changed: Record) -> "State":
         """Put records in the place of those with the same frame and id, or add them."""
@@ -53,18 +59,17 @@ class State:
 
     def reviewed(self, keys: Collection[Key], review: Review) -> "State":
         """Note what the user says of some curves."""
-        chosen = [record for record in self.records if key_of(record) in keys]
-        return self.with_records(*(replace(record, review=review) for record in chosen))
+        return self.with_records(*(replace(r, review=review) for r in self._among(keys)))
 
     def locked(self, keys: Collection[Key], locked: bool) -> "State":
         """Let some curves stay as they are, or free them."""
-        chosen = [record for record in self.records if key_of(record) in keys]
-        return self.with_records(*(replace(record, locked=locked) for record in chosen))
+        return self.with_records(*(replace(r, locked=locked) for r in self._among(keys)))
 
     def without(self, keys: Collection[Key]) -> "State":
         """Delete some curves."""
-        gone = tuple(record for record in self.records if key_of(record) in keys)
-        kept = tuple(record for record in self.records if key_of(record) not in keys)
+        gone = self._among(keys)
+        left = set(self.records).difference(gone)
+        kept = tuple(record for record in self.records if record in left)
         return replace(self, records=kept, deleted=(*self.deleted, *gone))
 
     def restored(self, key: Key) -> "State":
@@ -72,6 +77,9 @@ class State:
         back = [record for record in self.deleted if key_of(record) == key][-1:]
         left = tuple(record for record in self.deleted if key_of(record) != key)
         return replace(self.with_records(*back), deleted=left)
+
+    def _among(self, keys: Collection[Key]) -> list[Record]:
+        return [record for key in sorted(set(keys)) if (record := self.record(key)) is not None]
 
     def suggested(self, frame: int, lines: Collection[Line]) -> "State":
         """Suggest lines in a frame, in the place of those that have not become curves."""

@@ -4,7 +4,7 @@ from functools import partial
 
 from qtpy.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
-from napari_splinesketch.plugin.adapter.results import Role
+from napari_splinesketch.plugin.adapter.roles import Role
 from napari_splinesketch.plugin.work import Work
 
 BUTTONS: dict[Role, tuple[str, str]] = {

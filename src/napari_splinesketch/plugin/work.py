@@ -8,7 +8,8 @@ from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.proof import ProofLayers
-from napari_splinesketch.plugin.adapter.results import OWNER, ResultLayers
+from napari_splinesketch.plugin.adapter.results import ResultLayers
+from napari_splinesketch.plugin.adapter.roles import OWNER
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX
 from napari_splinesketch.plugin.adapter.suggested import SuggestedLines
 from napari_splinesketch.plugin.history import History
@@ -99,12 +100,6 @@ class Work:
     def notes(self) -> Mapping[int, tuple[str, ...]]:
         """What the scene needed and why, by frame."""
         return self.state.notes
-
-    def forget_if_deleted(self) -> None:
-        """Forget everything if the user has removed the layer of curves."""
-        if self.layers.deleted():
-            self.suggested.forget()
-            self.history = History(State(), bytes_beside)
 
 
 def works_in(viewer: ViewerModel) -> list[Work]:

@@ -1,16 +1,13 @@
 """What a layer of curves says of each of them."""
 
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.once import once
 from napari_splinesketch.plugin.records import Record
-
-_known: WeakKeyDictionary[Curve, tuple[float, float, float, float]] = WeakKeyDictionary()
-"""Curves never change: what was measured once need not be measured again."""
 
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
@@ -34,11 +31,8 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
     )
 
 
+@once
 def _numbers(curve: Curve) -> tuple[float, float, float, float]:
     """Length, mean and largest half-width, and standard error of a curve, px."""
-    found = _known.get(curve)
-    if found is None:
-        widths = curve.half_width
-        found = curve.length, float(np.mean(widths)), float(np.max(widths))
-        found = _known[curve] = (*found, float(np.median(curve.sd)))
-    return found
+    widths = curve.half_width
+    return curve.length, float(np.mean(widths)), float(np.max(widths)), float(np.median(curve.sd))

@@ -10,7 +10,7 @@ from napari.layers import Image, Points
 from napari.layers.base import ActionType
 from psygnal import Signal
 
-from napari_splinesketch.plugin.adapter.results import ROLE
+from napari_splinesketch.plugin.adapter.roles import ROLE
 from napari_splinesketch.plugin.adapter.space import in_stack, placement
 
 COLOUR, HEAD = "#56b4e9", "#f0e442"

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.labels import Label, Labels
 from napari_splinesketch.plugin.adapter.look import COLOURS
-from napari_splinesketch.plugin.adapter.results import OWNER, Known
+from napari_splinesketch.plugin.adapter.roles import OWNER, Known
 from napari_splinesketch.plugin.adapter.sketches import COLOUR, LINES
 from napari_splinesketch.plugin.adapter.space import pixel_size
 

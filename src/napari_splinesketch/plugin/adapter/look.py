@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.plugin.once import once
 
 COLOURS: dict[Status, str] = {"good": "#009e73", "check": "#e69f00", "failed": "#d55e00"}
 """Bluish green, orange and vermilion of Okabe and Ito."""
@@ -25,19 +26,28 @@ LEAST = 12
 
 def breadth(curves: Sequence[Curve]) -> float:
     """Breadth of a good curve's line, px: a third of the bodies' width."""
-    widths = np.array([np.median(curve.half_width) for curve in curves])
+    widths = np.array([_half_width(curve) for curve in curves])
     finite = widths[np.isfinite(widths)]
     return float(np.clip(0.6 * np.median(finite), 0.6, 8.0)) if finite.size else 1.0
 
 
-def outline(curve: Curve) -> Float[np.ndarray, "P 2"] | None:
-    """Draw a closed line at a half-width to both sides of a curve, px; None if it failed."""
-    if curve.status == "failed" or not np.isfinite(curve.half_width).all():
-        return None
+@once
+def _half_width(curve: Curve) -> float:
+    return float(np.median(curve.half_width))
+
+
+@once
+def has_outline(curve: Curve) -> bool:
+    """Whether the width of a body is known."""
+    return curve.status != "failed" and bool(np.isfinite(curve.half_width).all())
+
+
+def outline(curve: Curve) -> Float[np.ndarray, "P 2"]:
+    """Draw a closed line at a half-width to both sides of a curve, px."""
     # A body is smooth on the scale of its width: more points would only cost time.
     count = len(curve.points)
     spacing = max(curve.length / (count - 1), 1e-9)
-    step = int(np.clip(np.median(curve.half_width) / spacing, 1, count // LEAST))
+    step = int(np.clip(_half_width(curve) / spacing, 1, count // LEAST))
     some = np.unique(np.append(np.arange(0, count, step), count - 1))
     return _around(curve.points[some], curve.half_width[some])
 

@@ -19,7 +19,7 @@ from napari_splinesketch.plugin.adapter.film import Computed, Film, Patch
 from napari_splinesketch.plugin.adapter.look import RIBBON, breadth, ribbon
 from napari_splinesketch.plugin.adapter.pixels import block_on
 from napari_splinesketch.plugin.adapter.planes import Planes
-from napari_splinesketch.plugin.adapter.results import Known, look_of
+from napari_splinesketch.plugin.adapter.roles import Known, look_of
 from napari_splinesketch.plugin.adapter.space import (
     frame_shape,
     in_stack,

@@ -9,15 +9,12 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Vectors
 
-from napari_splinesketch.plugin.adapter.results import ROLE
+from napari_splinesketch.plugin.adapter.pieces import pieces
+from napari_splinesketch.plugin.adapter.roles import ROLE, undisturbed
 from napari_splinesketch.plugin.adapter.sketches import line_style
 from napari_splinesketch.plugin.adapter.space import in_stack, placement
 
 COLOUR = "#56b4e9"
-PIECES = 24, 99, 600
-"""Straight pieces that a line is drawn with, at least and at most, and all lines together, about:
-napari's thumbnail alone takes 20 µs for each.
-"""
 
 
 class Preview:
@@ -48,12 +45,11 @@ class Preview:
         layer = self._layer
         if layer is None:
             self._layer = self._made()
-            with _undisturbed(self._viewer):
+            with undisturbed(self._viewer):
                 self._viewer.layers.append(self._layer)
         elif layer in self._viewer.layers:
-            count = int(np.clip(PIECES[2] // len(lines), *PIECES[:2]))
             stack = [in_stack(self._image, frame, line) for line in lines]
-            layer.data = np.concatenate([_pieces(line, count) for line in stack])
+            layer.data = np.concatenate(pieces(stack))
             if not self._shown:
                 self._shown = layer.visible = True
 
@@ -61,7 +57,7 @@ class Preview:
         """Take the layer away."""
         layer, self._layer, self._shown = self._layer, None, False
         if layer is not None and layer in self._viewer.layers:
-            with _undisturbed(self._viewer), _without_collecting():
+            with undisturbed(self._viewer), _without_collecting():
                 self._viewer.layers.remove(layer)
 
     def _made(self) -> Vectors:
@@ -76,23 +72,6 @@ class Preview:
             metadata={ROLE: "preview"},
             **placement(self._image),
         )
-
-
-def _pieces(line: Float[np.ndarray, "N D"], count: int) -> Float[np.ndarray, "P 2 D"]:
-    """Cut a line into vectors: where each begins, and how far it goes."""
-    at = np.round(np.linspace(0, len(line) - 1, min(len(line), count + 1))).astype(int)
-    return np.stack([line[at][:-1], np.diff(line[at], axis=0)], axis=1)
-
-
-@contextmanager
-def _undisturbed(viewer: ViewerModel):
-    """Change layers without taking the active one from the user."""
-    active = viewer.layers.selection.active
-    try:
-        yield
-    finally:
-        if active in viewer.layers:
-            viewer.layers.selection.active = active
 
 
 @contextmanager

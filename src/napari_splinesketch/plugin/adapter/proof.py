@@ -8,7 +8,7 @@ from napari.layers import Labels, Layer, Shapes
 from psygnal import Signal
 
 from napari_splinesketch.plugin.adapter.pictures import MAKERS, Made, Proof, Proven
-from napari_splinesketch.plugin.adapter.results import OWNER, ROLE
+from napari_splinesketch.plugin.adapter.roles import OWNER, ROLE
 
 NAMES: Mapping[Proof, str] = {
     "residual": "residual",

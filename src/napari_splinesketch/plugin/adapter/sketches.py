@@ -70,12 +70,16 @@ def drawn_in(
     seen = _in_view(viewer, layer, image, vertices[first])
     kinds = layer.shape_type
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
-    for i, line in enumerate(np.split(pixels[:, -2:], first[1:])):
+    plane = pixels[:, -2:]
+    steps = np.linalg.norm(np.diff(plane, axis=0, append=plane[-1:]), axis=1)
+    steps[first[1:] - 1] = 0.0  # from one shape to the next
+    lengths = np.add.reduceat(steps, first)
+    for i, line in enumerate(np.split(plane, first[1:])):
         if frames[i] != frame or not seen[i] or (among and i not in among):
             continue
         if kinds[i] not in LINES:
             unusable[kinds[i]] += 1
-        elif not np.linalg.norm(np.diff(line, axis=0), axis=1).sum() >= SHORTEST:
+        elif not lengths[i] >= SHORTEST:
             strays += 1
         else:
             lines.append(line)

@@ -47,7 +47,7 @@ class SuggestedLines:
         if not {self._image, self._sketches} <= set(self._viewer.layers):
             return
         wanted = self._owner.suggestions
-        gone = [self._shown.pop(one) for one in list(self._shown) if one not in wanted]
+        gone = [self._shown.pop(one) for one in set(self._shown).difference(wanted)]
         if gone:
             self._remove(gone)
             yield
@@ -59,10 +59,6 @@ class SuggestedLines:
             style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
             for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
                 yield
-
-    def forget(self) -> None:
-        """Leave the lines to the user."""
-        self._shown.clear()
 
     def _remove(self, gone: list[np.ndarray]) -> None:
         prints = {_print(vertices) for vertices in gone}

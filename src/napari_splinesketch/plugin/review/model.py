@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -50,7 +51,7 @@ class Column:
     title: str
     tip: str
     text: Callable[[Record, Measures], str]
-    key: Callable[[Record, Measures], Any]
+    key: Callable[[Record, Callable[[], Measures]], Any]
     number: bool = True
 
 
@@ -58,8 +59,9 @@ def _measured(title: str, tip: str, name: str) -> Column:
     def value(record: Record, measures: Measures) -> float:
         return getattr(measures, name)
 
-    def key(record: Record, measures: Measures) -> float:
-        return -math.inf if math.isnan(value(record, measures)) else value(record, measures)
+    def key(record: Record, measures: Callable[[], Measures]) -> float:
+        found = value(record, measures())
+        return -math.inf if math.isnan(found) else found
 
     return Column(title, tip, lambda r, m: three_digits(value(r, m)), key)
 
@@ -68,7 +70,7 @@ def _status(record: Record, measures: Measures) -> str:
     return f"{STATUS_WORDS[record.curve.status]} {MARKS[record.curve.status]}".rstrip()
 
 
-def _reasons(record: Record, measures: Measures) -> str:
+def _reasons(record: Record, measures: object) -> str:
     return "; ".join(record.curve.reasons)
 
 
@@ -106,6 +108,7 @@ class CurvesModel(QAbstractTableModel):
         self._records: Sequence[Record] = ()
         self._rows: list[Record] = []
         self._places: dict[Key, int] = {}
+        self._keys: dict[int, list[Any]] = {}
         self._measures: WeakKeyDictionary[Curve, Measures] = WeakKeyDictionary()
 
     @property
@@ -144,6 +147,7 @@ class CurvesModel(QAbstractTableModel):
 
     def _index(self) -> None:
         self._places = {key_of(r): i for i, r in enumerate(self._rows)}
+        self._keys.clear()
 
     def _follow(self, records: Sequence[Record]) -> None:
         """Take out, put in and change what differs."""
@@ -156,10 +160,12 @@ class CurvesModel(QAbstractTableModel):
         for first, last in reversed(gone):
             self.beginRemoveRows(NO_INDEX, first, last)
             del self._rows[first : last + 1]
+            self._keys.clear()
             self.endRemoveRows()
         for first, last in new:
             self.beginInsertRows(NO_INDEX, first, last)
             self._rows[first:first] = records[first : last + 1]
+            self._keys.clear()
             self.endInsertRows()
         before, self._rows = self._rows, list(records)
         self._index()
@@ -167,9 +173,12 @@ class CurvesModel(QAbstractTableModel):
         for first, last in _runs(changed):
             self.dataChanged.emit(self.index(first, 0), self.index(last, len(COLUMNS) - 1))
 
-    def key(self, row: int, column: int) -> Any:
-        """What a cell is sorted by."""
-        return COLUMNS[column].key(self._rows[row], self.measures(row))
+    def keys(self, column: int) -> Sequence[Any]:
+        """What the cells of a column are sorted by, row by row."""
+        if column not in self._keys:
+            key, rows = COLUMNS[column].key, self._rows
+            self._keys[column] = [key(r, partial(self.measures, i)) for i, r in enumerate(rows)]
+        return self._keys[column]
 
     def rowCount(self, parent: QModelIndex = NO_INDEX) -> int:
         """Number of curves."""

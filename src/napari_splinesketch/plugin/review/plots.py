@@ -1,24 +1,34 @@
 """Plots beside the table: width and what is left unexplained, along the selected curve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
-from matplotlib.collections import FillBetweenPolyCollection
-from matplotlib.figure import Figure
-from qtpy.QtGui import QResizeEvent
+from qtpy.QtCore import QPointF, QRectF, Qt
+from qtpy.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from qtpy.QtWidgets import QWidget
 
+from napari_splinesketch.plugin.review.axes import Axes, spanned, ticks
 from napari_splinesketch.plugin.theme import Theme
 
 Along = Float[np.ndarray, " P"]
 SMALL = 8
 """Size of the text, pt."""
-LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 44, 12, 24, 38, 52
-"""Margins around the axes and room between them, px."""
-ROOM = 0.08
-"""Left free above and below the lines, as a share of what they span."""
+LEFT, RIGHT, TOP, BOTTOM = 42, 10, 22, 34
+"""Margins around the axes, px."""
+TICK, GAP = 4, 3
+"""Length of a tick, and from it to its number, px."""
+PER_TICK = 60, 26
+"""Room for a number along x and along y, px."""
+SWATCH = 14
+"""Length of a line in the legend, px."""
+ROOM, LEGEND = 0.08, 0.25
+"""Left free above and below the lines, and for the legend, as a share of what they span."""
+WIDTH, RESIDUAL = "Select a curve: its half-width along it", "What the model leaves unexplained"
+NO_MODEL = "No model of this frame to compare with"
+CENTRE = Qt.AlignmentFlag.AlignCenter
+BESIDE = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+BEGIN = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,117 +60,135 @@ class Profile:
     residual: Along | None = None
 
 
-class CurvePlots(FigureCanvasQTAgg):
-    """Half-width and residual against arc length.
-
-    Lines are made once and get new data: a full redraw of axes would lag behind the arrow keys.
-    """
+class CurvePlots(QWidget):
+    """Half-width and residual against arc length; drawn in a few milliseconds."""
 
     def __init__(self, theme: Theme):
-        figure = Figure()
-        super().__init__(figure)
-        self.figure = figure
-        width, residual = figure.subplots(1, 2)
-        self.axes: tuple[Axes, Axes] = width, residual
-        (self._width,) = width.plot([], [], lw=1.8, label="curve ± sd")
-        (self._mean,) = width.plot([], [], lw=1.4, ls=(0, (4, 2)), label="mean of all")
-        self._band = width.fill_between([], [], [], lw=0, alpha=0.35)
-        assert isinstance(self._band, FillBetweenPolyCollection)
-        (self._residual,) = residual.plot([], [], lw=1.4)
-        self._zero = residual.axhline(0, lw=1, ls=(0, (4, 2)))
-        self._legend = width.legend(
-            fontsize=SMALL - 1,
-            loc="upper left",
-            frameon=False,
-            ncols=2,
-            borderaxespad=0,
-            handlelength=1.4,
-            columnspacing=1.0,
-        )
-        self._titles = [axes.set_title("", loc="left", fontsize=SMALL) for axes in self.axes]
-        for axes in self.axes:
-            axes.set_xlabel("", fontsize=SMALL)
-            axes.spines[["top", "right"]].set_visible(False)
+        super().__init__()
+        self.profile: Profile | None = None
+        self._theme = theme
+        font = self.font()
+        font.setPointSizeF(SMALL)
+        self.setFont(font)
         self.setMinimumSize(320, 130)
         self.setAccessibleName("Half-width and residual along the selected curve")
-        self.profile: Profile | None = None
-        self.show_theme(theme)
-        self.show_profile(None)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the margins, whatever the size."""
-        wide, high = max(self.width(), 2), max(self.height(), 2)
-        axes = max((wide - LEFT - RIGHT - BETWEEN) / 2, 1)
-        self.figure.subplots_adjust(
-            left=min(LEFT / wide, 0.4),
-            right=max(1 - RIGHT / wide, 0.6),
-            bottom=min(BOTTOM / high, 0.4),
-            top=max(1 - TOP / high, 0.6),
-            wspace=BETWEEN / axes,
-        )
-        super().resizeEvent(event)
 
     def show_theme(self, theme: Theme) -> None:
         """Take the window's colours."""
-        self.figure.set_facecolor(theme.background)
-        self._width.set_color(theme.line)
-        self._band.set_color(theme.line)
-        self._residual.set_color(theme.line)
-        self._mean.set_color(theme.other)
-        self._zero.set_color(theme.other)
-        for text in (*self._titles, *self._legend.get_texts()):
-            text.set_color(theme.text)
-        for axes in self.axes:
-            axes.set_facecolor(theme.background)
-            axes.tick_params(colors=theme.text, labelsize=SMALL)
-            axes.xaxis.label.set_color(theme.text)
-            axes.spines[["left", "bottom"]].set_color(theme.faint)
-        self.draw_idle()
+        self._theme = theme
+        self.update()
 
     def show_profile(self, profile: Profile | None) -> None:
         """Draw a curve, or say that none is selected."""
         self.profile = profile
-        for artist in (self._width, self._band, self._legend):
-            artist.set_visible(profile is not None)
-        self._mean.set_visible(profile is not None and profile.mean is not None)
-        self._residual.set_visible(profile is not None and profile.residual is not None)
-        if profile is None:
-            self._titles[0].set_text("Select a curve: its half-width along it")
-            self._titles[1].set_text("What the model leaves unexplained")
-        else:
-            self._draw_width(profile)
-            self._draw_residual(profile)
-        self.draw_idle()
+        self.update()
 
-    def _draw_width(self, profile: Profile) -> None:
+    def paintEvent(self, a0: QPaintEvent | None) -> None:
+        """Draw both plots."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), QColor(self._theme.background))
+        half = self.width() / 2
+        left, right = (
+            Axes(
+                QRectF(
+                    i * half + LEFT,
+                    TOP,
+                    max(half - LEFT - RIGHT, 1),
+                    max(self.height() - TOP - BOTTOM, 1),
+                )
+            )
+            for i in (0, 1)
+        )
+        if self.profile is None:
+            self._draw_axes(painter, left, WIDTH)
+            self._draw_axes(painter, right, RESIDUAL)
+        else:
+            self._draw_width(painter, left, self.profile)
+            self._draw_residual(painter, right, self.profile)
+        painter.end()
+
+    def _draw_width(self, painter: QPainter, axes: Axes, profile: Profile) -> None:
         x, y = profile.distance, profile.half_width
         sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-        self._width.set_data(x, y)
-        self._band.set_data(x, np.maximum(y - sd, 0), y + sd)
-        lines = [y + sd, y - sd]
+        shown = [y + sd, y - sd, np.zeros(1)]
         if profile.mean is not None:
-            self._mean.set_data(x, profile.mean)
-            lines.append(profile.mean)
-        axes = self.axes[0]
-        self._titles[0].set_text(f"Half-width of {profile.name} ({profile.unit})")
-        _fit(axes, x, np.concatenate([*lines, [0.0]]), above=0.25)
-        axes.xaxis.label.set_text(f"distance along it ({profile.unit})")
+            shown.append(profile.mean)
+        axes = replace(axes, x=_over(x), y=spanned(shown, ROOM, LEGEND))
+        title = f"Half-width of {profile.name} ({profile.unit})"
+        self._draw_axes(painter, axes, title, f"distance along it ({profile.unit})")
+        band = QColor(self._theme.line)
+        band.setAlphaF(0.35)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(band)
+        for area in axes.bands(x, np.maximum(y - sd, 0), y + sd):
+            painter.drawPolygon(area)
+        lines = [(y, self._line(), "curve ± sd")]
+        if profile.mean is not None:
+            lines.append((profile.mean, self._other(), "mean of all"))
+        self._draw_lines(painter, axes, x, lines)
 
-    def _draw_residual(self, profile: Profile) -> None:
-        axes = self.axes[1]
-        axes.xaxis.label.set_text(f"distance along it ({profile.unit})")
-        if profile.residual is None:
-            self._titles[1].set_text("No model of this frame to compare with")
+    def _draw_residual(self, painter: QPainter, axes: Axes, profile: Profile) -> None:
+        x, y = profile.distance, profile.residual
+        below = f"distance along it ({profile.unit})"
+        if y is None:
+            self._draw_axes(painter, replace(axes, x=_over(x)), NO_MODEL, below)
             return
-        self._residual.set_data(profile.distance, profile.residual)
-        self._titles[1].set_text("Image − model, mean across it")
-        _fit(axes, profile.distance, np.append(profile.residual, 0.0))
+        axes = replace(axes, x=_over(x), y=spanned([y, np.zeros(1)], ROOM, ROOM))
+        self._draw_axes(painter, axes, "Image − model, mean across it", below)
+        zero = np.zeros(len(x))
+        self._draw_lines(painter, axes, x, [(zero, self._other(), ""), (y, self._line(), "")])
+
+    def _draw_lines(
+        self, painter: QPainter, axes: Axes, x: Along, lines: list[tuple[Along, QPen, str]]
+    ) -> None:
+        """Draw lines, each with its pen, and name those that have a name."""
+        at = axes.box.left() + 6
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for y, pen, name in lines:
+            painter.setPen(pen)
+            for line in axes.lines(x, y):
+                painter.drawPolyline(line)
+            if name:
+                middle = axes.box.top() + 6
+                painter.drawLine(QPointF(at, middle), QPointF(at + SWATCH, middle))
+                painter.setPen(QColor(self._theme.text))
+                room = painter.fontMetrics().horizontalAdvance(name) + 4
+                painter.drawText(QRectF(at + SWATCH + 4, middle - 8, room, 16), BEGIN, name)
+                at += SWATCH + room + 14
+
+    def _draw_axes(self, painter: QPainter, axes: Axes, title: str, below: str = "") -> None:
+        """Draw two edges with their ticks, and write what they mean."""
+        box, fonts = axes.box, painter.fontMetrics()
+        edge, text = QPen(QColor(self._theme.faint), 1), QPen(QColor(self._theme.text))
+        painter.setPen(edge)
+        painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
+        high = fonts.height()
+        for value, name in ticks(*axes.x, int(box.width() / PER_TICK[0])):
+            (at,) = axes.places(np.array([value]), np.array([axes.y[0]]))
+            painter.setPen(edge)
+            painter.drawLine(at, at + QPointF(0, TICK))
+            painter.setPen(text)
+            painter.drawText(QRectF(at.x() - 30, at.y() + TICK, 60, high), CENTRE, name)
+        for value, name in ticks(*axes.y, int(box.height() / PER_TICK[1])):
+            (at,) = axes.places(np.array([axes.x[0]]), np.array([value]))
+            painter.setPen(edge)
+            painter.drawLine(at, at - QPointF(TICK, 0))
+            painter.setPen(text)
+            place = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
+            painter.drawText(place, BESIDE, name)
+        said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(box.width()))
+        painter.drawText(QRectF(box.left(), 0, box.width(), TOP - 4), BEGIN, said)
+        place = QRectF(box.left(), box.bottom() + TICK + high, box.width(), high)
+        painter.drawText(place, CENTRE, below)
+
+    def _line(self) -> QPen:
+        return QPen(QColor(self._theme.line), 1.6)
+
+    def _other(self) -> QPen:
+        return QPen(QColor(self._theme.other), 1.3, Qt.PenStyle.DashLine)
 
 
-def _fit(axes: Axes, x: Along, y: Along, above: float = ROOM) -> None:
-    """Let the axes show all finite values."""
-    known = y[np.isfinite(y)]
-    low, high = (known.min(), known.max()) if len(known) else (0.0, 1.0)
-    span = (high - low) or 1.0
-    axes.set_ylim(low - ROOM * span, high + above * span)
-    axes.set_xlim(x[0], x[-1] if x[-1] > x[0] else x[0] + 1)
+def _over(x: Along) -> tuple[float, float]:
+    """Give the ends of an axis along a curve, which may have no length."""
+    return float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0

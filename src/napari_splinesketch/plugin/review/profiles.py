@@ -1,12 +1,16 @@
 """What the plots show of a curve, from all that is known of its image."""
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float
 from napari.layers import Image
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid, block_on
 from napari_splinesketch.plugin.measures import Ruler, mean_along
+from napari_splinesketch.plugin.once import once
 from napari_splinesketch.plugin.records import Record
 from napari_splinesketch.plugin.review.along import across, mean_across
 from napari_splinesketch.plugin.review.plots import Profile
@@ -17,7 +21,8 @@ class Profiles:
     """Makes profiles; keeps the mean of all curves while they stay the same."""
 
     def __init__(self) -> None:
-        self._of: tuple[tuple[Record, ...], Ruler] | None = None
+        self._of: tuple[Record, ...] | None = None
+        self._ruler: Ruler | None = None
         self._mean: Float[np.ndarray, " P"] | None = None
 
     def profile(self, work: Work, record: Record, ruler: Ruler) -> Profile:
@@ -34,10 +39,18 @@ class Profiles:
         )
 
     def _mean_of(self, records: tuple[Record, ...], ruler: Ruler) -> Float[np.ndarray, " P"] | None:
-        if self._of is None or self._of[0] is not records or self._of[1] != ruler:
-            self._of = records, ruler
-            self._mean = mean_along([ruler.across(r.curve, r.curve.half_width) for r in records])
+        if ruler != self._ruler:
+            self._ruler = ruler
+            self._across = once(partial(_across, ruler))
+        elif self._of is records:
+            return self._mean
+        self._of = records
+        self._mean = mean_along([self._across(record.curve) for record in records])
         return self._mean
+
+
+def _across(ruler: Ruler, curve: Curve) -> Float[np.ndarray, " P"]:
+    return ruler.across(curve, curve.half_width)
 
 
 def residual_along(

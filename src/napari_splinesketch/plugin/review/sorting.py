@@ -36,9 +36,8 @@ class CurvesInOrder(QSortFilterProxyModel):
 
     def lessThan(self, left: QModelIndex, right: QModelIndex) -> bool:
         """Compare two cells of a column."""
-        column = left.column()
-        key = self.model.key
-        return key(left.row(), column) < key(right.row(), column)
+        keys = self.model.keys(left.column())
+        return keys[left.row()] < keys[right.row()]
 
     def filterAcceptsRow(self, source_row: int, source_parent: QModelIndex) -> bool:
         """Whether a curve is shown."""

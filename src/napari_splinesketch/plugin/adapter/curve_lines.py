@@ -1,0 +1,165 @@
+"""A layer with a line for each curve, brought in step with what is known."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from napari.layers import Image, Shapes
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
+from napari_splinesketch.plugin.adapter.features import features
+from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth
+from napari_splinesketch.plugin.adapter.space import in_stack
+from napari_splinesketch.plugin.gently import add_shapes
+from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.records import Key, Record
+
+MARKED = 200
+"""With more curves than this, numbers are in the table alone: there is no room for them."""
+Look = tuple[ColourBy, Ruler]
+
+
+class CurveLines:
+    """Takes out the lines of curves that are gone, and adds those of new ones.
+
+    Parameters
+    ----------
+    layer
+        Where they are.
+    image
+        What the curves lie on.
+    draw
+        Gives the line of a curve, px.
+    factor
+        Breadth of the lines, relative.
+    marked
+        Whether numbers and marks are written beside the curves.
+    """
+
+    def __init__(
+        self,
+        layer: Shapes,
+        image: Image,
+        draw: Callable[[Curve], Float[np.ndarray, "N 2"]],
+        *,
+        factor: float = 1.0,
+        marked: bool = False,
+    ):
+        self.layer = layer
+        self._image, self._draw = image, draw
+        self._factor, self._marked = factor, marked
+        self._curves: tuple[Curve, ...] = ()
+        self._records: list[Record] = []
+        self._colours: list[str] = []
+        self._known: list[Key] = []
+        self._written: frozenset[Key] = frozenset()
+
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted."""
+        return set(self._written.difference(self.keys()))
+
+    def keys(self) -> list[Key]:
+        """(frame, id) of the curves that are there."""
+        if "id" not in self.layer.features:
+            return []
+        return list(zip(self.layer.features["frame"], self.layer.features["id"], strict=True))
+
+    def colours(self) -> dict[Curve, str]:
+        """Give the curves that are there, with their colours."""
+        return dict(zip(self._curves, self._colours, strict=True))
+
+    def show(self, records: Sequence[Record], look: Look) -> Iterator[None]:
+        """Show these curves, and no others; some come at each step."""
+        wanted = {id(record.curve): record for record in records}
+        gone = self._gone(wanted)
+        if gone:
+            self.layer.selected_data = set()
+            self.layer.remove(gone)
+            self._drop(gone)
+        there = set(map(id, self._curves))
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours = colours_of(curves, *look)
+        for done in add_shapes(
+            self.layer,
+            (in_stack(self._image, r.frame, self._draw(r.curve)) for r in fresh),
+            # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=breadths(curves, self._factor),
+        ):
+            self._curves = (*self._curves, *curves[done])
+            self._colours = [*self._colours, *colours[done]]
+            yield
+        self._describe([wanted[id(curve)] for curve in self._curves], look)
+        if gone:
+            yield
+
+    def follow(self, *, removed: bool) -> None:
+        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
+        left = set(self.keys())
+        if removed and len(left) < len(self._known):
+            self._drop([i for i, key in enumerate(self._known) if key not in left])
+        else:
+            self._forget()
+
+    def _forget(self) -> None:
+        self._curves, self._colours = (), []
+
+    def _gone(self, wanted: Collection[int]) -> list[int]:
+        """Positions in the layer of what does not belong there."""
+        if self.layer.nshapes != len(self._curves):
+            self._forget()
+            return list(range(self.layer.nshapes))
+        return [i for i, curve in enumerate(self._curves) if id(curve) not in wanted]
+
+    def _drop(self, positions: Collection[int]) -> None:
+        """Forget what was at some positions of the layer."""
+        gone = set(positions)
+        kept = [i for i in range(len(self._curves)) if i not in gone]
+        self._curves = tuple(self._curves[i] for i in kept)
+        self._colours = [self._colours[i] for i in kept]
+        self._known = [key for i, key in enumerate(self._known) if i not in gone]
+        self._records = []
+
+    def _describe(self, records: list[Record], look: Look) -> None:
+        """Let features, colours and marks say what is known now."""
+        if records != self._records or self.layer.features.empty:
+            self._records = records
+            self.layer.features = features(records)
+            self._known = self.keys()
+            self._written = frozenset(self._known)
+            if self._marked:
+                self._write_marks()
+        colours = colours_of(self._curves, *look)
+        if colours and colours != self._colours:
+            self._colours = colours
+            self.layer.edge_color = colours
+
+    def _write_marks(self) -> None:
+        """Write number and mark beside the curves that ask for a look, unless there are too many.
+
+        napari's time for text grows with the square of the number of shapes.
+        """
+        layer, curves = self.layer, self._curves
+        if len(curves) > MARKED:
+            if layer.text.values.size > 1:
+                layer.text = {"string": {"constant": ""}}
+            return
+        layer.text = {
+            "string": [
+                f"{key[1]} {MARKS[curve.status]}" if MARKS[curve.status] else ""
+                for key, curve in zip(self._known, curves, strict=True)
+            ],
+            "color": [COLOURS[curve.status] for curve in curves],
+            "size": 10,
+            "anchor": "upper_left",
+        }
+
+
+def breadths(curves: Sequence[Curve], factor: float = 1.0) -> list[float]:
+    """Breadth of each curve's line, px."""
+    unit = factor * breadth(curves)
+    return [unit * BREADTHS[curve.status] for curve in curves]
