@@ -60,7 +60,7 @@ def main(number: int) -> None:
 
     def draw(i: int) -> None:
         panel.show_selected()
-        panel.plots.draw()
+        panel.plots.repaint()
 
     ids = [record.id for record in panel.visible()]
     print(

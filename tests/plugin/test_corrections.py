@@ -75,8 +75,10 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(60, 50)
     assert controller.selected == (1, 2)
     assert "Curve 2" in dock.curve.title.text()
-    curves = viewer.layers["film curves"]
-    assert curves.edge_width[1] > 2 * curves.edge_width[0], "it is seen to be selected"
+    until(lambda: "film selected" in viewer.layers, 5)
+    curves, mark = viewer.layers["film curves"], viewer.layers["film selected"]
+    np.testing.assert_allclose(mark.data[0, 0], [1, *ends(dock)[2][0]], atol=0.6)
+    assert mark.edge_width > 2 * curves.edge_width[1], "it is seen to be selected"
     hand.press("H", SHIFT)
     assert ends(dock) == {1: ENDS[0].tolist(), 2: ENDS[1][::-1].tolist()}
     hand.click(20, 50, SHIFT)
@@ -90,7 +92,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(80, 100)
     assert controller.selection == ()
     assert not dock.curve.isVisible()
-    assert curves.edge_width[1] == curves.edge_width[0]
+    assert not len(mark.data)
     hand.drag((60, 50), (70, 60))
     assert controller.selection == (), "moving the camera selects nothing"
     hand.press("H")

@@ -286,8 +286,15 @@ def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
     curves.add([[0, 0], [9, 9]], shape_type="line")
     until(lambda: curves.nshapes == 1)
     viewer.layers.remove(curves)
-    assert not dock.controller.records()
+    until(lambda: not dock.controller.records())
     assert not dock.results.isVisible()
+    assert "Undo brings them back" in dock.notice.text()
+    click(dock.undo)
+    until(lambda: "cells curves" in viewer.layers and viewer.layers["cells curves"].nshapes == 1)
+    until(lambda: viewer.layers["cells outlines"].nshapes == 1)
+    assert [record.id for record in dock.controller.records()] == [2]
+    viewer.layers.remove(viewer.layers["cells curves"])
+    until(lambda: not dock.controller.records())
     refine(dock)
     assert viewer.layers["cells curves"].nshapes == 2
     assert len(viewer.layers) == 5

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.plugin.adapter.results import MARKED
+from napari_splinesketch.plugin.adapter.curve_lines import MARKED
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.gently import CHUNK
 

@@ -75,8 +75,8 @@ def test_summary_does_not_list_a_hundred_numbers() -> None:
 
 
 def test_reasons_name_curves_by_their_numbers() -> None:
-    said = words.renumbered("it lies on the same body as curve 1", [11, 12])
-    assert said == "it lies on the same body as curve 12"
+    said = words.renumbered(["it lies on the same body as curve 1"], [11, 12])
+    assert said == ("it lies on the same body as curve 12",)
 
 
 def test_every_preset_is_explained() -> None:

@@ -1,6 +1,6 @@
 """The state behind the dock: what would be refined, what runs, what came of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 
-from napari_splinesketch.engine.types import Curve, OnProgress, Progress
+from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.actions import Actions
@@ -24,7 +24,7 @@ from napari_splinesketch.plugin.adapter.sketches import (
     new_sketch_layer,
 )
 from napari_splinesketch.plugin.corrections import Corrections
-from napari_splinesketch.plugin.gently import Soon
+from napari_splinesketch.plugin.gently import MANY, Soon
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.knot_editing import KnotEditing
@@ -72,7 +72,7 @@ class Controller(SettingsKeeper):
         self.clicked.connect(lambda shift: self.corrections.pick(add=shift))
         self.choices.changed.connect(self._follow)
         self._soon = Soon(lambda: self.changed.emit())
-        self.choices.edited.connect(lambda: self._soon())
+        self.choices.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
         self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
 
@@ -225,10 +225,16 @@ class Controller(SettingsKeeper):
         self.actions.close()
         self.stop_listening()
         self._soon.stop()
-        self.changed.disconnect()
-        self.choices.changed.disconnect()
-        self.choices.edited.disconnect()
-        self.choices.drawn.disconnect()
+        choices = self.choices
+        for signal in (self.changed, choices.changed, choices.edited, choices.drawn):
+            signal.disconnect()
+
+    def _on_edited(self) -> None:
+        layer = self.choices.sketches
+        if layer is None or layer.nshapes < MANY:
+            self.changed.emit()
+        else:
+            self._soon()
 
     def _is_meant(self) -> bool:
         """Whether a key is meant for us: a layer that we have to do with is active, or none."""
@@ -260,9 +266,10 @@ class Controller(SettingsKeeper):
             return
         targets = request.plan.targets
         ids = [target.id for target in targets]
+        curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         fresh = [
-            Record(t.id, request.frame, t.sketch, _renumbered(curve, ids), drawn=t.drawn)
-            for t, curve in zip(targets, refined.curves, strict=True)
+            Record(t.id, request.frame, t.sketch, curve, drawn=t.drawn)
+            for t, curve in zip(targets, curves, strict=True)
         ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
         work.history.apply(what, work.state.refined(request.frame, fresh, refined))
@@ -291,7 +298,3 @@ class Controller(SettingsKeeper):
                 # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changed.emit()
-
-
-def _renumbered(curve: Curve, ids: Sequence[int]) -> Curve:
-    return replace(curve, reasons=tuple(words.renumbered(r, ids) for r in curve.reasons))

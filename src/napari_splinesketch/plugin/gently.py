@@ -10,6 +10,8 @@ from napari.layers import Shapes
 from qtpy.QtCore import QTimer
 
 BREATH_MS = 5
+MANY = 200
+"""With so many sketches, what follows from several edits in a row is worked out once."""
 CHUNK = 50
 """Shapes added at once: napari takes about as long for one of them as for so many."""
 

@@ -1,14 +1,12 @@
-"""The review panel comes when the user asks for it, and only then matplotlib."""
+"""The review panel comes when the user asks for it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from psygnal import Signal
 
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.review.panel import ReviewPanel
 from napari_splinesketch.plugin.review.reviewing import Reviewing
-
-if TYPE_CHECKING:
-    from napari_splinesketch.plugin.review.panel import ReviewPanel
 
 NAME = "Curves"
 
@@ -45,8 +43,6 @@ class PanelKeeper:
     def show(self) -> None:
         """Show the panel."""
         if self.panel is None:
-            from napari_splinesketch.plugin.review.panel import ReviewPanel
-
             self.panel = ReviewPanel(self._controller, self.reviewing)
             self.panel.closed.connect(self._on_closed)
             self._window().add_dock_widget(self.panel, name=NAME, area="bottom")

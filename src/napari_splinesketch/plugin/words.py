@@ -147,9 +147,9 @@ def _mark(status: Status) -> str:
     return f'<span style="color: {COLOURS[status]}">■</span> {MARKS[status]}'
 
 
-def renumbered(reason: str, ids: Sequence[int]) -> str:
-    """Let a reason of the engine name other curves by their number instead of their position."""
-    return CURVE.sub(lambda found: f"curve {ids[int(found[1])]}", reason)
+def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
+    """Let reasons of the engine name other curves by their number instead of their position."""
+    return tuple(CURVE.sub(lambda found: f"curve {ids[int(found[1])]}", r) for r in reasons)
 
 
 def _in_one(texts: Sequence[str]) -> str:

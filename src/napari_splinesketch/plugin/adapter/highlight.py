@@ -41,7 +41,7 @@ class Highlight:
         """The layer, or None where there is none or the user removed it."""
         return self._layer if self._layer in self._viewer.layers else None
 
-    def make(self) -> Vectors:
+    def make(self) -> None:
         """Add the layer, with nothing in it."""
         self._shown = []
         self._layer = Vectors(
@@ -51,7 +51,6 @@ class Highlight:
             **placement(self._image),
         )
         self._viewer.layers.append(self._layer)
-        return self._layer
 
     def show(self, records: Sequence[Record], colours: Sequence[str], breadth: float) -> None:
         """Mark these curves, and no others."""

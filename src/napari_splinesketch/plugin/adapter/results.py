@@ -131,6 +131,9 @@ class ResultLayers:
             return
         chosen, there = set(self.selection()), lines.colours()
         records = [r for r in self._owner.records if key_of(r) in chosen and r.curve in there]
+        if records and self._highlight.layer is None:
+            with self._by_us():
+                self._highlight.make()
         broad = SELECTED * max(breadths([record.curve for record in records]), default=1.0)
         self._highlight.show(records, [there[record.curve] for record in records], broad)
 
@@ -155,8 +158,6 @@ class ResultLayers:
             layer.events.data.connect(self._on_data)
             layer.selected_data.events.items_changed.connect(self._on_selected)
             layer.mouse_drag_callbacks.append(self._on_press)
-            yield
-            self._highlight.make()
             yield
         if self._curves and self.layer("curves"):
             yield from self._curves.show(self._owner.records, self._look)
