@@ -5,23 +5,24 @@
 For each action the longest gap between two ticks of a 5 ms timer, and in brackets the time that the
 window's own thread was at work in the busiest gap: on an idle machine with a graphics card the two
 are nearly the same; on a busy one, or where a program draws in the place of a card, the gap is
-longer. The engine is a stand-in that answers at once, so that only the window is
-measured. --write puts the table into docs/films.md.
+longer. Beside each number of curves, what napari takes for the like without us: for a bare layer of
+as many lines of as many points. The engine is a stand-in that answers at once, so that only the
+window is measured. --write puts the table into docs/films.md.
 """
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import napari
 import numpy as np
-from fakes import FakeEngine
+from fakes import FakeEngine, as_drawn
 from hand import QTest, add_dock, canvas, canvas_point, click, draw
-from qtpy.QtCore import Qt, QTimer
-from qtpy.QtWidgets import QApplication
+from napari.layers import Image, Shapes, Vectors
+from qtpy.QtCore import Qt
+from ticks import Gap, watch
 
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -30,50 +31,8 @@ ROOT = Path(__file__).parents[2]
 COUNTS = (10, 100, 1000)
 SIZE = 1024
 WORM = 30.0
-TICK_MS = 5
-SETTLE = 0.5
-"""Seconds in which the window may stand still after an action."""
 
-
-Gap = tuple[float, float]
-"""Seconds by the clock, and of work in the window's thread."""
-
-
-class Ticks:
-    """Notes the longest time between two ticks."""
-
-    def __init__(self) -> None:
-        self._last = self._now()
-        self.longest: Gap = (0.0, 0.0)
-        self._timer = QTimer()
-        self._timer.setInterval(TICK_MS)
-        self._timer.timeout.connect(self._tick)
-        self._timer.start()
-
-    def _now(self) -> Gap:
-        return time.perf_counter(), time.thread_time()
-
-    def _tick(self) -> None:
-        now = self._now()
-        clock, work = (b - a for a, b in zip(self._last, now, strict=True))
-        self.longest = max(self.longest[0], clock), max(self.longest[1], work)
-        self._last = now
-
-
-def watch(done: Callable[[], bool], action: Callable[[], object] = lambda: None) -> Gap:
-    """Do something and let the window live until something holds and a little longer."""
-    ticks = Ticks()
-    for _ in range(4):
-        QApplication.processEvents()
-    action()
-    while not done():
-        QApplication.processEvents()
-        time.sleep(0.001)
-    end = time.perf_counter() + SETTLE
-    while time.perf_counter() < end:
-        QApplication.processEvents()
-        time.sleep(0.001)
-    return ticks.longest
+Act = Callable[..., None]
 
 
 def bodies(count: int) -> list[np.ndarray]:
@@ -90,7 +49,12 @@ def bodies(count: int) -> list[np.ndarray]:
     return lines
 
 
-def measured(count: int) -> dict[str, Gap]:
+def picture() -> np.ndarray:
+    """An image of noise."""
+    return np.random.default_rng(0).normal(100, 5, (SIZE, SIZE)).astype(np.float32)
+
+
+def with_us(count: int) -> dict[str, Gap]:
     """Do what a user does with so many curves; longest gap of each action, s."""
     made: list[np.ndarray] = bodies(count)
     fake = FakeEngine()
@@ -98,26 +62,43 @@ def measured(count: int) -> dict[str, Gap]:
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
     engine.refine, engine.warm_up = fake.refine, lambda report: None
     engine.suggest = lambda task, report: tuple(made)
+
+    def steps(viewer: Any, act: Act) -> None:
+        dock = add_dock(viewer)
+        QTest.qWait(1000)
+        act("nothing", lambda: None)
+        ours(viewer, dock, count, act)
+
+    return measured(steps)
+
+
+def without_us(count: int) -> dict[str, Gap]:
+    """Do the like with layers of napari's alone."""
+    return measured(lambda viewer, act: napari_alone(viewer, count, act))
+
+
+def measured(steps: Callable[[Any, Act], None]) -> dict[str, Gap]:
+    """Go through steps in a fresh window; longest gap of each, s."""
     viewer: Any = napari.Viewer()
     viewer.window.resize(1300, 860)
-    rng = np.random.default_rng(0)
-    viewer.add_image(rng.normal(100, 5, (SIZE, SIZE)).astype(np.float32), name="cells")
-    dock = add_dock(viewer)
+    viewer.add_image(picture(), name="cells")
     QTest.qWait(1000)
     viewer.reset_view()
-    QTest.qWait(1000)
-    gaps = {"nothing": watch(lambda: True)}
+    QTest.qWait(500)
+    gaps: dict[str, Gap] = {}
 
-    def act(name: str, action: Callable[[], object], done: Callable[[], bool]) -> None:
+    def act(
+        name: str, action: Callable[[], object], done: Callable[[], bool] = lambda: True
+    ) -> None:
         """Note the longest gap until something holds, and a little longer."""
         gaps[name] = watch(done, action)
 
-    steps(viewer, dock, count, act)
+    steps(viewer, act)
     viewer.close()
     return gaps
 
 
-def steps(viewer: Any, dock: SplinesketchDock, count: int, act: Callable[..., None]) -> None:
+def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
     """Go through a user's hour."""
     controller = dock.controller
 
@@ -134,30 +115,70 @@ def steps(viewer: Any, dock: SplinesketchDock, count: int, act: Callable[..., No
     act("suggest", lambda: click(dock.suggest.button), idle)
     sketches = viewer.layers["cells sketches"]
     assert sketches.nshapes == count
-    act("draw a line", lambda: draw(viewer, sketches, [(4, 4), (4, 40)]), lambda: True)
+    act("draw a line", lambda: draw(viewer, sketches, [(4, 4), (4, 40)]))
     act("refine", lambda: click(dock.refine), shown(count + 1))
-    viewer.layers.selection.active = viewer.layers["cells curves"]
-    viewer.layers["cells curves"].mode = "select"
-    middle = controller.records()[count // 2].curve.points[50]
-    place = canvas_point(viewer, middle)
-    act(
-        "select a curve on the canvas",
-        lambda: QTest.mouseClick(canvas(viewer), Qt.MouseButton.LeftButton, pos=place),
-        lambda: True,
-    )
+    curves = viewer.layers["cells curves"]
+    viewer.layers.selection.active = curves
+    curves.mode = "select"
+    select(viewer, act, "select a curve, the first time", curves.data[count // 2])
+    select(viewer, act, "select a curve", curves.data[count // 3])
     assert len(controller.selection) == 1, controller.selection
     act("open the table", lambda: click(dock.review), lambda: dock.panel.panel is not None)
     accept, following = controller.actions["accept"], controller.actions["next"]
-    act("accept, and on to the next", accept.run, lambda: True)
-    act("on to the next", following.run, lambda: True)
+    act("accept, and on to the next", accept.run)
+    act("on to the next", following.run)
     act("delete a curve", controller.delete, shown(count))
     act("undo", lambda: click(dock.undo), shown(count + 1))
-    act("zoom", lambda: setattr(viewer.scene.camera, "zoom", 5), lambda: True)
-    act("hide the curves", lambda: _toggle(viewer), lambda: True)
+    act("zoom", lambda: setattr(viewer.scene.camera, "zoom", 5))
+    act("hide the curves", lambda: setattr(curves, "visible", False))
 
 
-def _toggle(viewer: Any) -> None:
-    viewer.layers["cells curves"].visible = False
+def napari_alone(viewer: Any, count: int, act: Act) -> None:
+    """Do with a bare layer what is most like each action."""
+    layers = viewer.layers
+    lines = bodies(count)
+    curves = [as_drawn(line).points for line in lines]
+    act("suggest", lambda: layers.append(Shapes(ndim=2, name="sketches")))
+    sketches = layers["sketches"]
+    sketches.add(lines, shape_type="path")
+    QTest.qWait(500)
+    act("draw a line", lambda: draw(viewer, sketches, [(4, 4), (4, 40)]))
+    act("refine", lambda: layers.append(Image(picture(), name="reconstruction")))
+    layers.append(Shapes(curves, shape_type="path", name="curves"))
+    shapes = layers["curves"]
+    shapes.mode = "select"
+    QTest.qWait(500)
+    mark = np.array([[[9.0, 9.0], [9.0, 9.0]]])
+    act("select a curve, the first time", lambda: layers.append(Vectors(mark)))
+    layers.selection.active = shapes
+    select(viewer, act, "select a curve", curves[count // 3])
+    act("on to the next", lambda: setattr(viewer.scene.camera, "center", (0, *lines[0][0])))
+    act("delete a curve", shapes.remove_selected)
+    act("undo", lambda: shapes.add(curves[count // 3], shape_type="path"))
+    act("zoom", lambda: setattr(viewer.scene.camera, "zoom", 5))
+    act("hide the curves", lambda: setattr(shapes, "visible", False))
+
+
+def select(viewer: Any, act: Act, name: str, line: np.ndarray) -> None:
+    """Click the middle of a line."""
+    place = canvas_point(viewer, line[len(line) // 2])
+    act(name, lambda: QTest.mouseClick(canvas(viewer), Qt.MouseButton.LeftButton, pos=place))
+
+
+def table(counts: list[int]) -> str:
+    """Measure, and write it as a table."""
+    columns: dict[str, dict[str, Gap]] = {}
+    for count in counts:
+        columns[f"{count:,} curves"] = with_us(count)
+        columns[f"napari, {count:,} lines"] = without_us(count)
+    lines = [f"| action | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|"]
+    for name in next(iter(columns.values())):
+        cells = [
+            f"{1000 * gaps[name][0]:.0f} ({1000 * gaps[name][1]:.0f})" if name in gaps else "–"
+            for gaps in columns.values()
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
@@ -166,20 +187,13 @@ def main() -> None:
     parser.add_argument("--counts", nargs="+", type=int, default=list(COUNTS))
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    results = {count: measured(count) for count in options.counts}
-    head = " | ".join(f"{count:,} curves" for count in results)
-    lines = [f"| action | {head} |", "|---" * (len(results) + 1) + "|"]
-    for name in next(iter(results.values())):
-        both = [gaps[name] for gaps in results.values()]
-        cells = " | ".join(f"{1000 * clock:.0f} ({1000 * work:.0f})" for clock, work in both)
-        lines.append(f"| {name} | {cells} |")
-    table = "\n".join(lines) + "\n"
-    print(table)
+    text = table(options.counts)
+    print(text)
     if options.write:
         sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
         from insert import insert
 
-        insert("many", table, ROOT / "docs" / "films.md")
+        insert("many", text, ROOT / "docs" / "films.md")
 
 
 if __name__ == "__main__":

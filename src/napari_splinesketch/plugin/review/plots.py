@@ -101,8 +101,8 @@ class CurvePlots(QWidget):
             for i in (0, 1)
         )
         if self.profile is None:
-            self._draw_axes(painter, left, WIDTH)
-            self._draw_axes(painter, right, RESIDUAL)
+            self._draw_axes(painter, left, WIDTH, numbered=False)
+            self._draw_axes(painter, right, RESIDUAL, numbered=False)
         else:
             self._draw_width(painter, left, self.profile)
             self._draw_residual(painter, right, self.profile)
@@ -132,7 +132,7 @@ class CurvePlots(QWidget):
         x, y = profile.distance, profile.residual
         below = f"distance along it ({profile.unit})"
         if y is None:
-            self._draw_axes(painter, replace(axes, x=_over(x)), NO_MODEL, below)
+            self._draw_axes(painter, replace(axes, x=_over(x)), NO_MODEL, below, numbered=False)
             return
         axes = replace(axes, x=_over(x), y=spanned([y, np.zeros(1)], ROOM, ROOM))
         self._draw_axes(painter, axes, "Image − model, mean across it", below)
@@ -157,20 +157,22 @@ class CurvePlots(QWidget):
                 painter.drawText(QRectF(at + SWATCH + 4, middle - 8, room, 16), BEGIN, name)
                 at += SWATCH + room + 14
 
-    def _draw_axes(self, painter: QPainter, axes: Axes, title: str, below: str = "") -> None:
+    def _draw_axes(
+        self, painter: QPainter, axes: Axes, title: str, below: str = "", *, numbered: bool = True
+    ) -> None:
         """Draw two edges with their ticks, and write what they mean."""
         box, fonts = axes.box, painter.fontMetrics()
         edge, text = QPen(QColor(self._theme.faint), 1), QPen(QColor(self._theme.text))
         painter.setPen(edge)
         painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
         high = fonts.height()
-        for value, name in ticks(*axes.x, int(box.width() / PER_TICK[0])):
+        for value, name in ticks(*axes.x, int(box.width() / PER_TICK[0])) if numbered else ():
             (at,) = axes.places(np.array([value]), np.array([axes.y[0]]))
             painter.setPen(edge)
             painter.drawLine(at, at + QPointF(0, TICK))
             painter.setPen(text)
             painter.drawText(QRectF(at.x() - 30, at.y() + TICK, 60, high), CENTRE, name)
-        for value, name in ticks(*axes.y, int(box.height() / PER_TICK[1])):
+        for value, name in ticks(*axes.y, int(box.height() / PER_TICK[1])) if numbered else ():
             (at,) = axes.places(np.array([axes.x[0]]), np.array([value]))
             painter.setPen(edge)
             painter.drawLine(at, at - QPointF(TICK, 0))
