@@ -1,9 +1,12 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.labels.formats import READERS, WRITERS, writer_of
+
+from .samples import FULL, bent
 
 
 def test_an_unknown_ending_is_refused_and_the_known_ones_are_named(tmp_path: Path) -> None:
@@ -39,3 +42,35 @@ def test_no_writer_overwrites_unless_asked(tmp_path: Path, writer) -> None:
 def test_a_missing_file_is_the_systems_own_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         read_labels(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.geojson", "a.wcon"])
+def test_what_the_user_said_of_a_curve_is_kept(tmp_path: Path, name: str) -> None:
+    reviews = ("accepted", "open", "rejected")
+    labels = [replace(one, review=r) for one, r in zip(FULL.labels, reviews, strict=True)]
+    told = write_labels(tmp_path / name, replace(FULL, labels=tuple(labels)))
+    assert not any("accepted" in sentence for sentence in told)
+    assert tuple(one.review for one in read_labels(tmp_path / name).labels) == reviews
+    write_labels(tmp_path / name, FULL, overwrite=True)
+    assert {one.review for one in read_labels(tmp_path / name).labels} == {"open"}
+
+
+@pytest.mark.parametrize("name", ["a.swc", "a.zip", "a.masks.tif"])
+def test_formats_without_a_place_for_it_say_so(tmp_path: Path, name: str) -> None:
+    accepted = replace(FULL, labels=(replace(FULL.labels[0], review="accepted"),))
+    told = write_labels(tmp_path / name, accepted)
+    assert any("no place for what you accepted" in sentence for sentence in told)
+
+
+def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    write_labels(path, Labels((replace(bent(), review="accepted"),)))
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("accepted", "liked"), encoding="utf-8")
+    with pytest.raises(
+        LabelsError, match="line 2: curve 0 of frame 0: review is 'liked'; expected one of open"
+    ):
+        read_labels(path)
+    path.write_text(text.replace("accepted", "open", 1), encoding="utf-8")
+    with pytest.raises(LabelsError, match="line 3: review differs from 'open' on line 2"):
+        read_labels(path)

@@ -184,10 +184,12 @@ def test_export_writes_what_is_shown(
         return str(tmp_path / "mine"), kinds
 
     monkeypatch.setattr(QFileDialog, "getSaveFileName", ask)
+    dock.controller.review("accepted", (0, 2))
     click(dock.export)
     assert asked[0].endswith("cells_labels.csv")
     labels = read_labels(tmp_path / "mine.csv").labels
     assert [(label.frame, label.curve) for label in labels] == [(0, 1), (0, 2)]
+    assert [label.review for label in labels] == ["open", "accepted"]
     for label, curve in zip(labels, viewer.layers["cells curves"].data, strict=True):
         np.testing.assert_array_equal(label.points.astype(np.float32), curve)
     assert "Saved 2 curves to mine.csv" in dock.notice.text()

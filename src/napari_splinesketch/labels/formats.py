@@ -71,12 +71,22 @@ class Writer:
         Writes a file.
     losses
         Says what of the labels the format has no place for, one sentence each.
+    reviews
+        Whether it has a place for what the user says of a curve.
     """
 
     name: str
     suffix: str
     write: Write
     losses: Callable[[Labels], tuple[str, ...]]
+    reviews: bool = False
+
+    def lost(self, labels: Labels) -> tuple[str, ...]:
+        """Say everything of the labels that the format has no place for."""
+        told = self.losses(labels)
+        if not self.reviews and any(label.review != "open" for label in labels.labels):
+            told += (f"{self.name}: no place for what you accepted or rejected",)
+        return told
 
 
 READERS = (
@@ -95,12 +105,12 @@ READERS = (
 """Those of one suffix in the order in which they are tried."""
 
 WRITERS = (
-    Writer("labels CSV", ".csv", table.write, table.losses),
+    Writer("labels CSV", ".csv", table.write, table.losses, reviews=True),
     Writer("napari Shapes CSV", ".shapes.csv", shapes_csv.write, shapes_csv.losses),
-    Writer("GeoJSON", ".geojson", geojson.write, geojson.losses),
+    Writer("GeoJSON", ".geojson", geojson.write, geojson.losses, reviews=True),
     Writer("ImageJ ROIs", ".zip", imagej.write, imagej.losses),
     Writer("SWC", ".swc", swc.write, swc.losses),
-    Writer("WCON", ".wcon", wcon.write, wcon.losses),
+    Writer("WCON", ".wcon", wcon.write, wcon.losses, reviews=True),
     Writer("COCO keypoints", ".coco.json", coco.write, coco.losses),
     Writer("SLEAP", ".slp", sleap.write, sleap.losses),
     Writer("Tierpsy skeletons", "_skeletons.hdf5", tierpsy.write, tierpsy.losses),
@@ -177,7 +187,7 @@ def write_labels(
     writer = writer_of(path)
     labels = as_labels(labels)
     writer.write(path, labels, overwrite=overwrite)
-    return writer.losses(labels)
+    return writer.lost(labels)
 
 
 def as_labels(labels: Labels | Refinement | Sequence[Curve]) -> Labels:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
-from napari_splinesketch.labels.head import head_of, read_head
+from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
 from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
@@ -60,6 +60,7 @@ def _feature(label: Label) -> dict[str, Any]:
                 "status": label.status,
                 "half_width": finite_or_null(label.half_width),
                 "sd": finite_or_null(label.sd),
+                **review_member(label),
             },
         },
     }
@@ -137,6 +138,7 @@ def _ours(line: Node, ours: Node) -> Label:
             ours["half_width"].numbers(unknown=np.nan),
             ours["sd"].numbers(unknown=np.inf),
             cast(LabelStatus, ours["status"].text()),
+            read_review(ours),
         )
 
 

@@ -28,7 +28,7 @@ def resampled(label: Label, count: int) -> Label:
     places = np.linspace(0, arc[-1], count)
     points = np.column_stack([np.interp(places, arc, axis) for axis in label.points.T])
     width, sd = (np.interp(places, arc, values) for values in (label.half_width, label.sd))
-    return Label(label.frame, label.curve, points, width, sd, label.status)
+    return Label(label.frame, label.curve, points, width, sd, label.status, label.review)
 
 
 def edges(label: Label) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:

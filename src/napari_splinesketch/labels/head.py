@@ -1,11 +1,11 @@
-"""What all curves of a JSON file share: scale, units, image shape and provenance."""
+"""What all curves of a JSON file share, and what the user says of each."""
 
 from typing import Any, cast
 
 from napari_splinesketch import __version__
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.json_tree import Node
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.labels.types import Label, Labels, Review
 
 
 def head_of(labels: Labels) -> dict[str, object]:
@@ -26,6 +26,16 @@ def read_head(head: Node, labels: tuple[Label, ...], notes: tuple[str, ...] = ()
     shape = _pair(head, "shape")
     with blamed(head.error):
         return Labels(labels, _pair(head, "scale"), units, cast(Any, shape), provenance, notes)
+
+
+def review_member(label: Label) -> dict[str, str]:
+    """Give the member that says what the user says of a curve; none while that is open."""
+    return {} if label.review == "open" else {"review": label.review}
+
+
+def read_review(own: Node) -> Review:
+    """Read what `review_member` wrote; `Label` checks the word."""
+    return cast(Review, own["review"].text() if "review" in own else "open")
 
 
 def _pair(head: Node, name: str) -> tuple[float, float] | None:

@@ -19,6 +19,7 @@ from napari_splinesketch.labels.rows import open_rows
 from napari_splinesketch.labels.table_reader import (
     PIXELS,
     REQUIRED,
+    REVIEW,
     UNITS,
     DisorderError,
     TableReader,
@@ -80,9 +81,10 @@ def join(
 
 def _write(file: TextIO, labels: Labels) -> None:
     table = csv.writer(file, lineterminator="\n")
-    table.writerow(PIXELS + (UNITS if labels.scale else ()))
+    reviewed = any(label.review != "open" for label in labels.labels)
+    table.writerow(PIXELS + (UNITS if labels.scale else ()) + (REVIEW if reviewed else ()))
     for label in labels.labels:
-        table.writerows(_rows(label, labels))
+        table.writerows(_rows(label, labels, reviewed))
 
 
 def losses(labels: Labels) -> tuple[str, ...]:
@@ -99,7 +101,7 @@ def lost(*, provenance: bool, scale: bool) -> tuple[str, ...]:
     return tuple(text for text, true in told.items() if true)
 
 
-def _rows(label: Label, labels: Labels) -> Iterator[tuple[object, ...]]:
+def _rows(label: Label, labels: Labels, reviewed: bool) -> Iterator[tuple[object, ...]]:
     size = len(label.points)
     columns: list[object] = [
         itertools.repeat(label.frame, size),
@@ -115,6 +117,8 @@ def _rows(label: Label, labels: Labels) -> Iterator[tuple[object, ...]]:
         columns += (label.points * labels.scale).T.tolist()
         columns.append((label.half_width * width_growth(label.points, labels.scale)).tolist())
         columns.append(itertools.repeat(labels.units or "", size))
+    if reviewed:
+        columns.append(itertools.repeat(label.review, size))
     return zip(*columns, strict=True)  # pyright: ignore[reportArgumentType]
 
 

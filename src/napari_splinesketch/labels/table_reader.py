@@ -12,9 +12,10 @@ from jaxtyping import Float
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.rows import Row, Rows
-from napari_splinesketch.labels.types import Label, Labels, LabelStatus
+from napari_splinesketch.labels.types import Label, Labels, LabelStatus, Review
 
 PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
+REVIEW = ("review",)
 UNITS = ("y", "x", "half_width_units", "units")
 REQUIRED = tuple(name for name in PIXELS if name != "arc_length")
 SCALE_TOLERANCE = 1e-6
@@ -31,6 +32,7 @@ class _Block:
     frame: int
     curve: int
     status: str
+    review: str
     line: int
     row: "array[float]" = field(default_factory=_doubles)
     col: "array[float]" = field(default_factory=_doubles)
@@ -39,10 +41,9 @@ class _Block:
 
     def label(self) -> Label:
         points = np.column_stack([self.row, self.col])
-        status = cast(LabelStatus, self.status)
-        return Label(
-            self.frame, self.curve, points, np.array(self.half_width), np.array(self.sd), status
-        )
+        status, review = cast(LabelStatus, self.status), cast(Review, self.review)
+        width, sd = np.array(self.half_width), np.array(self.sd)
+        return Label(self.frame, self.curve, points, width, sd, status, review)
 
 
 class DisorderError(ValueError):
@@ -101,7 +102,7 @@ class TableReader:
                         "the rows of a curve must follow one another"
                     )
                 known.add(key)
-                block = _Block(*key, row["status"], self._rows.line)
+                block = _Block(*key, row["status"], row.get(*REVIEW, "open"), self._rows.line)
             self._add(block, row)
         if block:
             yield self._finished(block)
@@ -113,6 +114,8 @@ class TableReader:
             raise rows.error(f"point is {point}; expected {len(block.row)}, counting from 0")
         if row["status"] != block.status:
             raise rows.error(f"status differs from {block.status!r} on line {block.line}")
+        if row.get(*REVIEW, "open") != block.review:
+            raise rows.error(f"review differs from {block.review!r} on line {block.line}")
         block.row.append(rows.number(row, "row"))
         block.col.append(rows.number(row, "col"))
         block.half_width.append(rows.number(row, "half_width"))

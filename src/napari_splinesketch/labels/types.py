@@ -13,6 +13,8 @@ from napari_splinesketch.engine.types import Array, Curve, Refinement
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
+Review = Literal["open", "accepted", "rejected"]
+REVIEWS: tuple[Review, ...] = get_args(Review)
 MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
@@ -38,6 +40,8 @@ class Label:
         (N,): standard error of `points` along the normal, px; infinite where not known.
     status
         What the refinement says of the curve, or "sketch" for a line that was not refined.
+    review
+        What the user says of it.
     """
 
     frame: int
@@ -46,6 +50,7 @@ class Label:
     half_width: Float[Array, " N"]
     sd: Float[Array, " N"]
     status: LabelStatus
+    review: Review = "open"
 
     def __post_init__(self) -> None:
         """Make the arrays float64 and refuse what no file could hold."""
@@ -58,14 +63,17 @@ class Label:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        problem = _array_problem(self) or _status_problem(self.status)
+        problem = _array_problem(self) or _word_problem("status", self.status, STATUSES)
+        problem = problem or _word_problem("review", self.review, REVIEWS)
         if problem:
             raise ValueError(f"curve {self.curve} of frame {self.frame}: {problem}")
 
     @classmethod
-    def from_curve(cls, curve: Curve, *, frame: int = 0, identity: int = 0) -> Self:
+    def from_curve(
+        cls, curve: Curve, *, frame: int = 0, identity: int = 0, review: Review = "open"
+    ) -> Self:
         """Label a refined curve with its frame and identity."""
-        return cls(frame, identity, curve.points, curve.half_width, curve.sd, curve.status)
+        return cls(frame, identity, curve.points, curve.half_width, curve.sd, curve.status, review)
 
     @classmethod
     def from_sketch(cls, points: Float[Array, "N 2"], *, frame: int = 0, identity: int = 0) -> Self:
@@ -207,10 +215,10 @@ def _array_problem(label: Label) -> str | None:
     return None
 
 
-def _status_problem(status: str) -> str | None:
-    if status in STATUSES:
+def _word_problem(name: str, word: str, allowed: tuple[str, ...]) -> str | None:
+    if word in allowed:
         return None
-    return f"status is {status!r}; expected one of {', '.join(STATUSES)}"
+    return f"{name} is {word!r}; expected one of {', '.join(allowed)}"
 
 
 def _checked_scale(scale: tuple[float, float]) -> tuple[float, float]:

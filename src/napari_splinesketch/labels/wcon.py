@@ -10,7 +10,7 @@ from jaxtyping import Float
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
-from napari_splinesketch.labels.head import head_of, read_head
+from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
 from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
@@ -46,6 +46,7 @@ def _record(label: Label, scale: tuple[float, float]) -> dict[str, Any]:
         "status": label.status,
         "half_width_px": finite_or_null(label.half_width),
         "sd_px": finite_or_null(label.sd),
+        **review_member(label),
     }
     return {"id": str(label.curve), "t": [label.frame], "x": [x], "y": [y], OURS: own}
 
@@ -110,7 +111,7 @@ class _Spine:
             half_width = own["half_width_px"].numbers(unknown=np.nan)
             sd = own["sd_px"].numbers(unknown=np.inf)
             status = cast(LabelStatus, own["status"].text())
-            return Label(frame, identity, points, half_width, sd, status)
+            return Label(frame, identity, points, half_width, sd, status, read_review(own))
 
     def frame(self) -> int:
         return Node(self.record.path, f"{self.record.place}.t", self.time).integer()

@@ -2,16 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.labels.types import Review
 
 Line = Float[np.ndarray, "N 2"]
-Review = Literal["open", "accepted", "rejected"]
 Key = tuple[int, int]
 """(frame, id) of a record."""
 

@@ -19,7 +19,10 @@ LABELS = "napari-splinesketch labels"
 
 def labels_of(work: Known) -> Labels:
     """Label all curves of an image."""
-    labels = [Label.from_curve(r.curve, frame=r.frame, identity=r.id) for r in work.records]
+    labels = [
+        Label.from_curve(r.curve, frame=r.frame, identity=r.id, review=r.review)
+        for r in work.records
+    ]
     image = work.image
     height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
     shape = int(height), int(width)
