@@ -14,7 +14,7 @@ from napari_splinesketch.cli import main
 from napari_splinesketch.cli.parser import make_parser
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
-from .fakes import FakeEngine, film
+from .fakes import FakeEngine, curve, film
 
 SubParsers = argparse._SubParsersAction
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ def examples() -> list[str]:
         for path in (ROOT / "docs" / "files.md", ROOT / "docs" / "index.md")
     ]
     joined = "\n".join(texts).replace("\\\n", " ")
-    lines = re.findall(r"^ *(napari-splinesketch [a-z]+ .*)$", joined, re.M)
+    lines = re.findall(r"^ *(napari-splinesketch [a-z-]+ .*)$", joined, re.M)
     wordy = (line for line in lines if "IMAGE" not in line and "--help" not in line)
     return sorted({" ".join(shlex.split(re.sub(r"  +\S.*|#.*", "", line))) for line in wordy})
 
@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_there_are_examples_of_every_command() -> None:
     assert {line.split()[1] for line in examples()} == {
-        *("demo", "refine", "suggest", "track", "convert", "compare")
+        *("demo", "refine", "suggest", "track", "convert", "compare", "export-training")
     }
     assert len(examples()) > 12
 
@@ -71,10 +71,14 @@ def test_the_example_runs(
     arguments = shlex.split(line)[1:]
     if "labels.csv" in arguments and arguments[0] in ("convert", "compare"):
         write_labels("labels.csv", read_labels("film.csv"))
+    if arguments[0] == "export-training":
+        labels = [Label.from_curve(curve(LINE), frame=i, review="accepted") for i in range(3)]
+        write_labels("labels.csv", Labels(tuple(labels)))
     if "lines.csv" in arguments:
         Path("sketches.csv").rename("lines.csv")
     assert main(arguments) == 0, capsys.readouterr().err
     if "-o" in arguments:
-        assert Path(arguments[arguments.index("-o") + 1]).stat().st_size
+        output = Path(arguments[arguments.index("-o") + 1])
+        assert (output / "manifest.json" if output.is_dir() else output).stat().st_size
     elif arguments[0] == "convert":
         assert Path(arguments[2]).stat().st_size

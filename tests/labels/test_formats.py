@@ -67,9 +67,7 @@ def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
     write_labels(path, Labels((replace(bent(), review="accepted"),)))
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace("accepted", "liked"), encoding="utf-8")
-    with pytest.raises(
-        LabelsError, match="line 2: curve 0 of frame 0: review is 'liked'; expected one of open"
-    ):
+    with pytest.raises(LabelsError, match="line 2: curve 0 of frame 0: review is 'liked'"):
         read_labels(path)
     path.write_text(text.replace("accepted", "open", 1), encoding="utf-8")
     with pytest.raises(LabelsError, match="line 3: review differs from 'open' on line 2"):

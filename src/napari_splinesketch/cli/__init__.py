@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = make_parser().parse_args(arguments)
     commands = {"demo": _demo, "refine": _refine, "suggest": _suggest, "track": _track}
-    commands |= {"convert": _convert, "compare": _compare}
+    commands |= {"convert": _convert, "compare": _compare, "export-training": _export_training}
     try:
         return commands[options.command](options)
     except ConnectionError as error:
@@ -147,6 +147,17 @@ def _compare(options: argparse.Namespace) -> int:
     for note in (*labels.notes, *truth.notes):
         _say(note)
     _show(options, asdict(result), comparing.as_text(result))
+    return report.DONE
+
+
+def _export_training(options: argparse.Namespace) -> int:
+    from napari_splinesketch.cli import training
+
+    job = training.TrainingJob(
+        **{field.name: getattr(options, field.name) for field in fields(training.TrainingJob)}
+    )
+    manifest = training.training_job(job)
+    _show(options, manifest, training.as_text(options.output, manifest))
     return report.DONE
 
 

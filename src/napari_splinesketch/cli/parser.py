@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from napari_splinesketch import __version__
+from napari_splinesketch.cli import training
 from napari_splinesketch.engine.settings import PRESETS
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.labels.formats import READERS, WRITERS, Reader, Writer
@@ -27,6 +28,7 @@ and uncertainties.
   napari-splinesketch track film.tif film.csv -o labels.csv
   napari-splinesketch convert labels.csv labels.geojson
   napari-splinesketch compare labels.csv truth.csv
+  napari-splinesketch export-training film.tif labels.csv -o training
 
 Every command explains itself: napari-splinesketch refine --help"""
 
@@ -127,6 +129,9 @@ def make_parser() -> argparse.ArgumentParser:
     _add_track(_command(commands, "track", "carry sketches through a film", TRACK))
     _add_convert(_command(commands, "convert", "translate labels into another format", CONVERT))
     _add_compare(_command(commands, "compare", "measure labels against the truth", COMPARE))
+    training.add_options(
+        _command(commands, "export-training", "write a training set", training.TEXT)
+    )
     return parser
 
 

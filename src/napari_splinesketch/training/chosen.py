@@ -1,0 +1,77 @@
+"""Which curves are good enough to learn from, and what of a frame is better not looked at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, UInt16
+
+from napari_splinesketch.engine.types import POINTS, Array
+from napari_splinesketch.labels.geometry import resampled
+from napari_splinesketch.labels.masks import label_image
+from napari_splinesketch.labels.raster import rasterise
+from napari_splinesketch.labels.types import Label
+
+Keep = Literal["accepted", "good"]
+MARGIN = 3.0
+"""Around a body that is not to be learnt from, px."""
+USUAL = 3.0
+"""Half-width where none is known in the whole frame, px."""
+
+
+def is_kept(label: Label, keep: Keep) -> bool:
+    """Say whether a curve is learnt from: one that somebody accepted, or any good one."""
+    if keep == "accepted":
+        return label.review == "accepted"
+    return label.status == "good" and label.review != "rejected"
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The curves of one frame.
+
+    Attributes
+    ----------
+    kept
+        Learnt from; 100 points each.
+    others
+        Not learnt from, neither as bodies nor as background.
+    """
+
+    kept: tuple[Label, ...]
+    others: tuple[Label, ...]
+
+    @classmethod
+    def of(cls, labels: Sequence[Label], keep: Keep) -> "Chosen":
+        """Part the curves of a frame."""
+        kept = (label for label in labels if is_kept(label, keep))
+        others = tuple(label for label in labels if not is_kept(label, keep))
+        return cls(tuple(map(_sampled, kept)), others)
+
+    def mask(self, shape: tuple[int, int]) -> UInt16[Array, "H W"]:
+        """Draw the bodies that are kept: the first has the value 1, the next 2, ..."""
+        numbered = [replace(label, curve=i) for i, label in enumerate(self.kept)]
+        return label_image(numbered, shape).astype(np.uint16)
+
+    def ignored(self, shape: tuple[int, int]) -> Bool[Array, "H W"]:
+        """Draw what is neither body nor background: the other curves and a margin around them."""
+        ignored = np.zeros(shape, dtype=bool)
+        widths = [np.median(label.half_width) for label in self.kept if _is_wide(label)]
+        usual = float(np.median(widths)) if widths else USUAL
+        # A curve that is kept but has no width has no mask either.
+        for label in (*self.others, *(label for label in self.kept if not _is_wide(label))):
+            # A line without a width is a rough one: the body may lie beside it.
+            reach = label.half_width if _is_wide(label) else np.full(len(label.points), 2 * usual)
+            patch = rasterise(replace(label, half_width=reach + MARGIN), shape)
+            if patch is not None:
+                ignored[patch.place] |= patch.inside
+        return ignored & (self.mask(shape) == 0)
+
+
+def _is_wide(label: Label) -> bool:
+    return bool(np.isfinite(label.half_width).all())
+
+
+def _sampled(label: Label) -> Label:
+    return label if len(label.points) == POINTS else resampled(label, POINTS)

@@ -1,0 +1,123 @@
+"""Reading a training set back, one frame at a time."""
+
+import csv
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from jaxtyping import Bool, Float, Int, Real, UInt16
+
+from napari_splinesketch.engine.types import Array
+from napari_splinesketch.training.export import file_name
+from napari_splinesketch.training.folder import FORMAT, FRAMES, MANIFEST, VERSION
+from napari_splinesketch.training.split import PARTS, Part
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A frame to learn from; N bodies.
+
+    Attributes
+    ----------
+    frame
+        Its number in the film.
+    image
+        (H, W): its pixels, as they were.
+    points
+        (N, 100, 2): centrelines, row and col, px.
+    half_width, sd
+        (N, 100): distance to the edge, and standard error of `points` along the normal, px.
+    curve
+        (N,): identities.
+    mask
+        (H, W): 1 inside the first body, 2 inside the second, ...; 0 elsewhere.
+    ignore
+        (H, W): what is neither body nor background, since nobody accepted what is there.
+    """
+
+    frame: int
+    image: Real[Array, "H W"]
+    points: Float[Array, "N 100 2"]
+    half_width: Float[Array, "N 100"]
+    sd: Float[Array, "N 100"]
+    curve: Int[Array, " N"]
+    mask: UInt16[Array, "H W"]
+    ignore: Bool[Array, "H W"]
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """Frames to learn from; each is read when it is asked for.
+
+    Attributes
+    ----------
+    folder
+        Where they are.
+    manifest
+        What is said of all.
+    frames
+        Their numbers.
+    """
+
+    folder: Path
+    manifest: Mapping[str, Any]
+    frames: tuple[int, ...]
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> Sample:
+        """Read a frame, by its place in `frames`."""
+        frame = self.frames[index]
+        name = file_name(frame)
+        with np.load(self.folder / "splines" / f"{name}.npz", allow_pickle=False) as splines:
+            return Sample(
+                frame,
+                tifffile.imread(self.folder / "images" / f"{name}.tif"),
+                splines["splines"][..., ::-1],
+                splines["half_width"],
+                splines["sd"],
+                splines["curve"],
+                tifffile.imread(self.folder / "masks" / f"{name}.tif"),
+                tifffile.imread(self.folder / "ignore" / f"{name}.tif") > 0,
+            )
+
+    def __iter__(self) -> Iterator[Sample]:
+        """Read one frame after another."""
+        return (self[index] for index in range(len(self)))
+
+
+def read_training(folder: str | os.PathLike[str], part: Part | None = None) -> TrainingSet:
+    """Open a training set.
+
+    Parameters
+    ----------
+    folder
+        As `export_training` made it.
+    part
+        "train", "val" or "test"; None takes all.
+
+    Raises
+    ------
+    ValueError
+        Where the folder is no training set, or of a newer version.
+    """
+    if part not in (None, *PARTS):
+        raise ValueError(f"part is {part!r}; choose one of {', '.join(PARTS)}, or None for all")
+    folder = Path(folder)
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{folder} is no training set: it has no {MANIFEST}") from None
+    if manifest.get("format") != FORMAT or manifest.get("version", 0) > VERSION:
+        raise ValueError(f"{folder / MANIFEST}: expected {FORMAT!r}, version {VERSION} at most")
+    with (folder / FRAMES).open(encoding="utf-8", newline="") as file:
+        rows = csv.DictReader(file)
+        frames = tuple(int(row["frame"]) for row in rows if part in (None, row["split"]))
+    return TrainingSet(folder, manifest, frames)

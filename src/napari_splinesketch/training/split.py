@@ -1,0 +1,97 @@
+"""Which frames train, which choose, which judge: in blocks, since neighbours look alike."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from napari_splinesketch.engine.types import Array
+
+Part = Literal["train", "val", "test"]
+PARTS: tuple[Part, ...] = get_args(Part)
+BLOCKS = 20
+"""So many blocks a film is cut into, unless a block would be longer than `LONGEST`."""
+LONGEST = 100
+GAPS = 10
+"""The gap is a block divided by this."""
+LEFT_OUT = -1
+
+
+@dataclass(frozen=True)
+class Split:
+    """How frames are divided among training, validation and test.
+
+    Attributes
+    ----------
+    shares
+        Of the blocks, for each part; those that are above 0 get one block at least.
+    block
+        Frames in a block; None takes a twentieth of the film, and 100 at most.
+    gap
+        Frames at the least between parts; the rest is left out, of training first. None takes a
+        tenth of a block.
+    seed
+        Which blocks go where.
+    """
+
+    shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
+    block: int | None = None
+    gap: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what divides nothing."""
+        if len(self.shares) != 3 or min(self.shares) < 0 or not 0 < sum(self.shares) < np.inf:
+            raise ValueError(
+                f"shares are {self.shares}; give three numbers from 0, not all 0: train, val, test"
+            )
+        if self.block is not None and self.block < 1:
+            raise ValueError(f"block is {self.block}; give a number of frames from 1")
+        if self.gap is not None and self.gap < 0:
+            raise ValueError(f"gap is {self.gap}; give a number of frames from 0")
+
+    def sizes(self, frames: Int[Array, " F"]) -> tuple[int, int]:
+        """Give the frames of a block and of a gap, for these frames."""
+        span = int(frames[-1] - frames[0]) + 1 if len(frames) else 1
+        block = self.block or min(max(span // BLOCKS, 1), LONGEST)
+        return block, block // GAPS if self.gap is None else self.gap
+
+    def parts(self, frames: Int[Array, " F"]) -> Int[Array, " F"]:
+        """Give each frame the index of its part in `PARTS`, or `LEFT_OUT`.
+
+        Parameters
+        ----------
+        frames
+            Numbers of frames, rising.
+        """
+        if not len(frames):
+            return np.zeros(0, dtype=int)
+        block, gap = self.sizes(frames)
+        blocks, place = np.unique((frames - frames[0]) // block, return_inverse=True)
+        parts = np.repeat(np.arange(3), _counts(len(blocks), self.shares))
+        parts = np.random.default_rng(self.seed).permutation(parts)[place]
+        for part in (0, 1):
+            later = frames[parts > part]
+            parts[(parts == part) & _near(frames, later, gap)] = LEFT_OUT
+        return parts
+
+
+def _counts(blocks: int, shares: tuple[float, ...]) -> Int[Array, "3"]:
+    """Share blocks out: the largest remainders first, and none that asked goes without."""
+    wanted = blocks * np.array(shares) / sum(shares)
+    asked = wanted > 0
+    counts = np.floor(wanted).astype(int)
+    if blocks >= asked.sum():
+        counts = np.maximum(counts, asked)
+    while counts.sum() < blocks:
+        counts[np.argmax(wanted - counts)] += 1
+    while counts.sum() > blocks:
+        counts[np.argmax(np.where(counts > 1, counts - wanted, -np.inf))] -= 1
+    return counts
+
+
+def _near(frames: Int[Array, " F"], others: Int[Array, " G"], gap: int) -> Bool[Array, " F"]:
+    """Tell which frames have one of the others within the gap."""
+    first = np.searchsorted(others, frames - gap, side="left")
+    return np.searchsorted(others, frames + gap, side="right") > first
