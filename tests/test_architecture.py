@@ -4,6 +4,7 @@ import subprocess
 import sys
 from importlib.resources import files
 
+import pytest
 import yaml
 
 GUI = {"napari", "qtpy", "PyQt6", "magicgui", "vispy"}
@@ -61,6 +62,13 @@ def test_tracking_imports_neither_jax_nor_a_window() -> None:
     names = modules_of("tracking")
     assert len(names) > 3
     assert not imported_by(*names) & (GUI | {"jax"})
+
+
+@pytest.mark.parametrize("package", ["batch", "training"])
+def test_batches_and_training_sets_import_neither_jax_nor_a_window(package: str) -> None:
+    names = modules_of(package)
+    assert len(names) > 3
+    assert not imported_by(*names) & (GUI | {"jax", "distributed"})
 
 
 def test_the_command_line_imports_nothing_heavy() -> None:

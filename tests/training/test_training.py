@@ -185,7 +185,7 @@ def test_the_command_says_how_to_accept(
     import tifffile
 
     tifffile.imwrite("film.tif", IMAGES, photometric="minisblack")
-    unseen = replace(REVIEWED, labels=tuple(replace(l, review="open") for l in REVIEWED.labels))
+    unseen = replace(REVIEWED, labels=tuple(replace(one, review="open") for one in REVIEWED.labels))
     write_labels("labels.csv", unseen)
     assert main(["export-training", "film.tif", "labels.csv", "-o", "set"]) == 2
     assert "no curve is accepted; accept some in the window" in capsys.readouterr().err
