@@ -1,6 +1,7 @@
 """The benchmark: runs what has not been run yet, then writes tables, charts and the page.
 
-python tests/benchmarks [parts...] [--methods ...] [--frames N] [--minutes M] [--quick] [--fresh]
+python tests/benchmarks [parts...] [--methods ...] [--bodies ...] [--frames N] [--minutes M]
+    [--quick] [--fresh]
 """
 
 import argparse
@@ -43,7 +44,8 @@ def main() -> None:
             method = methods.make(name)
             if part in method.parts:
                 frames = options.frames or FRAMES[part]
-                new = run(method, CELLS[part](), frames, deadline)
+                cells = [cell for cell in CELLS[part]() if cell.bodies in options.bodies]
+                new = run(method, cells, frames, deadline)
                 print(f"{part}: {methods.LABELS[name]}: {new} new frames", flush=True)
     if "bound" in options.parts:
         bound.run(COUNTS, options.frames or FRAMES["bound"])
@@ -68,6 +70,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser("python tests/benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(PARTS))
     parser.add_argument("--methods", nargs="+", default=list(methods.NAMES), choices=methods.NAMES)
+    parser.add_argument("--bodies", type=int, nargs="+", default=COUNTS, help="in a frame")
     parser.add_argument("--frames", type=int, help="frames in each cell")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="start no frame after")
     parser.add_argument("--quick", action="store_true", help="a few frames only")

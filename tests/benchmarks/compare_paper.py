@@ -1,11 +1,13 @@
 """The paper's method, as here and as in splender: losses, accuracy and seconds, frame by frame.
 
-    python tests/benchmarks/compare_paper.py [--frames 1] [--minutes 30] [--only METHOD]
+    python tests/benchmarks/compare_paper.py [--frames 1] [--bodies 1 2 3] [--minutes 30]
+        [--only METHOD]
 
 Frames of Table 1, the same for all. Each method runs in a process of its own, on one core, with
 no compilation cache, so that its first frame says what compiling costs. Rows go to
 docs/benchmarks/compare_paper.csv; frames that are there already are skipped, so delete the rows of
-a method that has changed. Ends by writing the table into docs/method.md.
+a method that has changed. Those of the reference in the paper's phases, which is slow, also go to
+the benchmark (docs/benchmarks/rows/splender.csv). Ends by writing the table into docs/method.md.
 """
 
 import argparse
@@ -22,10 +24,12 @@ from pathlib import Path
 
 import frames
 import jax.numpy as jnp
+import methods
 import numpy as np
 import reference
 from insert import insert
-from runner import pin_to_one_core
+from rows import Store
+from runner import measured, pin_to_one_core
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import phases, spline
@@ -143,15 +147,19 @@ METHODS: dict[str, tuple[Run, Run]] = {
     "splender": (partial(splender_shipped, steps=1000), partial(splender_shipped, steps=1)),
 }
 COMPILES_IN_EVERY_CALL = {"splender"}
+# Its rows count in the benchmark too.
+BENCHMARKED = {"splender-phases": "splender"}
 
 
-def run(method: str, count: int, deadline: float) -> None:
+def run(method: str, count: int, bodies: Sequence[int], deadline: float) -> None:
     """Run one method over the frames that have no row yet."""
     timed, compiles = METHODS[method]
     done = {(row.method, row.bodies, row.kind, row.index) for row in read()}
     cost: dict[int, float] = {}
+    same = methods.make(BENCHMARKED[method]) if method in BENCHMARKED else None
+    store = Store(same.name, same.version) if same else None
     for index in range(count):
-        for cell in frames.table_cells():
+        for cell in [c for c in frames.table_cells() if c.bodies in bodies]:
             if (method, cell.bodies, cell.kind, index) in done or time.monotonic() > deadline:
                 continue
             frame = frames.frame(cell, index)
@@ -159,10 +167,13 @@ def run(method: str, count: int, deadline: float) -> None:
             compiling = cost[cell.bodies] if every_call and cell.bodies in cost else 0.0
             if cell.bodies not in cost:
                 _, first = _timed(compiles, frame)
-                _, again = (None, 0.0) if every_call else _timed(compiles, frame)
-                cost[cell.bodies] = compiling = max(0.0, first - again)
+                _, again = _timed(compiles, frame)
+                cost[cell.bodies] = compiling = again if every_call else max(0.0, first - again)
             (curves, rest), seconds = _timed(timed, frame)
             seconds -= compiling if every_call else 0.0
+            if same and store:
+                answer = methods.Answer(curves, ["good"] * len(curves))
+                store.add(measured(same, cell, index, frame, answer, seconds, seconds))
             distances = [average_dtw(c, t) for c, t in zip(curves, frame.truths, strict=True)]
             initial = [average_dtw(s, t) for s, t in zip(frame.sketches, frame.truths, strict=True)]
             append(
@@ -241,17 +252,20 @@ def main() -> None:
     """Run what is asked for, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1, help="of each of the 12 cells of Table 1")
+    parser.add_argument("--bodies", type=int, nargs="+", default=frames.COUNTS)
     parser.add_argument("--minutes", type=float, default=30.0, help="for each method")
     parser.add_argument("--only", choices=METHODS, help="one method, in this process")
     given = parser.parse_args()
     if given.only:
         pin_to_one_core()
-        run(given.only, given.frames, time.monotonic() + 60 * given.minutes)
+        deadline = time.monotonic() + 60 * given.minutes
+        run(given.only, given.frames, given.bodies, deadline)
         return
     for method in METHODS:
         command = [sys.executable, __file__, "--only", method, "--frames", str(given.frames)]
         fresh = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
-        subprocess.run([*command, "--minutes", str(given.minutes)], check=True, env=fresh)
+        command += ["--minutes", str(given.minutes), "--bodies", *map(str, given.bodies)]
+        subprocess.run(command, check=True, env=fresh)
     text = table(read())
     insert("compare_paper", text)
     print(text)

@@ -21,6 +21,7 @@ from napari_splinesketch.engine.settings import PRESETS
 from napari_splinesketch.metrics import resample
 
 ALL_PARTS = frozenset({"table", "lines", "sweep", "scaling"})
+DRAWN = ALL_PARTS - {"scaling"}
 LABELS = {
     "sketch": "sketch",
     "fast": "ours, fast",
@@ -99,11 +100,12 @@ def _ours(preset: str) -> Method:
         result = napari_splinesketch.refine(frame.image, frame.sketches, preset=preset)  # pyright: ignore[reportArgumentType]
         return Answer([c.points for c in result.curves], [c.status for c in result.curves])
 
-    return Method(preset, source_digest(), run)
+    return Method(preset, source_digest(without="paper_result"), run)
 
 
 def _paper() -> Method:
-    return replace(_ours("paper"), frames=8, parts=frozenset({"table", "lines"}))
+    decides = source_digest("phases", "scene")
+    return replace(_ours("paper"), version=decides, frames=8, parts=DRAWN)
 
 
 def _sketch() -> Method:
@@ -146,7 +148,7 @@ def _splender() -> Method:
         run=run,
         warm_up=lambda frame: run(frame, compile_only=True),
         frames=8,
-        parts=frozenset({"table", "lines"}),
+        parts=DRAWN,
     )
 
 
@@ -159,17 +161,17 @@ def _digest(text: str) -> str:
     return sha256(text.encode()).hexdigest()[:8]
 
 
-def source_digest(first: str = "refine") -> str:
-    """Digest of an engine module's program, and of all that it imports from the engine.
+def source_digest(*first: str, without: str = "") -> str:
+    """Digest of the programs of engine modules, and of all that they import from the engine.
 
-    Comments, docstrings and layout do not count.
+    Comments, docstrings and layout do not count, nor what only the module `without` imports.
     """
     folder = Path(napari_splinesketch.__file__).parent / "engine"
     trees: dict[str, ast.Module] = {}
-    names = [first]
+    names = list(first or ("refine",))
     while names:
         name = names.pop()
-        if name not in trees:
+        if name not in trees and name != without:
             trees[name] = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
             names.extend(_engine_imports(trees[name], folder))
     return _digest("".join(ast.dump(_without_texts(trees[name])) for name in sorted(trees)))

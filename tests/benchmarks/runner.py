@@ -40,10 +40,10 @@ def _measure(method: Method, cell: Cell, index: int, given: Frame) -> Iterator[R
     wall, cpu = time.perf_counter(), time.process_time()
     answer = method.run(given)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    return _rows(method, cell, index, given, answer, wall, cpu)
+    return measured(method, cell, index, given, answer, wall, cpu)
 
 
-def _rows(
+def measured(
     method: Method,
     cell: Cell,
     index: int,
@@ -52,6 +52,7 @@ def _rows(
     wall: float,
     cpu: float,
 ) -> Iterator[Row]:
+    """Rows of one frame, a row a body."""
     bodies = zip(given.sketches, given.truths, answer.curves, answer.statuses, strict=True)
     for body, (sketch, truth, curve, status) in enumerate(bodies):
         yield Row(

@@ -80,8 +80,9 @@ class Naive:
         points = spline.sample(np.column_stack([knots, total * width]), CANVAS.points)
         row, col = np.mgrid[: CANVAS.frame[0], : CANVAS.frame[1]]
         frame = np.zeros(CANVAS.frame)
-        for y, x, w in points:
-            frame += self.f(np.hypot(row - y, col - x) / w)
+        for index, (y, x, w) in enumerate(points):
+            share = 0.5 if index in (0, len(points) - 1) else 1.0
+            frame += share * self.f(np.hypot(row - y, col - x) / w)
         spacing = spline.arc_length(points)[-1] / (CANVAS.points - 1)
         peak = blobs.cross_section(blobs.initial_profile(), np.zeros(1))[0]
         return frame * spacing / total / peak
@@ -89,7 +90,8 @@ class Naive:
     def bodies(self) -> np.ndarray:
         each = np.array([self.one(i) for i in range(int(self.place.real))])
         alpha = 1 / (1 + np.exp(-float(self.scene.blend)))
-        return alpha * each.max(0) + (1 - alpha) * each.sum(0)
+        highest = each.max(0, initial=0.0)  # where no body is, is none of brightness below zero
+        return alpha * highest + (1 - alpha) * each.sum(0)
 
 
 @partial(jax.jit, static_argnames="canvas")

@@ -7,10 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from napari_splinesketch import synthetic
+from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import phases, spline
 from napari_splinesketch.engine.blobs import spline_knots
+from napari_splinesketch.engine.paper_fit import draw
 from napari_splinesketch.engine.phases import PaperFit, PaperSettings
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import average_dtw
 
 SETTINGS = PaperSettings(splines_steps=250, everything_steps=40, seeds=1)
@@ -84,7 +86,7 @@ def test_every_phase_lowers_the_loss(crossing) -> None:
 
 def test_only_the_last_phase_trains_blob_and_kernel(crossing) -> None:
     _, image, sketches, last = crossing
-    start = phases.prepare(image, sketches, [], half_width=HALF_WIDTH, knots=8, spacing=0.6)[0]
+    start = phases.prepare(image, sketches, [], half_width=HALF_WIDTH, knots=12, spacing=0.6)[0]
     earlier = fit(image, sketches, settings=replace(SETTINGS, everything_steps=0)).scene
     first = fit(image, sketches, settings=replace(SETTINGS, everything_steps=0, splines_steps=0))
     moved = {
@@ -122,7 +124,7 @@ def test_reconstruction_background_and_bodies_agree(crossing) -> None:
 def test_fixed_curves_are_drawn_and_do_not_move(crossing) -> None:
     scene, image, sketches, _ = crossing
     still = np.column_stack([scene.centrelines[1], scene.half_widths[1]])
-    still = spline.fit_knots(still, 8)
+    still = spline.fit_knots(still, 12)
     found = phases.refine_paper(
         image,
         sketches[:1],
@@ -139,6 +141,37 @@ def test_fixed_curves_are_drawn_and_do_not_move(crossing) -> None:
     row, col = np.round(scene.centrelines[1][10:-10]).astype(int).T
     drawn = found.reconstruction - found.background
     assert np.median(drawn[row, col]) > 0.5 and len(phases.render_bodies(found)) == 1
+
+
+def test_the_preset_draws_fixed_curves_where_they_are(crossing) -> None:
+    scene, _, sketches, _ = crossing
+    line, width = scene.centrelines[1], scene.half_widths[1]
+    knots = spline.fit_knots(np.column_stack([line, width]), 12)
+    still = Curve(knots, line, width, np.zeros(100), "good", (), 0.0)
+    found = refine(scene.image, sketches[:1], "paper", fixed=[still])
+    assert len(found.curves) == 1
+    assert average_dtw(found.curves[0].points, scene.centrelines[0]) < 0.8
+    assert found.model.overlap is not None
+    row, col = np.round(still.points[15:-15]).astype(int).T
+    drawn = (found.reconstruction - found.background)[row, col] / found.model.contrast
+    assert np.abs(np.median(drawn)) > 0.7
+
+
+def test_fixed_curves_wider_than_the_rest_are_drawn_as_wide() -> None:
+    line = np.column_stack([np.full(30, 40.0), np.linspace(20.0, 90.0, 30)])
+    wide = np.column_stack([line, np.full(30, 2.5 * HALF_WIDTH)])
+    scene, problem, canvas = phases.prepare(
+        np.zeros(SHAPE),
+        [line + np.array([30, 0])],
+        [wide],
+        half_width=HALF_WIDTH,
+        knots=8,
+        spacing=0.6,
+    )
+    drawn = np.asarray(draw(scene, problem.place, canvas)[0])[:, 55]
+    for middle, width in ((70, HALF_WIDTH), (40, 2.5 * HALF_WIDTH)):
+        column = drawn[middle - 15 : middle + 16]
+        assert (column > column.max() / 2).sum() == pytest.approx(2 * width, rel=0.2)
 
 
 def test_half_widths_are_those_of_the_bodies(crossing) -> None:
@@ -165,7 +198,7 @@ def test_the_seed_decides(crossing) -> None:
 def test_other_sketches_sizes_and_settings_do_not_compile(crossing) -> None:
     _, image, sketches, _ = crossing
     before = compiled()
-    other = PaperSettings(8, 0.7, 20, 30, 10, 1, 2e-2, 1e-3, 0.5, 1.0)
+    other = PaperSettings(12, 0.7, 20, 30, 10, 1, 2e-2, 1e-3, 0.5, 1.0)
     found = fit(np.pad(image, ((0, 7), (0, 0))), [*sketches, sketches[0] + 3], settings=other)
     assert len(found.knots) == 3
     assert compiled() == before

@@ -16,6 +16,8 @@ from napari_splinesketch.engine.spline import basis
 REACH = 2.0
 NODES = 7
 _EDGE = float(np.exp(-REACH))
+# The blob at the start: its row is about as bright in the middle of a body as near the edge.
+_DISC_RADIUS, _DISC_EDGE = 0.8, 0.2
 # Centre-line samples from which the uniform ones are interpolated, for each of those.
 _OVERSAMPLING = 2
 _TINY = 1e-6
@@ -123,9 +125,10 @@ def evaluate_profile(profile: Float[Array, " M"], z: Float[Array, "*S"]) -> Floa
 
 
 def initial_profile() -> Float[np.ndarray, " M"]:
-    """f(z) = z², less its value at the blob's edge, scaled to f(1) = 1."""
-    z = np.linspace(_EDGE, 1.0, NODES)[1:]
-    return (z**2 - _EDGE**2) / (1 - _EDGE**2)
+    """A disc with a soft edge, f = 1 / (1 + exp((r - R) / s)), zero at REACH and 1 at z = 1."""
+    r = -np.log(np.linspace(_EDGE, 1.0, NODES))
+    f = 1 / (1 + np.exp((r - _DISC_RADIUS) / _DISC_EDGE))
+    return (f[1:] - f[0]) / (f[-1] - f[0])
 
 
 def cross_section(
@@ -178,12 +181,17 @@ def sample_points(
 def stamp(
     points: Float[Array, "P 3"], profile: Float[Array, " M"], canvas: Canvas
 ) -> Float[Array, "h w"]:
-    """Sum of the blobs f(exp(-r)) at `points` (row, col, scale), each in its own patch."""
+    """Sum of the blobs f(exp(-r)) at `points` (row, col, scale), each in its own patch.
+
+    The first and the last count half, as in an integral: else the row would reach half a spacing
+    beyond its ends.
+    """
     corner = jnp.round(jax.lax.stop_gradient(points[:, :2])).astype(jnp.int32) - canvas.patch // 2
     pixel = corner[:, :, None] + jnp.arange(canvas.patch)[None, None]
     apart = (pixel - points[:, :2, None]) / points[:, 2:, None]
     squared = apart[:, 0, :, None] ** 2 + apart[:, 1, None, :] ** 2
     blobs = evaluate_profile(profile, jnp.exp(-jnp.sqrt(squared + _TINY)))
+    blobs *= jnp.asarray(_trapezoid(len(points)), blobs.dtype)[:, None, None]
     # The margin takes what is outside of the tile.
     height, width = canvas.tile
     limit = jnp.asarray([[height, width]]) + canvas.patch
@@ -191,6 +199,10 @@ def stamp(
     margin = 2 * canvas.patch
     tile = _add_windows(jnp.zeros((height + margin, width + margin), blobs.dtype), corner, blobs)
     return tile[canvas.patch : -canvas.patch, canvas.patch : -canvas.patch]
+
+
+def _trapezoid(points: int) -> Float[np.ndarray, " P"]:
+    return np.pad(np.ones(points - 2), 1, constant_values=0.5)
 
 
 _WINDOWS = jax.lax.ScatterDimensionNumbers((1, 2), (), (0, 1))

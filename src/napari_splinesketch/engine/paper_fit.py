@@ -28,7 +28,7 @@ from napari_splinesketch.engine.paper_loss import Target
 from napari_splinesketch.engine.spline import arc_length, basis, fit_knots, sample
 from napari_splinesketch.engine.types import POINTS
 
-_HALF_WIDTHS_PER_UNIT = 10.0
+_HALF_WIDTHS_PER_UNIT = 40.0
 _START_WIDTH = 0.8
 _WIDTH_LIMITS = (0.02, 0.98)
 _ROOM_TO_GROW = 1.5
@@ -96,11 +96,13 @@ def prepare(
     padded = bucket(count, _FEWEST["curves"], 4)
     points = np.zeros((padded, knots, 3))
     points[:count] = [fit_knots(line, knots) for line in lines]
-    points, widths = points[..., :2], _START_WIDTH * points[..., 2] / half_width
+    widest = max([1.0, *(curve[:, 2].max() / half_width for curve in fixed)])
+    start = min(_START_WIDTH, _WIDTH_LIMITS[1] / widest)
+    points, widths = points[..., :2], start * points[..., 2] / half_width
     widths = np.clip(widths, *_WIDTH_LIMITS)
     lengths = np.ones(padded)
     lengths[:count] = [arc_length(line)[-1] for line in lines]
-    scale = half_width / (half_width_ratio(initial_profile()) * _START_WIDTH)
+    scale = half_width / (half_width_ratio(initial_profile()) * start)
 
     patch = 4 * math.ceil(REACH * _START_WIDTH * scale / 2) + 1
     frame = (_size(image.shape[0]), _size(image.shape[1]))
@@ -117,7 +119,7 @@ def prepare(
         blend=_float(0.0),
         brightness=_float(0.0),
         gradient=_float([0.0, 0.0]),
-        log_contrast=_float(-np.log(_START_WIDTH)),
+        log_contrast=_float(-np.log(start)),
         profile=_float(initial_profile()),
         kernel=_float(np.pad([[1.0]], 1)),
     )

@@ -16,7 +16,7 @@ class Weights(NamedTuple):
     Attributes
     ----------
     length
-        λ₁, per squared unit of length (10 half-widths).
+        λ₁, per squared unit of length (40 half-widths).
     curvature
         λ₂.
     min_width
@@ -27,7 +27,7 @@ class Weights(NamedTuple):
         w̄: what the narrowest r_w of a spline should be, 0 to 1.
     """
 
-    length: float = 0.005
+    length: float = 0.08
     curvature: float = 0.002
     min_width: float = 0.05
     scale: float = 0.05

@@ -1,10 +1,11 @@
 """The `paper` preset: what the paper's own method found, as `refine` gives it."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float, Int, Real
 
 from napari_splinesketch.engine import assess, spline
 from napari_splinesketch.engine.assemble import frames, full_list
@@ -18,7 +19,14 @@ from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, S
 Lines = list[Float[Array, "N 2"]]
 
 
-def fit_paper(seen: Scene, sketches: Lines, seed: int, report: Reporter) -> PaperFit:
+def fit_paper(
+    seen: Scene,
+    sketches: Lines,
+    fixed: Sequence[Curve],
+    corner: Int[Array, "2"],
+    seed: int,
+    report: Reporter,
+) -> PaperFit:
     """Run the three phases of the paper on the normalised image."""
 
     def passed_on(stage: str, share: float, lines: list | None) -> bool:
@@ -26,7 +34,14 @@ def fit_paper(seen: Scene, sketches: Lines, seed: int, report: Reporter) -> Pape
         return True
 
     image = np.where(seen.valid, seen.normal, np.nan)
-    found = refine_paper(image, sketches, half_width=seen.half_width, seed=seed, report=passed_on)
+    found = refine_paper(
+        image,
+        sketches,
+        half_width=seen.half_width,
+        seed=seed,
+        report=passed_on,
+        fixed=[np.column_stack([c.points - corner, c.half_width]) for c in fixed],
+    )
     if found.cancelled:
         raise Stopped
     return found
@@ -61,7 +76,7 @@ def assemble_paper(
         half_width=float(np.median(fit.knots[:, :, 2])),
         width="profile",
         background="linear",
-        overlap=fit.alpha if len(fit.knots) > 1 else None,
+        overlap=fit.alpha if int(fit.place.real) > 1 else None,
         contrast=abs(seen.contrast),
         noise=abs(seen.contrast) * float(np.sqrt(fit.score)),
         blur=float("nan"),

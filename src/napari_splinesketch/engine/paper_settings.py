@@ -33,16 +33,16 @@ class PaperSettings:
         Weights and priors of the regularizers.
     """
 
-    knots: int = 8
+    knots: int = 12
     spacing: float = 0.6
     background_steps: int = 100
-    splines_steps: int = 400
-    everything_steps: int = 300
-    seeds: int = 3
+    splines_steps: int = 600
+    everything_steps: int = 100
+    seeds: int = 2
     rate: float = 1e-2
     last_rate: float = 1e-4
     noise: float = 1.0
-    noise_decay: float = 0.55
+    noise_decay: float = 1.0
     weights: Weights = DEFAULT_WEIGHTS
 
     def __post_init__(self) -> None:

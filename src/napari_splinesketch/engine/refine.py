@@ -92,7 +92,7 @@ def refine(
         if preset == "paper":
             from napari_splinesketch.engine.paper_result import assemble_paper, fit_paper
 
-            paper = fit_paper(seen, usable, seed, reporter)
+            paper = fit_paper(seen, usable, fixed, corner, seed, reporter)
             return assemble_paper(image, lines, faults, window, seen, paper, began)
         settings = SETTINGS[preset] if isinstance(preset, str) else preset
         fit = fit_scene(seen, usable, fixed, corner, settings, reporter)
