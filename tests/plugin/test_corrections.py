@@ -77,6 +77,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     assert "Curve 2" in dock.curve.title.text()
     until(lambda: "film selected" in viewer.layers, 5)
     curves, mark = viewer.layers["film curves"], viewer.layers["film selected"]
+    until(lambda: len(mark.data), 5)
     np.testing.assert_allclose(mark.data[0, 0], [1, *ends(dock)[2][0]], atol=0.6)
     assert mark.edge_width > 2 * curves.edge_width[1], "it is seen to be selected"
     hand.press("H", SHIFT)

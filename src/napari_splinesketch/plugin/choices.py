@@ -94,8 +94,9 @@ class Choices:
                 getattr(layer.selected_data.events.items_changed, what)(self._on_selected)
 
     def _on_inserted(self, event: Any) -> None:
-        self._choose(event.value)
-        self.changed.emit()
+        if free(event.value):
+            self._choose(event.value)
+            self.changed.emit()
 
     def _on_removed(self, event: Any) -> None:
         if event.value is self._image:

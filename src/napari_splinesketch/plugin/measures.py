@@ -83,9 +83,15 @@ def measure(curve: Curve, ruler: Ruler) -> Measures:
 
 
 @once
+def typical_sd(curve: Curve) -> float:
+    """Median standard error along the normal, px."""
+    return float(np.median(curve.sd))
+
+
+@once
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve asks for a look: by status, then by residual and sd."""
-    numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
+    numbers = curve.residual / NOTICEABLE_RESIDUAL, typical_sd(curve) / NOTICEABLE_SD
     return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
 
 

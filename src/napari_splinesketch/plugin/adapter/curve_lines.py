@@ -8,7 +8,7 @@ from napari.layers import Image, Shapes
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
-from napari_splinesketch.plugin.adapter.features import features
+from napari_splinesketch.plugin.adapter.features import features, numbers
 from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth
 from napari_splinesketch.plugin.adapter.space import in_stack
 from napari_splinesketch.plugin.gently import add_shapes
@@ -92,6 +92,8 @@ class CurveLines:
         ):
             self._curves = (*self._curves, *curves[done])
             self._colours = [*self._colours, *colours[done]]
+            for curve in curves[done]:
+                numbers(curve)  # a few at a time: they are asked for all at once below
             yield
         self._describe([wanted[id(curve)] for curve in self._curves], look)
         if gone:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.measures import typical_sd
 from napari_splinesketch.plugin.once import once
 from napari_splinesketch.plugin.records import Record
 
@@ -13,7 +14,7 @@ from napari_splinesketch.plugin.records import Record
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """Table of what is known of each curve; lengths in px."""
     curves = [record.curve for record in records]
-    length, mean, most, sd = zip(*map(_numbers, curves), strict=True) if curves else ((),) * 4
+    length, mean, most, sd = zip(*map(numbers, curves), strict=True) if curves else ((),) * 4
     return pd.DataFrame(
         {
             "id": [record.id for record in records],
@@ -32,7 +33,7 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
 
 
 @once
-def _numbers(curve: Curve) -> tuple[float, float, float, float]:
+def numbers(curve: Curve) -> tuple[float, float, float, float]:
     """Length, mean and largest half-width, and standard error of a curve, px."""
     widths = curve.half_width
-    return curve.length, float(np.mean(widths)), float(np.max(widths)), float(np.median(curve.sd))
+    return curve.length, float(np.mean(widths)), float(np.max(widths)), typical_sd(curve)

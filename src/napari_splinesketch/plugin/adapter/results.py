@@ -9,6 +9,7 @@ from napari.components import ViewerModel
 from napari.layers import Layer, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal
+from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin.adapter.colours import ColourBy
 from napari_splinesketch.plugin.adapter.curve_lines import CurveLines, Look, breadths
@@ -17,6 +18,7 @@ from napari_splinesketch.plugin.adapter.look import has_outline, outline
 from napari_splinesketch.plugin.adapter.model_picture import ModelPicture
 from napari_splinesketch.plugin.adapter.roles import OWNER, ROLE, Known, Role, undisturbed
 from napari_splinesketch.plugin.adapter.space import placement
+from napari_splinesketch.plugin.gently import BREATH_MS
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, key_of
 
@@ -132,8 +134,11 @@ class ResultLayers:
         chosen, there = set(self.selection()), lines.colours()
         records = [r for r in self._owner.records if key_of(r) in chosen and r.curve in there]
         if records and self._highlight.layer is None:
+            # A layer takes napari about 0.1 s: the window lives before it is filled.
             with self._by_us():
                 self._highlight.make()
+            QTimer.singleShot(BREATH_MS, self.emphasise)
+            return
         broad = SELECTED * max(breadths([record.curve for record in records]), default=1.0)
         self._highlight.show(records, [there[record.curve] for record in records], broad)
 
