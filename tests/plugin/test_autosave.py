@@ -112,10 +112,17 @@ def test_saved_work_goes_on_where_it_was(
     for found, record in zip(again.controller.records(), records, strict=True):
         np.testing.assert_array_equal(found.curve.points, record.curve.points)
     assert again.refine.text() == "Refine"
+    until(lambda: "worms reconstruction" in other.layers, SOON)
+    film, wanted_film = (v.layers["worms reconstruction"] for v in (other, viewer))
+    np.testing.assert_array_equal(np.asarray(film.data), np.asarray(wanted_film.data))
+    np.testing.assert_array_equal(film.translate, wanted_film.translate)
     other.dims.set_point(0, 1)
     draw(other, layer, [image.data_to_world((1, *point))[1:] for point in LINES[0] + 15])
     until(lambda: sketches_in(tmp_path) == 3, SOON)
     assert len(saved_in(tmp_path)) == 1
+    assert [path.name for path in tmp_path.glob("*.splinesketch/1/*.npz")] == [
+        "frame-000000001.npz"
+    ]
     click(again.undo)
     until(lambda: curves_in(tmp_path) == 0, SOON)
 

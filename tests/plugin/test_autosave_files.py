@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin.adapter.film import Patch
+from napari_splinesketch.plugin.adapter.pixels import Grid
 from napari_splinesketch.plugin.autosave.coding import Shape
 from napari_splinesketch.plugin.autosave.folder import EVERY, Folder, Page, Session, read, summary
 from napari_splinesketch.plugin.records import Record
@@ -22,6 +24,12 @@ def record(number: int = 1, frame: int = 3, **changes: Any) -> Record:
     line = RNG.normal(50, 20, (5, 2))
     curve = as_drawn(line, **({"sd": RNG.random(100)} | changes))
     return Record(number, frame, line, curve, "accepted", locked=True, drawn=False, edited=True)
+
+
+def patch() -> Patch:
+    pixels = RNG.normal(size=(12, 17)).astype(np.float32)
+    pixels[2:4] = np.nan
+    return Patch(Grid(np.array([3.0, 1 / 3]), np.array([2.0, 2.0])), pixels, pixels + 1)
 
 
 def session() -> Session:
@@ -39,6 +47,7 @@ def session() -> Session:
             (record(9),),
             1.25,
             ("a line", "another"),
+            patch(),
         ),
         EVERY: Page((Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]])),)),
     }
@@ -70,6 +79,22 @@ def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     held = summary(tmp_path / "new" / "1")
     assert held is not None
     assert (held.sketches, held.curves, held.frames, held.sha256) == (3, 2, 2, "ab")
+
+
+def test_a_damaged_picture_is_named_and_costs_no_curves(tmp_path: Path) -> None:
+    Folder(tmp_path).write(session())
+    path = tmp_path / "frame-000000003.npz"
+    whole = path.read_bytes()
+    random.seed(0)
+    for _ in range(60):
+        spoilt = bytearray(whole)
+        for at in random.sample(range(len(spoilt)), 8):
+            spoilt[at] ^= random.randrange(1, 256)
+        path.write_bytes(spoilt[: random.randrange(1, 2 * len(spoilt))])
+        found, problems = read(tmp_path)
+        assert len(found.pages[3].records) == 2
+        assert bool(problems) == (found.pages[3].patch is None)
+        assert all("frame-000000003.npz" in problem for problem in problems)
 
 
 def test_only_what_has_changed_is_written(tmp_path: Path) -> None:

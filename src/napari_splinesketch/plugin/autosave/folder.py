@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.files import atomic, blamed
 from napari_splinesketch.labels.json_tree import Node, read_json
+from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.autosave.coding import (
     Shape,
     record_from,
@@ -19,11 +20,13 @@ from napari_splinesketch.plugin.autosave.coding import (
     shape_from,
     shape_to_json,
 )
+from napari_splinesketch.plugin.autosave.patches import read_patch, write_patch
 from napari_splinesketch.plugin.records import Record
 
 FORMAT = 1
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.json")
+PICTURE = "npz"
 EVERY = -1
 """The frame of sketches that belong to all of them."""
 
@@ -42,6 +45,8 @@ class Page:
         How long the engine took; None where it is not known.
     notes
         What the scene needed.
+    patch
+        The reconstruction, if there is one.
     """
 
     shapes: tuple[Shape, ...] = ()
@@ -49,6 +54,7 @@ class Page:
     deleted: tuple[Record, ...] = ()
     seconds: float | None = None
     notes: tuple[str, ...] = ()
+    patch: Patch | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +82,8 @@ class Summary:
 
     Attributes
     ----------
+    layer
+        Name of the layer of sketches.
     sketches, curves, frames
         How many.
     saved
@@ -84,6 +92,7 @@ class Summary:
         Checksum of the image.
     """
 
+    layer: str
     sketches: int
     curves: int
     frames: int
@@ -98,16 +107,27 @@ class Folder:
     ----------
     path
         The folder; made when it is first written to.
+    pictures
+        Reconstructions that it holds already, by frame.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, pictures: Mapping[int, Patch] | None = None):
         self.path = path
+        self._pictures = dict(pictures or {})
         self._written: dict[int, str] = {}
         self._known: dict[int, tuple[Record, str]] = {}
 
     def write(self, session: Session) -> None:
-        """Bring the files in step with a session; the head, which counts them, is the last."""
+        """Bring the files in step with a session; the head counts them once they are written.
+
+        Pictures, which take longest, come last; one that no longer fits its frame goes first.
+        """
         self.path.mkdir(parents=True, exist_ok=True)
+        pages = session.pages
+        for frame, patch in tuple(self._pictures.items()):
+            if frame not in pages or pages[frame].patch is not patch:
+                (self.path / _name(frame, PICTURE)).unlink(missing_ok=True)
+                del self._pictures[frame]
         fresh: dict[int, tuple[Record, str]] = {}
         for frame, page in session.pages.items():
             text = self._page(frame, page, fresh)
@@ -119,6 +139,10 @@ class Folder:
             (self.path / _name(frame)).unlink(missing_ok=True)
             del self._written[frame]
         _write(self.path / HEAD, _head(session))
+        for frame, page in pages.items():
+            if page.patch is not None and frame not in self._pictures:
+                write_patch(self.path / _name(frame, PICTURE), page.patch)
+                self._pictures[frame] = page.patch
 
     def _page(self, frame: int, page: Page, fresh: dict[int, tuple[Record, str]]) -> str:
         def coded(records: Sequence[Record]) -> str:
@@ -158,8 +182,8 @@ def _write(path: Path, text: str) -> None:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _name(frame: int) -> str:
-    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.json"
+def _name(frame: int, ending: str = "json") -> str:
+    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
 
 
 def summary(path: Path) -> Summary | None:
@@ -176,6 +200,7 @@ def summary(path: Path) -> Summary | None:
         return None
     with blamed(head.error):
         found = Summary(
+            head["layer"].text(),
             head["sketches"].integer(),
             head["curves"].integer(),
             head["frames"].integer(),
@@ -203,6 +228,8 @@ def read(path: Path) -> tuple[Session, tuple[str, ...]]:
             frame = EVERY if found[1] == "every" else int(found[1])
             try:
                 pages[frame] = _page_from(read_json(file), frame)
+                patch = read_patch(path / _name(frame, PICTURE))
+                pages[frame] = replace(pages[frame], patch=patch)
             except (OSError, LabelsError) as error:
                 problems.append(str(error))
     return Session(head["layer"].text(), head["image"].members(), pages), tuple(problems)

@@ -1,6 +1,8 @@
 """The question whether to go on with work that was saved."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
+from html import escape
 
 from qtpy.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
@@ -50,7 +52,7 @@ class OfferBox(QFrame):
     def show_offers(self) -> None:
         """Show what is offered now."""
         offers = self._saver.offers()
-        self.said.say("<br>".join(map(describe, offers)))
+        self.said.say(describe(offers))
         for button in (self.resume, self.decline):
             button.setVisible(bool(offers))
         self.problem.say(words.notice("failed", self._saver.problem))
@@ -60,12 +62,19 @@ class OfferBox(QFrame):
         self.resume.setEnabled(self._controller.progress is None)
 
 
-def describe(offer: Offer) -> str:
+def describe(offers: Sequence[Offer]) -> str:
     """Say what was saved, and when; rich text."""
+    if len(offers) < 2:
+        return "".join(f"<b>Saved work</b> ({_when(o.summary.saved)}): {_held(o)}." for o in offers)
+    lines = [f"• {escape(o.summary.layer)} ({_when(o.summary.saved)}): {_held(o)}" for o in offers]
+    return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *lines])
+
+
+def _held(offer: Offer) -> str:
     held = offer.summary
     parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
     where = f" in {held.frames} frames" if held.frames > 1 else ""
-    return f"<b>Saved work</b> ({_when(held.saved)}): {' and '.join(parts)}{where}."
+    return f"{' and '.join(parts)}{where}"
 
 
 def _when(saved: datetime) -> str:

@@ -51,17 +51,19 @@ def pages_of(drawn: Mapping[int, Iterable[Shape]], state: State) -> dict[int, Pa
             tuple(deleted[frame]),
             state.seconds.get(frame),
             tuple(state.notes.get(frame, ())),
+            state.patches.get(frame),
         )
         for frame in sorted({*drawn, *records, *deleted})
     }
 
 
 def state_of(pages: Mapping[int, Page]) -> State:
-    """What was known; pictures are not written down, and come back with the next refinement."""
+    """What was known."""
     known = {frame: page for frame, page in pages.items() if frame != EVERY}
     return State(
         records=tuple(record for page in known.values() for record in page.records),
         deleted=tuple(record for page in known.values() for record in page.deleted),
+        patches={f: page.patch for f, page in known.items() if page.patch is not None},
         seconds={f: page.seconds for f, page in known.items() if page.seconds is not None},
         notes={f: page.notes for f, page in known.items() if page.notes},
     )

@@ -48,7 +48,7 @@ def _restore(
     drawn = [(frame, shape) for frame, page in session.pages.items() for shape in page.shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     layer = layer_for(image, session.layer, flat)
-    saver.take(offer, (image, layer), whole=not problems)
+    saver.take(offer, (image, layer), session.pages, whole=not problems)
     controller.viewer.layers.append(layer)
     yield
     style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])

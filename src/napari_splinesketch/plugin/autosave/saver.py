@@ -13,7 +13,7 @@ from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.folder import Folder, Session, Summary, summary
+from napari_splinesketch.plugin.autosave.folder import Folder, Page, Session, Summary, summary
 from napari_splinesketch.plugin.autosave.pages import Drawn, pages_of, shapes_in
 from napari_splinesketch.plugin.autosave.place import Picture
 from napari_splinesketch.plugin.jobs import Job
@@ -106,10 +106,11 @@ class Saver(QObject):
         found = self._offers.get(image, []) if image else []
         return sorted(found, key=lambda offer: offer.summary.saved, reverse=True)
 
-    def take(self, offer: Offer, pair: Pair, *, whole: bool) -> None:
+    def take(self, offer: Offer, pair: Pair, pages: Mapping[int, Page], *, whole: bool) -> None:
         """Go on with what was found: where it was, unless part of it could not be read."""
         if whole:
-            self._folders[pair] = Folder(offer.folder)
+            pictures = {frame: page.patch for frame, page in pages.items() if page.patch}
+            self._folders[pair] = Folder(offer.folder, pictures)
         self._forget(offer)
 
     def decline(self) -> None:
