@@ -35,7 +35,7 @@ STYLES = {
     "filaments": ("#e69f00", "v"),
     "splender": ("#cc79a7", "P"),
 }
-SWEEP_METHODS = (*OURS, "active_contour", "filaments")
+SWEEP_METHODS = (*OURS, "paper", "active_contour", "filaments", "splender")
 SWEEP_NAMES = {"rotation": "rotation, °", "displacement": "displacement, px", "scaling": "scale"}
 
 
@@ -114,7 +114,7 @@ def sweeps(results: Results, path: Path) -> None:
             panel.set(xlabel=SWEEP_NAMES[kind], title=f"{count} in a frame")
             _logarithmic(panel, "y")
         row[0].set_ylabel("average DTW, px")
-    figure.legend(*_legend(panels.ravel()), loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(*_legend(panels.ravel()), loc="outside lower center", ncols=8, frameon=False)
     save(figure, path)
 
 

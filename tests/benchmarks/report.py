@@ -48,6 +48,7 @@ def write() -> None:
         lines=tables.percentiles(results),
         lines_half=tables.table(results, lines, lambda s: f"{s.best_half:.2f}"),
         lines_far=tables.table(results, lines, lambda s: f"{100 * s.far:.0f} %"),
+        sweep_frames=tables.sweep_frames(results, charts.SWEEP_METHODS),
         limits=tables.limits(results),
         times=tables.times(results),
         scaling=_scaling([p for p in points if p.what in ("count", "side")]),
