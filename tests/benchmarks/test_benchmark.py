@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import bound
 import numpy as np
+import paper_score
 import pytest
+import result_tables
+from collect import Results
 from frames import Cell, frame, table_cells
 from methods import make, missing, source_digest
 from rows import Row, Store, read
@@ -117,6 +120,29 @@ def test_a_run_goes_on_where_it_stopped(tmp_path, monkeypatch):
     rows = list(read(tmp_path / "sketch.csv"))
     assert len(rows) == 6
     assert all(r.dtw == r.initial for r in rows)
+
+
+def test_the_area_under_the_curve_by_hand():
+    failed = np.array([False, True, False, True])
+    assert paper_score.area(np.array([1.0, 3.0, 2.0, 4.0]), failed) == 1.0
+    assert paper_score.area(np.array([4.0, 1.0, 3.0, 2.0]), failed) == 0.0
+    assert paper_score.area(np.array([1.0, 2.0, 3.0, 4.0]), failed) == 0.75
+    assert paper_score.area(np.ones(4), failed) == 0.5
+    assert np.isnan(paper_score.area(np.ones(4), np.ones(4, bool)))
+
+
+def test_what_decides_about_the_papers_method_is_not_what_decides_about_the_others():
+    assert len({make(name).version for name in ("balanced", "paper")}) == 2
+    assert make("balanced").version == make("fast").version
+    assert source_digest(without="paper_result") != source_digest()
+
+
+def test_tables_have_what_the_paper_prints():
+    results = Results(["sketch"])
+    found = result_tables.table(results, table_cells(), lambda s: "x", lambda s: "y")
+    assert "7.18 / 1.63 / 2.49" in found.splitlines()[-4]
+    assert "0.28 / 0.30" not in found
+    assert "2.06 / 2.32 / 2.89 / 3.98" in result_tables.percentiles(results).splitlines()[-1]
 
 
 def test_bound_differentiates_the_image():
