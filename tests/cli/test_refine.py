@@ -172,6 +172,28 @@ def test_an_interrupted_run_is_resumed(
     assert not Path("labels.csv.partial").exists()
 
 
+def test_frames_that_a_power_cut_has_damaged_are_done_again(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import napari_splinesketch
+
+    def interrupted(image: np.ndarray, *args: object, **options: object) -> object:
+        if len(engine.calls) == 2:
+            raise KeyboardInterrupt
+        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
+    assert refine() == 130
+    kept = Path("labels.csv.partial/000000")
+    os.truncate(kept / "frame-000000000.csv", 100)
+    os.truncate(kept / "frame-000000001.json", 0)
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    engine.calls.clear()
+    assert refine("--resume") == 0
+    assert len(engine.calls) == 3
+    assert len(read_labels("labels.csv").labels) == 4
+
+
 AT_A_TERMINAL = """
 import sys
 import napari_splinesketch

@@ -62,10 +62,11 @@ class Partial:
     def done(self, frame: int) -> FrameReport | None:
         """Give the report of a finished frame, or None where there is none."""
         try:
-            text = self._path(frame, ".json").read_text(encoding="utf-8")
-            return FrameReport.from_json(json.loads(text))
-        except FileNotFoundError:
+            kept = json.loads(self._path(frame, ".json").read_text(encoding="utf-8"))
+            whole = self.table(frame).stat().st_size == kept["bytes"]
+        except (FileNotFoundError, ValueError):  # the latter after a power cut
             return None
+        return FrameReport.from_json(kept["report"]) if whole else None
 
     def save(
         self, report: FrameReport, table: str, reconstruction: Float[np.ndarray, "H W"] | None
@@ -75,11 +76,14 @@ class Partial:
             self.folder.mkdir(exist_ok=True)
             _write(self._note, _json(self._mine))
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
-        _write(self.table(report.frame), table)
+        rows = table.encode()
+        _write(self.table(report.frame), rows)
         if reconstruction is not None:
-            with atomic(self._path(report.frame, ".tif"), overwrite=True) as temporary:
+            path = self._path(report.frame, ".tif")
+            with atomic(path, overwrite=True) as temporary:
                 tifffile.imwrite(temporary, reconstruction.astype(np.float32))
-        _write(self._path(report.frame, ".json"), _json(asdict(report)))
+        kept = {"bytes": len(rows), "report": asdict(report)}
+        _write(self._path(report.frame, ".json"), _json(kept))
 
     def table(self, frame: int) -> Path:
         """Name the table of a finished frame."""
@@ -103,10 +107,11 @@ class Partial:
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
 
 
-def _json(values: object) -> str:
-    return json.dumps(values, ensure_ascii=False)
+def _json(values: object) -> bytes:
+    return json.dumps(values, ensure_ascii=False).encode()
 
 
-def _write(path: Path, text: str) -> None:
-    with atomic(path, overwrite=True) as temporary:
-        temporary.write_bytes(text.encode())
+def _write(path: Path, content: bytes) -> None:
+    # Not waiting for the disk: that would be most of the time of a quick frame.
+    with atomic(path, overwrite=True, durable=False) as temporary:
+        temporary.write_bytes(content)

@@ -32,7 +32,9 @@ def blamed(error: Callable[[str], LabelsError]) -> Iterator[None]:
 
 
 @contextmanager
-def atomic(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
+def atomic(
+    path: str | os.PathLike[str], *, overwrite: bool = False, durable: bool = True
+) -> Iterator[Path]:
     """Give the path of a temporary file that becomes `path` when the block ends well.
 
     The temporary file lies in the same directory. Whatever happens, `path` is either as it was or
@@ -44,6 +46,8 @@ def atomic(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator
         The file to write. A symbolic link is followed.
     overwrite
         Replace an existing file; otherwise it raises FileExistsError.
+    durable
+        Wait until it is on the disk, so that it is whole after a power cut too; takes milliseconds.
     """
     target = Path(path).resolve()
     _refuse_existing(target, overwrite)
@@ -52,7 +56,8 @@ def atomic(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator
     try:
         yield temporary
         _refuse_existing(target, overwrite)
-        _flush(temporary)
+        if durable:
+            _flush(temporary)
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)

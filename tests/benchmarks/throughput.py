@@ -1,0 +1,246 @@
+"""Frames a second against number of workers, on this machine and on a cluster of its loopback.
+
+Starts a scheduler and its workers, refines films of two lengths by one process, by processes and
+by the cluster, kills a worker in the middle, and compares the labels of all byte by byte.
+`python tests/benchmarks/throughput.py --write` puts the table into docs/batch.md.
+"""
+
+import argparse
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from insert import insert
+
+from napari_splinesketch.labels import Label, Labels, write_labels
+from napari_splinesketch.synthetic import scene
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE, TABLE = DOCS / "batch.md", DOCS / "benchmarks" / "throughput.csv"
+LENGTHS = (50, 200)
+SCENES, BODIES = 20, 3
+TICKS = os.sysconf("SC_CLK_TCK")
+REFINE = """
+import json, resource, sys
+from napari_splinesketch.cli import main
+if __name__ == "__main__":
+    code = main()
+    own, others = (resource.getrusage(who) for who in (0, resource.RUSAGE_CHILDREN))
+    told = [own.ru_maxrss, others.ru_maxrss, own.ru_utime + own.ru_stime]
+    print(json.dumps(told), file=sys.stderr)
+    sys.exit(code)
+"""
+PRESET = ("--preset", "fast")
+
+
+@dataclass(frozen=True)
+class Point:
+    """One measurement.
+
+    Attributes
+    ----------
+    who
+        "one process", "jobs", "cluster", or "cluster, one killed".
+    workers, frames
+        How many.
+    seconds, cpu, own
+        On the clock, of all cores that worked on it, and of the command's own process, s.
+    others
+        Cores that other programs used meanwhile, on average.
+    client, worker
+        Largest resident memory of the command and of a worker, MiB.
+    same
+        Whether the labels are those of one process, byte by byte.
+    """
+
+    who: str
+    workers: int
+    frames: int
+    seconds: float
+    cpu: float
+    own: float
+    others: float
+    client: float
+    worker: float
+    same: bool
+
+
+def make_film(folder: Path, frames: int) -> None:
+    """Write a film of three bodies a frame, and a rough line over each."""
+    scenes = [scene(seed, bodies=BODIES) for seed in range(SCENES)]
+    with tifffile.TiffWriter(folder / f"{frames}.tif") as film:
+        pages = (scenes[i % SCENES].image for i in range(frames))
+        film.write(pages, shape=(frames, 128, 128), dtype=np.float32, photometric="minisblack")
+    lines = ((i, j, c) for i in range(frames) for j, c in enumerate(scenes[i % SCENES].centrelines))
+    labels = [Label.from_sketch(c[::33] + 2, frame=i, identity=j) for i, j, c in lines]
+    write_labels(folder / f"{frames}.csv", Labels(tuple(labels)))
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[int]]]:
+    """Start a scheduler and workers on the loopback; gives its address and their processes."""
+    note = folder / f"scheduler-{workers}.json"
+    python = [sys.executable, "-m"]
+    with ExitStack() as inside:
+
+        def start(name: str, *command: str) -> None:
+            log = inside.enter_context((folder / "cluster.log").open("a"))
+            options = ["--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(note)]
+            process = subprocess.Popen([*python, *command, *options], stdout=log, stderr=log)
+            inside.callback(process.wait)
+            inside.callback(process.terminate)
+
+        start("scheduler", "distributed.cli.dask_scheduler", "--port", "0", "--no-show")
+        for _ in range(workers):
+            start("worker", "distributed.cli.dask_worker", "--nthreads", "1")
+        while not note.exists() or not note.read_text().endswith("}"):
+            time.sleep(0.1)
+        from distributed import Client
+
+        address = json.loads(note.read_text())["address"]
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(workers)
+            found = client.run(os.getpid)
+        yield address, list(found.values())  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def measure(
+    folder: Path,
+    who: str,
+    workers: int,
+    frames: int,
+    options: Sequence[str],
+    processes: Sequence[int] = (),
+) -> Point:
+    """Refine a film; `processes` work for it too."""
+    output = folder / "labels.csv"
+    command = [sys.executable, "-c", REFINE, "refine", f"{frames}.tif", f"{frames}.csv"]
+    command += ["-o", str(output), *PRESET, "--overwrite", *options]
+    busy, worked, began = _busy(), _cpu(processes), time.perf_counter()
+    before = os.times()
+    run = subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    if "killed" in who:
+        while len(list(folder.glob("labels.csv.partial/*/frame-*.json"))) < frames // 3:
+            time.sleep(0.01)
+        os.kill(processes[0], signal.SIGKILL)
+        processes = processes[1:]
+    _, told = run.communicate()
+    seconds, after = time.perf_counter() - began, os.times()
+    if run.returncode not in (0, 1):
+        raise RuntimeError(told)
+    cpu = after.children_user + after.children_system
+    cpu += _cpu(processes) - worked - before.children_user - before.children_system
+    others = (_busy() - busy - cpu) / seconds
+    rss, children, own = json.loads(told.splitlines()[-1])
+    one = folder / f"one-{frames}.csv"
+    if who == "one process":
+        output.rename(one)
+        output = one
+    peak = max([_peak(process) for process in processes], default=children)
+    same = output.read_bytes() == one.read_bytes()
+    known = (seconds, cpu, own, max(others, 0.0), rss / 1024, peak / 1024)
+    point = Point(who, workers, frames, *(round(number, 2) for number in known), same)  # pyright: ignore[reportCallIssue]
+    print(point, flush=True)
+    return point
+
+
+def _busy() -> float:
+    """Seconds that all cores have worked so far."""
+    user, nice, system = Path("/proc/stat").read_text().split()[1:4]
+    return (int(user) + int(nice) + int(system)) / TICKS
+
+
+def _cpu(processes: Sequence[int]) -> float:
+    stats = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes]
+    return sum(int(stat[11]) + int(stat[12]) for stat in stats) / TICKS
+
+
+def _peak(process: int) -> int:
+    """Largest resident memory, KiB."""
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+
+
+def measure_all(folder: Path) -> list[Point]:
+    """Make the films and refine them in every way."""
+    points = []
+    for frames in LENGTHS:
+        make_film(folder, frames)
+        points.append(measure(folder, "one process", 1, frames, ()))
+    for frames in LENGTHS:
+        points.append(measure(folder, "jobs", 2, frames, ("--jobs", "2")))
+    for workers in (1, 2):
+        with cluster(folder, workers) as (address, processes):
+            options = ("--scheduler", address)
+            # Workers that have just started compile first; those of a cluster have done so before.
+            measure(folder, "cluster", workers, LENGTHS[0], options, processes)
+            for frames in LENGTHS:
+                points.append(measure(folder, "cluster", workers, frames, options, processes))
+            if workers == 2:
+                killed = "cluster, one killed"
+                points.append(measure(folder, killed, 2, LENGTHS[-1], options, processes))
+    return points
+
+
+def as_table(points: Sequence[Point]) -> str:
+    """Give a table for the page; the rate is that of the further frames of the longer film."""
+    short, long = LENGTHS
+    lines = [
+        "| who works | workers | frames a second | CPU ms a frame | of which the command's | "
+        f"MiB, command: {short} / {long} frames | MiB, a worker: {short} / {long} | "
+        "same labels | cores others used |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for one in (point for point in points if point.frames == long):
+        first = next(
+            (p for p in points if (p.who, p.workers, p.frames) == (one.who, one.workers, short)),
+            None,
+        )
+        same, others = "yes" if one.same else "no", f"{one.others:.1f}"
+        if first is None:
+            lines.append(f"| {one.who} | {one.workers} | – | – | – | – | – | {same} | {others} |")
+            continue
+        more = long - short
+        rate = more / (one.seconds - first.seconds)
+        cpu, own = (1000 * (b - a) / more for a, b in ((first.cpu, one.cpu), (first.own, one.own)))
+        worker = f"{first.worker:.0f} / {one.worker:.0f}" if one.who != "one process" else "–"
+        lines.append(
+            f"| {one.who} | {one.workers} | {rate:.1f} | {cpu:.0f} | {own:.1f} | "
+            f"{first.client:.0f} / {one.client:.0f} | {worker} | {same} | {others} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, and write where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="also write the page and the CSV")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        points = measure_all(Path(folder))
+    print(as_table(points))
+    if not all(point.same for point in points):
+        raise SystemExit("the labels differ")
+    if options.write:
+        with TABLE.open("w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, [field.name for field in fields(Point)])
+            table.writeheader()
+            table.writerows(asdict(point) for point in points)
+        insert("throughput", as_table(points), PAGE)
+
+
+if __name__ == "__main__":
+    main()

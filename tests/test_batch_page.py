@@ -1,0 +1,64 @@
+"""docs/batch.md does what it says: its blocks are run, one after another."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from napari_splinesketch.labels import read_labels
+from napari_splinesketch.training import read_training
+
+PAGE = (Path(__file__).parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
+BLOCK = re.compile(r"```(python|bash)\n(.*?)```", re.S)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def run_in_shell(block: str) -> None:
+    """Run a block of commands, those of this environment, on a port that is free."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    run = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.replace("8786", str(free_port()))],
+        env={**os.environ, "PATH": path},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert run.returncode == 0, f"{block}\n{run.stderr}"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the blocks are for a POSIX shell")
+def test_every_block_of_the_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    kinds = []
+    for kind, block in BLOCK.findall(PAGE):
+        kinds.append(kind)
+        if kind == "bash":
+            run_in_shell(block)
+        else:
+            exec(compile(block, "docs/batch.md", "exec"), names)
+    assert kinds.count("python") >= 4
+    assert kinds.count("bash") >= 3
+    assert len(read_labels("labels.csv").labels) == 25
+    assert len(read_training("training")) > 20
+    told = re.findall(
+        r"(\d+) labels: predicted to ([\d.]+) px, refined to ([\d.]+) px", capsys.readouterr().out
+    )
+    assert [int(count) for count, _, _ in told] == [25, 50, 75]
+    predicted, refined = ([float(row[at]) for row in told] for at in (1, 2))
+    assert predicted[2] < 0.8 * predicted[0]
+    assert max(refined) < 0.3
+    for count, before, after in told:
+        assert re.search(rf"{count} labels: predicted to \S+ px, refined to \S+ px", PAGE)
+        assert float(after) < float(before)
