@@ -196,39 +196,54 @@ def measure_all(folder: Path) -> list[Point]:
 
 
 def as_table(points: Sequence[Point]) -> str:
-    """Give a table for the page; the rate is that of the further frames of the longer film."""
+    """Give a table for the page; rates are those of the further frames of the longer film."""
     short, long = LENGTHS
-    lines = [
-        "| who works | workers | frames a second | CPU ms a frame | of which the command's | "
-        f"MiB, command: {short} / {long} frames | MiB, a worker: {short} / {long} | "
-        "same labels | cores others used |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    head = ["who works", "workers", "frames a second, a core each", "measured", "CPU ms a frame"]
+    head += ["of which the command's", f"MiB, the command: {short} / {long} frames"]
+    head += [f"MiB, a worker: {short} / {long}", "same labels", "cores that others used"]
+    rows = [head, ["---"] * len(head)]
+    first = {(p.who, p.workers): p for p in points if p.frames == short}
     for one in (point for point in points if point.frames == long):
-        first = next(
-            (p for p in points if (p.who, p.workers, p.frames) == (one.who, one.workers, short)),
-            None,
-        )
-        same, others = "yes" if one.same else "no", f"{one.others:.1f}"
-        if first is None:
-            lines.append(f"| {one.who} | {one.workers} | – | – | – | – | – | {same} | {others} |")
-            continue
-        more = long - short
-        rate = more / (one.seconds - first.seconds)
-        cpu, own = (1000 * (b - a) / more for a, b in ((first.cpu, one.cpu), (first.own, one.own)))
-        worker = f"{first.worker:.0f} / {one.worker:.0f}" if one.who != "one process" else "–"
-        lines.append(
-            f"| {one.who} | {one.workers} | {rate:.1f} | {cpu:.0f} | {own:.1f} | "
-            f"{first.client:.0f} / {one.client:.0f} | {worker} | {same} | {others} |"
-        )
-    return "\n".join(lines) + "\n"
+        told = _rates(first[key], one) if (key := (one.who, one.workers)) in first else ["–"] * 6
+        same = "yes" if one.same else "no"
+        rows.append([one.who, str(one.workers), *told, same, f"{one.others:.1f}"])
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _rates(short: Point, long: Point) -> list[str]:
+    more = long.frames - short.frames
+    cpu = (long.cpu - short.cpu) / more
+    own = (long.own - short.own) / more
+    here = long.who == "one process"
+    return [
+        f"{long.workers / cpu:.1f}",
+        f"{more / (long.seconds - short.seconds):.1f}",
+        f"{1000 * cpu:.0f}",
+        "–" if here else f"{1000 * own:.0f}",
+        f"{short.client:.0f} / {long.client:.0f}",
+        "–" if here else f"{short.worker:.0f} / {long.worker:.0f}",
+    ]
+
+
+def _known() -> list[Point]:
+    """Read the points of an earlier run."""
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    kinds = {field.name: field.type for field in fields(Point)}
+    read = {"bool": lambda text: text == "True", "int": int, "float": float, "str": str}
+    kinds = {name: getattr(kind, "__name__", kind) for name, kind in kinds.items()}
+    return [Point(**{name: read[kinds[name]](row[name]) for name in kinds}) for row in rows]
 
 
 def main() -> None:
     """Measure, and write where asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="also write the page and the CSV")
+    parser.add_argument("--table", action="store_true", help="only write the page, from the CSV")
     options = parser.parse_args()
+    if options.table:
+        insert("throughput", as_table(_known()), PAGE)
+        return
     with tempfile.TemporaryDirectory() as folder:
         points = measure_all(Path(folder))
     print(as_table(points))
