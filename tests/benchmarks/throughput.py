@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -143,7 +143,9 @@ def measure(
         raise RuntimeError(told)
     cpu = after.children_user + after.children_system
     cpu += _cpu(processes) - worked - before.children_user - before.children_system
-    others = (_busy() - busy - cpu) / seconds
+    if "killed" in who:
+        cpu = float("nan")  # that of the dead is not known
+    others = (_busy() - busy - np.nan_to_num(cpu)) / seconds
     rss, children, own = json.loads(told.splitlines()[-1])
     one = folder / f"one-{frames}.csv"
     if who == "one process":
@@ -229,10 +231,10 @@ def _known() -> list[Point]:
     """Read the points of an earlier run."""
     with TABLE.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    kinds = {field.name: field.type for field in fields(Point)}
-    read = {"bool": lambda text: text == "True", "int": int, "float": float, "str": str}
-    kinds = {name: getattr(kind, "__name__", kind) for name, kind in kinds.items()}
-    return [Point(**{name: read[kinds[name]](row[name]) for name in kinds}) for row in rows]
+    read: dict[object, Callable[[str], object]] = {bool: "True".__eq__, int: int, float: float}
+    kinds = {field.name: read.get(field.type, str) for field in fields(Point)}
+    values = [{name: kind(row[name]) for name, kind in kinds.items()} for row in rows]
+    return [Point(**value) for value in values]  # pyright: ignore[reportArgumentType]
 
 
 def main() -> None:
