@@ -68,7 +68,7 @@ def table(
     """
     names = [name for name in results.names if name != "sketch"]
     extra = ["initial"] if initial else []
-    header = ["bodies", "sketch", *extra, *[_head(results, n) for n in names]]
+    header = ["bodies", "sketch", *extra, *[_head(results, n, cells) for n in names]]
     header += ["printed: initial / paper / active contour"] if initial else []
     body = []
     for cell in cells:
@@ -82,8 +82,8 @@ def table(
     return markdown(header, body)
 
 
-def _head(results: Results, name: str) -> str:
-    counts = [results.summary(name, cell) for cell in table_cells() + line_cells()]
+def _head(results: Results, name: str, cells: Sequence[Cell]) -> str:
+    counts = [results.summary(name, cell) for cell in cells]
     return f"{LABELS[name]} ({_range([s.frames for s in counts if s])})"
 
 
@@ -114,7 +114,7 @@ def _cell(found: Summary | None, value: Callable[[Summary], str]) -> str:
 def percentiles(results: Results) -> str:
     """Table 2: percentiles of average DTW from straight lines."""
     names = results.names
-    header = ["bodies", "sketch", *[_head(results, name) for name in names]]
+    header = ["bodies", "sketch", *[_head(results, name, line_cells()) for name in names]]
     body = []
     for cell in line_cells():
         row = [str(cell.bodies), name_of(cell)]
