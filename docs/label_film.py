@@ -21,10 +21,10 @@ from typing import Any
 import napari
 import numpy as np
 import skimage.io
-from make_screenshots import QTest, click, live, refine, wait, widen
 from napari.layers import Shapes
 from PIL import Image, ImageDraw
 from qtpy.QtCore import QPoint, Qt
+from window import QTest, click, live, refine, wait, widen
 
 from napari_splinesketch.plugin.adapter.space import go_to_frame
 from napari_splinesketch.plugin.dock import SplinesketchDock

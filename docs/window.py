@@ -46,13 +46,18 @@ def open_window() -> tuple[Viewer, SplinesketchDock]:
     viewer = open_demo(block=False)
     dock = next(w for w in viewer.window.dock_widgets.values() if isinstance(w, SplinesketchDock))
     wait(1.0)
+    widen(viewer, dock)
+    wait(0.5)
+    return viewer, dock
+
+
+def widen(viewer: Viewer, dock: SplinesketchDock) -> None:
+    """Give the dock its width."""
     around = dock.parent()
     while not isinstance(around, QDockWidget):
         around = around.parent()  # pyright: ignore[reportOptionalMemberAccess]
     window = viewer.window._qt_window
     window.resizeDocks([around], [DOCK_WIDTH], Qt.Orientation.Horizontal)
-    wait(0.5)
-    return viewer, dock
 
 
 def click(button: Any) -> None:
