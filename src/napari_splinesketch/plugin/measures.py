@@ -44,6 +44,8 @@ class Ruler:
 
     def across(self, curve: Curve, values: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """Turn distances from a curve, px, into the unit, whichever way it runs."""
+        if self.scale[0] == self.scale[1]:
+            return values * self.scale[0]
         return values * width_growth(curve.points, self.scale)
 
 

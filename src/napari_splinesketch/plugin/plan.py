@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -159,7 +160,7 @@ def _matched(
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
     exact = {_print_of(record): record.id for record in reversed(drawn)}
-    found = [exact.get(_print(line), 0) for line in lines]
+    found = [exact.get(known, 0) for known in _prints(lines)]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right.
@@ -171,13 +172,18 @@ def _matched(
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
 
-def _print(line: Line) -> bytes:
-    return (np.round(line, SAME) + 0.0).tobytes()
+def _prints(lines: Sequence[Line]) -> list[bytes]:
+    """What lines have in common that are the same."""
+    if not lines:
+        return []
+    rounded = np.round(np.concatenate(lines), SAME) + 0.0
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    return [rounded[a:b].tobytes() for a, b in pairwise([0, *ends])]
 
 
 @once
 def _print_of(record: Record) -> bytes:
-    return _print(record.sketch)
+    return _prints([record.sketch])[0]
 
 
 def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:

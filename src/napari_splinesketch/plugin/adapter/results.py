@@ -82,6 +82,7 @@ class ResultLayers:
         """
         for step in (self._show_model, self._show_outlines, self._show_curves):
             yield from self._quietly(step())
+            yield
 
     def _quietly(self, steps: Iterator[None]) -> Iterator[None]:
         """Take steps without taking our own edits for the user's, while there is an image."""

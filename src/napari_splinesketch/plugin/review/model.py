@@ -7,7 +7,13 @@ from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from qtpy.QtCore import QAbstractTableModel, QModelIndex, QObject, Qt
+from qtpy.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QObject,
+    Qt,
+    Signal,  # pyright: ignore[reportPrivateImportUsage]
+)
 from qtpy.QtGui import QColor
 
 from napari_splinesketch.engine.types import Curve
@@ -102,6 +108,9 @@ STATUS = next(i for i, column in enumerate(COLUMNS) if column.title == "Status")
 class CurvesModel(QAbstractTableModel):
     """Shows records; changes only the rows whose records changed."""
 
+    changed = Signal()
+    """There are other records, or other units."""
+
     def __init__(self, parent: QObject | None = None):
         super().__init__(parent)
         self.ruler = Ruler()
@@ -137,7 +146,10 @@ class CurvesModel(QAbstractTableModel):
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
         elif records is not self._records:
             self._follow(records)
+        else:
+            return
         self._records = records
+        self.changed.emit()
 
     def _reset(self, records: Sequence[Record]) -> None:
         self.beginResetModel()

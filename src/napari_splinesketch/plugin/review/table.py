@@ -32,7 +32,9 @@ class CurvesTable(QTableView):
     def __init__(self, rows: CurvesInOrder, parent: QWidget | None = None):
         super().__init__(parent)
         self.rows = rows
+        self._key: Key | None = None
         self.setModel(rows)
+        rows.modelReset.connect(lambda: self.show_selected(self._key))
         self.setSortingEnabled(True)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
@@ -54,6 +56,7 @@ class CurvesTable(QTableView):
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
+        self._key = key
         model = self.selectionModel()
         row = self.rows.row_of(key)
         if model is None:
