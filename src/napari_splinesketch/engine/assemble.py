@@ -13,6 +13,7 @@ from napari_splinesketch.engine.fit_scene import SceneFit
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.solver import SLOPE_UNIT
+from napari_splinesketch.engine.standard_error import standard_error, unexplained
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
 
 
@@ -42,8 +43,9 @@ def assemble(
     drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
     numbers = [i for i, fault in enumerate(faults) if not fault]
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
-    twins = assess.doubles(centres, seen.half_width)
+    twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
     residual = seen.normal - drawn
+    misfit = unexplained(seen, residual)
     everything = np.concatenate([*centres, *(b.points() for b in (*fit.fixed, *fit.beside))])
     made: list[Curve] = []
     rests = []
@@ -61,7 +63,9 @@ def assemble(
         if i in twins:
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         others = np.delete(everything, np.s_[100 * i : 100 * i + 100], axis=0)
-        curve = assess.make_curve(body, rest, seen.noise, tuple(reasons), others)
+        u = assess.uniform(body.knots)
+        sd = standard_error(body, u, misfit, others)
+        curve = assess.make_curve(body, u, sd, rest, tuple(reasons))
         shift = np.append(corner, 0)
         made.append(replace(curve, knots=curve.knots + shift, points=curve.points + corner))
     curves = full_list(made, sketches, faults)

@@ -7,7 +7,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.profile import WIDTH_MODES, modes, tapered_width
 from napari_splinesketch.engine.tube import INDEX
-from napari_splinesketch.engine.types import POINTS, Array, Curve, Status
+from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 LARGE_SD = 0.4
 LARGE_RESIDUAL = 3.0
@@ -16,20 +16,14 @@ MOVED = 0.5
 LONGER = 1.8
 SHORTER = 2.5
 SAME_BODY = 0.5
+ON_TOP = 0.6
 """Limits beyond which a curve asks for a look: px; times the noise and share of the contrast;
 shares of the sketch's length; factors of length; share of the length that two curves run along
-each other."""
+each other, closer than so many half-widths."""
 CORE = 0.3
 """Pixels with this share of a body's brightness tell how well it is explained."""
-INFLATION = 1.2
-CROWDED = 1.45
-BLIND_END = 1.45
-"""What the standard error lacks, because bodies are not exactly tubes: everywhere, beside
-another curve, and near the ends. Measured on generated bodies: tests/benchmarks/uncertainty.py.
-"""
 END_SHARE = 0.1
-BESIDE = 2.3
-"""Half-widths."""
+"""Of the points, at either end, may be uncertain."""
 
 
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
@@ -45,25 +39,12 @@ def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " c
     return np.interp(np.linspace(0, s[-1], count), s, u)
 
 
-def normal_sd(
-    covariance: Float[Array, "D D"], knots: Float[Array, "K 2"], u: Float[Array, " P"]
-) -> Float[Array, " P"]:
-    """(P,) standard error along the normal, from the covariance of the knots (Laplace)."""
-    k = len(knots)
-    rows = spline.basis(k, u)
-    tangent = spline.basis(k, u, 1) @ knots
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    across = np.concatenate([-tangent[:, 1:] * rows, tangent[:, :1] * rows], axis=1)
-    variance = np.einsum("pi,ij,pj->p", across, covariance[: 2 * k, : 2 * k], across)
-    return np.sqrt(np.maximum(variance, 0))
-
-
 def make_curve(
     body: Body,
+    u: Float[Array, " P"],
+    sd: Float[Array, " P"],
     residual: Float[Array, " m"],
-    noise: float,
     reasons: tuple[str, ...],
-    others: Float[Array, "Q 2"],
 ) -> Curve:
     """The curve of a fitted body.
 
@@ -71,55 +52,28 @@ def make_curve(
     ----------
     body
         From the last level.
+    u, sd
+        (P,) spline parameters of its points, and their standard errors, px.
     residual
         (m,) image minus reconstruction in its band, as a share of the contrast.
-    noise
-        Standard deviation of the noise that the fit assumed, in the same unit.
     reasons
         What looks wrong.
-    others
-        (Q, 2) points of the other curves.
     """
     knots = body.knots
-    u = uniform(knots)
-    rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else np.inf
-    points = spline.basis(len(knots), u) @ knots
-    sd = np.full(POINTS, np.inf)
-    if len(residual):
-        sd = normal_sd(body.covariance * max(rms / noise, 1.0) ** 2, knots, u)
-    sd *= _inflation(points, others, BESIDE * np.exp(body["log_width_0"]))
-    end = int(END_SHARE * POINTS)
-    if sd[end:-end].max() > LARGE_SD:
-        worst = sd[end:-end].max()
+    end = int(END_SHARE * len(u))
+    worst = sd[end:-end].max()
+    if worst > LARGE_SD:
         reasons = (*reasons, f"its position is uncertain by up to {worst:.1f} px")
-    status: Status = "check" if reasons else "good"
     width = half_width(body.parameters, np.linspace(0, 1, len(knots)))
     return Curve(
         np.column_stack([knots, width]),
-        points,
+        spline.basis(len(knots), u) @ knots,
         half_width(body.parameters, u),
         sd,
-        status,
+        "check" if reasons else "good",
         reasons,
-        rms,
+        float(np.sqrt(np.mean(residual**2))) if len(residual) else np.inf,
     )
-
-
-def _inflation(
-    points: Float[Array, "P 2"], others: Float[Array, "Q 2"], beside: float
-) -> Float[Array, " P"]:
-    """Factor by which the standard error of each point is too small."""
-    factor = np.full(len(points), INFLATION)
-    if len(others):
-        low, high = points.min(0) - beside, points.max(0) + beside
-        close = others[((others > low) & (others < high)).all(1)]
-        if len(close):
-            apart = np.linalg.norm(points[:, None] - close[None], axis=2).min(1)
-            factor[apart < beside] *= CROWDED
-    end = int(END_SHARE * len(points))
-    factor[:end] *= BLIND_END
-    factor[-end:] *= BLIND_END
-    return factor
 
 
 def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
@@ -165,17 +119,15 @@ def doubts(
     return found
 
 
-def doubles(
-    curves: list[Float[Array, "P 2"]], half_width: float, share: float = SAME_BODY
-) -> dict[int, int]:
-    """Curves that run along another for much of their length, with the other's number."""
+def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
+    """Curves that run within `reach` of another for much of their length, with its number."""
     found = {}
-    low = np.array([c.min(0) for c in curves]).reshape(-1, 2) - half_width
-    high = np.array([c.max(0) for c in curves]).reshape(-1, 2) + half_width
+    low = np.array([c.min(0) for c in curves]).reshape(-1, 2) - reach
+    high = np.array([c.max(0) for c in curves]).reshape(-1, 2) + reach
     for i, a in enumerate(curves):
         meets = np.flatnonzero(((low <= high[i]) & (high >= low[i])).all(1))
         for j in meets[meets != i].tolist():
             apart = np.linalg.norm(a[::4, None] - curves[j][None, ::2], axis=2).min(1)
-            if (apart < 0.6 * half_width).mean() > share:
+            if (apart < reach).mean() > share:
                 found[i] = j
     return found

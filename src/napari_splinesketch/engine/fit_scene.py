@@ -112,7 +112,7 @@ def fit_scene(
     )
     sketched, beside = bodies[:number], bodies[number:]
     again = partial(_polish_again, seen, settings.polish, settings.knots[0])
-    sketched = pairs.split_pairs(seen, sketches, sketched, [*others, *beside], again)
+    sketched = pairs.settle_pairs(seen, sketches, sketched, [*others, *beside], again)
     return SceneFit(sketched, others, beside, starts[:number], parts)
 
 

@@ -1,16 +1,20 @@
-"""Two bodies side by side that look like one thick one: their traces are one line."""
+"""Two bodies side by side that look like one thick one: their traces run into each other."""
 
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import assess, fitting, spline
+from napari_splinesketch.engine import assess, fitting, smooth_paths, spline
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.types import Array
 
+NEXT_TO = 3.0
+"""Two curves that stay closer than this many half-widths ..."""
+ALONGSIDE = 0.6
+"""... over this share of one of them may be two bodies that touch."""
 UNEXPLAINED = 1.4
 """Squared residual, noise² = 1, from which a second look is worth its time."""
 CLEARLY = 0.85
@@ -18,18 +22,20 @@ CLEARLY = 0.85
 squared residual ..."""
 ASIDE = 0.85
 """... and lie further apart than this share of what their half-widths come to."""
-SHARED = 0.3
-"""Curves this much of which runs along one another may be such a pair."""
+ONE_BODY = 0.3
+"""Curves this much of which runs along one another lie on one body."""
+ACROSS = 5.0
+"""Half-widths on either side in which the edges of the two bodies together are looked for."""
 
 Line = Float[Array, "N 2"]
 Polish = Callable[[list[Line], list[float], list[Body]], list[Body]]
 """Fits lines with half-widths to start from, beside bodies that stay."""
 
 
-def split_pairs(
+def settle_pairs(
     seen: Scene, sketches: list[Line], bodies: list[Body], others: list[Body], polish: Polish
 ) -> list[Body]:
-    """Lay the two curves of a pair side by side where the image is explained better so.
+    """Lay the two curves of a pair side by side where that is likelier, each on its own side.
 
     Parameters
     ----------
@@ -42,24 +48,39 @@ def split_pairs(
     polish
         How to fit.
     """
-    twins = assess.doubles([b.points(100) for b in bodies], seen.half_width, SHARED)
-    pairs = sorted({(min(i, j), max(i, j)) for i, j in twins.items()})
-    if not pairs:
-        return bodies
+    lines = [b.points(100) for b in bodies]
+    next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
     found = list(bodies)
-    depth = _depth(seen.mask)
-    for i, j in pairs:
-        one = [found[i], found[j]]
+    for i, j in sorted({(min(i, j), max(i, j)) for i, j in next_to.items()}):
+        one, drawn = [found[i], found[j]], [sketches[i], sketches[j]]
         rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
         rest = [b for b in rest if _meet(b, *one, reach=4 * seen.half_width)]
-        if _misfit(seen, one, one, rest) < UNEXPLAINED:
-            continue
-        lines, width = _beside(found[i], depth, (sketches[i], sketches[j]))
-        pair = polish(lines, [width, width], rest)
-        better = _misfit(seen, pair, one, rest) < CLEARLY * _misfit(seen, one, pair, rest)
-        if better and _aside(*pair) > ASIDE:
-            found[i], found[j] = pair
+        if _misfit(seen, one, one, rest) > UNEXPLAINED or _cross(*one):
+            lines, width = _beside(seen, one)
+            pair = polish(lines, [width, width], rest)
+            if _likelier(seen, pair, one, rest, drawn):
+                one = pair
+        found[i], found[j] = _each_its_side(one, drawn)
     return found
+
+
+def _likelier(
+    seen: Scene, pair: list[Body], one: list[Body], rest: list[Body], sketches: list[Line]
+) -> bool:
+    """Whether two bodies side by side are likelier than what was found."""
+    new, old = _misfit(seen, pair, one, rest), _misfit(seen, one, pair, rest)
+    if _aside(*pair) < ASIDE:
+        return False
+    if assess.doubles([b.points(100) for b in one], assess.ON_TOP * seen.half_width, ONE_BODY):
+        return new < CLEARLY * old
+    pixels = sum(len(b.pixels) for b in one)
+
+    def score(misfit: float, bodies: list[Body]) -> float:
+        costs = zip(_each_its_side(bodies, sketches), sketches, strict=True)
+        own = sum(smooth_paths.path_cost(b.points(), s, seen.half_width) for b, s in costs)
+        return misfit * seen.noise**2 * pixels + own
+
+    return score(new, pair) < score(old, one)
 
 
 def _meet(body: Body, *pair: Body, reach: float) -> bool:
@@ -68,29 +89,53 @@ def _meet(body: Body, *pair: Body, reach: float) -> bool:
     return bool((a.max(0) > b.min(0) - reach).all() and (a.min(0) < b.max(0) + reach).all())
 
 
-def _depth(mask: Bool[Array, "H W"]) -> Float[Array, "H W"]:
-    return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
+def _matched(a: Line, b: Line) -> tuple[Line, Line]:
+    """Two lines at as many points each, running the same way."""
+    a, b = spline.resample(a, 64), spline.resample(b, 64)
+    same, reverse = (np.linalg.norm(a - x, axis=1).sum() for x in (b, b[::-1]))
+    return a, b if same <= reverse else b[::-1]
 
 
-def _beside(
-    body: Body, depth: Float[Array, "H W"], sketches: tuple[Line, Line]
-) -> tuple[list[Line], float]:
-    """Two lines on either side of a curve, each on its sketch's side, and their half-width."""
-    middle = body.points(64)
-    at = np.rint(middle).astype(int).clip(0, np.array(depth.shape) - 1)
-    width = max(float(np.median(depth[tuple(at.T)])) / 2, 0.5)
-    along = np.gradient(middle, axis=0)
+def _normals(line: Line) -> Line:
+    along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    drawn = [_oriented(spline.resample(s, 64), middle) for s in sketches]
-    sides = [float(((line - middle) * across).sum(1).mean()) for line in drawn]
-    sign = 1.0 if sides[0] >= sides[1] else -1.0
-    return [middle + sign * width * across, middle - sign * width * across], width
+    return np.column_stack([-along[:, 1], along[:, 0]])
 
 
-def _oriented(line: Line, other: Line) -> Line:
-    same, reverse = (np.linalg.norm(other - x, axis=1).sum() for x in (line, line[::-1]))
-    return line if same <= reverse else line[::-1]
+def _cross(a: Body, b: Body) -> bool:
+    """Whether one curve changes sides."""
+    first, second = _matched(a.points(64), b.points(64))
+    side = ((second - first) * _normals(first + second)).sum(1)[6:-6]
+    return bool(side.min() < 0 < side.max())
+
+
+def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
+    """Two lines that share what is bright around a pair between them, and their half-width."""
+    first, second = _matched(*(b.points(64) for b in pair))
+    middle = (first + second) / 2
+    across = _normals(middle)
+    offsets = np.arange(-ACROSS * seen.half_width, ACROSS * seen.half_width + 0.5, 0.5)
+    at = middle[:, None] + offsets[:, None] * across[:, None]
+    bright = ndimage.map_coordinates(seen.normal, at.transpose(2, 0, 1), order=1, mode="nearest")
+    inside = ndimage.gaussian_filter(bright, (4, 1)) > 0.5
+    inside = ndimage.binary_closing(inside, np.ones((1, 5)))
+    centre = len(offsets) // 2
+    after = np.where(inside[:, centre:], 1, 0).cumprod(1).sum(1)
+    before = np.where(inside[:, centre::-1], 1, 0).cumprod(1).sum(1)
+    width = max(float(np.median(after + before)) / 8, 0.5)
+    shift = ndimage.gaussian_filter1d((after - before) / 4, 4, mode="nearest")
+    middle = middle + np.clip(shift, -width, width)[:, None] * across
+    return [middle + width * across, middle - width * across], width
+
+
+def _each_its_side(pair: list[Body], sketches: list[Line]) -> list[Body]:
+    """The two bodies in the order in which their sketches lie beside each other."""
+    a, b = _matched(*sketches)
+    c, d = _matched(pair[0].points(64), pair[1].points(64))
+    if ((b[-1] - a[0]) * (d[-1] - c[0])).sum() < 0:
+        c, d = c[::-1], d[::-1]
+    swapped = ((b - a) * (d - c)).sum() < 0
+    return pair[::-1] if swapped else pair
 
 
 def _aside(a: Body, b: Body) -> float:

@@ -1,0 +1,113 @@
+"""How far a curve may be from its body: the standard error of its points along the normal."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage, spatial
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fitting import Body
+from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine.types import Array
+
+GRAIN = 0.35
+"""Half-widths: over so much a residual is averaged, and noise averages out, but texture and
+misfit do not."""
+AROUND = 1.5
+"""Half-widths on either side of the centreline that tell how well a point is explained ..."""
+ALONG = 2.0
+"""... together with so many half-widths along it (standard deviation)."""
+INFLATION = 1.1
+CROWDED = 1.5
+BLIND_END = 1.2
+"""What the standard error lacks, because bodies are not exactly tubes: everywhere, beside
+another curve, and near the ends. Measured on generated bodies: tests/benchmarks/uncertainty.py.
+"""
+END_SHARE = 0.1
+"""Of the points, at either end, count as ends."""
+BESIDE = 2.3
+"""Half-widths."""
+
+
+def unexplained(seen: Scene, residual: Float[Array, "H W"]) -> Float[Array, "H W"]:
+    """(H, W) averages of the residual over the grain, where white noise would have variance 1."""
+    grain = GRAIN * seen.half_width
+    one = np.zeros((2 * int(4 * grain + 0.5) + 1,) * 2)
+    one[len(one) // 2, len(one) // 2] = 1
+    gain = np.linalg.norm(ndimage.gaussian_filter(one, grain))
+    return ndimage.gaussian_filter(residual, grain) / (seen.noise * gain)
+
+
+def standard_error(
+    body: Body,
+    u: Float[Array, " P"],
+    unexplained: Float[Array, "H W"],
+    others: Float[Array, "Q 2"],
+) -> Float[Array, " P"]:
+    """(P,) standard error along the normal, px.
+
+    Laplace's, for the noise that was assumed, times what the image leaves unexplained around
+    each point beyond that noise. Residuals that hang together count for more than white ones: as
+    much more as they remain when averaged.
+
+    Parameters
+    ----------
+    body
+        From the last level.
+    u
+        (P,) spline parameters of the points, uniform in arc length.
+    unexplained
+        See `unexplained`.
+    others
+        (Q, 2) points of the other curves.
+    """
+    points = spline.basis(len(body.knots), u) @ body.knots
+    if not len(body.pixels):
+        return np.full(len(u), np.inf)
+    half_width = float(np.exp(body["log_width_0"]))
+    misfit = _misfit_along(body, points, unexplained, half_width)
+    factor = INFLATION * np.maximum(misfit, 1.0)
+    factor[_beside(points, others, BESIDE * half_width)] *= CROWDED
+    end = int(END_SHARE * len(points))
+    factor[:end] *= BLIND_END
+    factor[-end:] *= BLIND_END
+    return factor * normal_sd(body.covariance, body.knots, u)
+
+
+def normal_sd(
+    covariance: Float[Array, "D D"], knots: Float[Array, "K 2"], u: Float[Array, " P"]
+) -> Float[Array, " P"]:
+    """(P,) standard error along the normal, from the covariance of the knots (Laplace)."""
+    k = len(knots)
+    rows = spline.basis(k, u)
+    tangent = spline.basis(k, u, 1) @ knots
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    across = np.concatenate([-tangent[:, 1:] * rows, tangent[:, :1] * rows], axis=1)
+    variance = np.einsum("pi,ij,pj->p", across, covariance[: 2 * k, : 2 * k], across)
+    return np.sqrt(np.maximum(variance, 0))
+
+
+def _misfit_along(
+    body: Body,
+    points: Float[Array, "P 2"],
+    unexplained: Float[Array, "H W"],
+    half_width: float,
+) -> Float[Array, " P"]:
+    """(P,) size of what is unexplained near each point; 1 for white noise as assumed."""
+    at = np.column_stack(np.divmod(body.pixels, unexplained.shape[1]))
+    apart, nearest = spatial.KDTree(points).query(at, distance_upper_bound=AROUND * half_width)
+    near = np.isfinite(apart)
+    squares = unexplained.ravel()[body.pixels[near]] ** 2
+    step = spline.arc_length(points)[-1] / (len(points) - 1)
+    reach = ALONG * half_width / max(step, 1e-3)
+    total, count = (
+        ndimage.gaussian_filter1d(np.bincount(nearest[near], w, len(points)), reach, mode="nearest")
+        for w in (squares, np.ones(near.sum()))
+    )
+    return np.sqrt(total / np.maximum(count, 1e-9))
+
+
+def _beside(points: Float[Array, "P 2"], others: Float[Array, "Q 2"], reach: float):
+    """(P,) which points lie within `reach` of another curve."""
+    if not len(others):
+        return np.zeros(len(points), dtype=bool)
+    return np.isfinite(spatial.KDTree(others).query(points, distance_upper_bound=reach)[0])
