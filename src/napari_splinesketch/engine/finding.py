@@ -18,6 +18,8 @@ CLOSE = 3.0
 """Sets whose scores are closer than this cannot be told apart ..."""
 DIFFERENT = 0.7
 """... where their curves are further apart than this, half-widths."""
+MIXED = 3
+"""So many of the best sets are improved by taking single curves from others."""
 SMOOTH = 1.5
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 
@@ -237,27 +239,87 @@ def _best(
     trials: list[Trial], sketches: list[Line], half_width: float, comparison: Comparison
 ) -> list[Start]:
     """The trial that explains the image best, and where another one does about as well."""
-    pixels = np.unique(np.concatenate([b.pixels for t in trials for b in (*t.bodies, *t.still)]))
-    values = comparison.image.ravel()[pixels]
-    scores = []
-    for trial in trials:
-        misfit = ((values - fitting.render_at(pixels, [*trial.bodies, *trial.still])) ** 2).sum()
-        costs = [
-            smooth_paths.path_cost(b.points(), s, half_width)
-            for b, s in zip(trial.bodies, sketches, strict=False)
-        ]
-        beside = trial.bodies[len(sketches) :]
-        costs += [smooth_paths.unsketched_cost(b.points(), half_width) for b in beside]
-        scores.append(comparison.weight * misfit + PATH_WEIGHT * sum(costs))
-    order = np.argsort(scores)
-    best = trials[order[0]]
-    rivals = [trials[r].bodies for r in order[1:] if scores[r] < scores[order[0]] + CLOSE]
+    scoring = _Scoring(trials, sketches, half_width, comparison)
+    scored = sorted((scoring.score(m), m) for m in scoring.mixtures())
+    least, best = scored[0]
+    starts = [trials[t].starts[k] for k, t in enumerate(best[:-1])]
+    rivals = [m for score, m in scored[1:] if score < least + CLOSE]
     apart = DIFFERENT * half_width
-    number = len(sketches)
-    return [
-        replace(start, ambiguous=any(_differ(body, row[k]) > apart for row in rivals))
-        for k, (start, body) in enumerate(zip(best.starts[:number], best.bodies, strict=False))
-    ] + best.starts[number:]
+
+    def ambiguous(k: int, start: Start) -> bool:
+        others = {m[k] for m in rivals} - {best[k]}
+        return any(_differ(start.body, trials[t].starts[k].body) > apart for t in others)
+
+    marked = [replace(s, ambiguous=ambiguous(k, s)) for k, s in enumerate(starts)]
+    return marked + trials[best[-1]].starts[len(sketches) :]
+
+
+class _Scoring:
+    """How well mixtures of trials explain the image.
+
+    A mixture says for each sketch which trial's curve is taken, and last which trial's bodies
+    without a sketch.
+    """
+
+    def __init__(
+        self,
+        trials: list[Trial],
+        sketches: list[Line],
+        half_width: float,
+        comparison: Comparison,
+    ):
+        self._count, self._number = len(trials), len(sketches)
+        every = [b for t in trials for b in (*t.bodies, *t.still)]
+        pixels = np.unique(np.concatenate([b.pixels for b in every]))
+        self._image = comparison.image.ravel()[pixels]
+        self._overlap = float(np.median([b["overlap"] for b in every]))
+        self._weight = comparison.weight
+        size = len(trials), self._number + 2, len(pixels)
+        self._total, self._most = np.zeros((2, *size), np.float32)
+        self._cost = np.zeros(size[:2])
+        for t, trial in enumerate(trials):
+            slots = np.minimum(np.arange(len(trial.bodies)), self._number)
+            for k, body in zip(slots, trial.bodies, strict=True):
+                self._draw(t, k, pixels, body)
+                if k < self._number:
+                    cost = smooth_paths.path_cost(body.points(), sketches[k], half_width)
+                else:
+                    cost = smooth_paths.unsketched_cost(body.points(), half_width)
+                self._cost[t, k] += PATH_WEIGHT * cost
+            for body in trial.still:
+                self._draw(t, self._number + 1, pixels, body)
+
+    def _draw(self, trial: int, slot: int, pixels: Int[Array, " P"], body: fitting.Body) -> None:
+        at = np.searchsorted(pixels, body.pixels)
+        self._total[trial, slot, at] += body.own
+        self._most[trial, slot, at] = np.maximum(self._most[trial, slot, at], body.own)
+
+    def score(self, mixture: tuple[int, ...]) -> float:
+        """Unexplained pixels and what the paths cost."""
+        chosen = [*mixture, mixture[0]], np.arange(self._number + 2)
+        total, most = self._total[chosen].sum(0), self._most[chosen].max(0)
+        drawn = self._overlap * most + (1 - self._overlap) * total
+        misfit = ((self._image - drawn) ** 2).sum()
+        return float(self._weight * misfit + self._cost[chosen].sum())
+
+    def mixtures(self) -> set[tuple[int, ...]]:
+        """Every trial by itself, and what becomes of the best when single curves are exchanged."""
+        known = {(t,) * (self._number + 1): 0.0 for t in range(self._count)}
+        known = {m: self.score(m) for m in known}
+        for begin in sorted(known, key=known.__getitem__)[:MIXED]:
+            now, better = begin, True
+            while better:
+                tried = {
+                    (*now[:k], t, *now[k + 1 :])
+                    for k in range(len(now))
+                    for t in range(self._count)
+                }
+                for m in tried - known.keys():
+                    known[m] = self.score(m)
+                best = min(tried, key=known.__getitem__)
+                better = known[best] < known[now] - 1e-6
+                now = best if better else now
+        return set(known)
 
 
 def _differ(a: fitting.Body, b: fitting.Body) -> float:

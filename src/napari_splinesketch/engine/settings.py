@@ -58,9 +58,9 @@ class Settings:
         Use every part of the model, whether it pays or not.
     """
 
-    weigh: int = 1000
+    weigh: int = 3000
     paths: int = 40
-    beam: int = 64
+    beam: int = 256
     sets: int = 5
     coarse: tuple[LevelSettings, ...] = (
         LevelSettings(2.5, (10, 10), 8.0, sparse=True),
