@@ -1,19 +1,20 @@
 """From a fitted scene to the result that the user gets."""
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
-from napari_splinesketch.engine import assess, fitting, scene, spline
+from napari_splinesketch.engine import assess, doubt, fitting, scene, spline
 from napari_splinesketch.engine.background import estimate_background
 from napari_splinesketch.engine.fit_scene import SceneFit
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.solver import SLOPE_UNIT
-from napari_splinesketch.engine.standard_error import standard_error, unexplained
+from napari_splinesketch.engine.standard_error import beside_others, standard_error, unexplained
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
 
 
@@ -42,32 +43,13 @@ def assemble(
     corner = np.array([s.start for s in window])
     drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
     numbers = [i for i, fault in enumerate(faults) if not fault]
-    centres = [spline.sample(b.knots, 100) for b in fit.bodies]
-    twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
     residual = seen.normal - drawn
-    misfit = unexplained(seen, residual)
-    everything = np.concatenate([*centres, *(b.points() for b in (*fit.fixed, *fit.beside))])
-    made: list[Curve] = []
-    rests = []
-    for i, (body, number) in enumerate(zip(fit.bodies, numbers, strict=True)):
-        rest = _rest(body, residual)
-        rests.append(rest)
-        core = rest[body.own > assess.CORE * body["contrast"]]
-        reasons = assess.doubts(
-            centres[i], sketches[number] - corner, core, seen.noise, seen.normal.shape
-        )
-        if fit.starts[i].ambiguous:
-            reasons.append("another path explains the image about as well")
-        if not body.settled:
-            reasons.append("it had not settled when the steps ran out")
-        if i in twins:
-            reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
-        others = np.delete(everything, np.s_[100 * i : 100 * i + 100], axis=0)
-        u = assess.uniform(body.knots)
-        sd = standard_error(body, u, misfit, others)
-        curve = assess.make_curve(body, u, sd, rest, tuple(reasons))
-        shift = np.append(corner, 0)
-        made.append(replace(curve, knots=curve.knots + shift, points=curve.points + corner))
+    rests = [_rest(body, residual) for body in fit.bodies]
+    drawings = [sketches[i] - corner for i in numbers]
+    made = [
+        replace(c, knots=c.knots + np.append(corner, 0), points=c.points + corner)
+        for c in _curves(seen, fit, drawings, numbers, residual, rests)
+    ]
     curves = full_list(made, sketches, faults)
     background, reconstruction = frames(image, window, seen, drawn * seen.contrast)
     return Refinement(
@@ -77,6 +59,39 @@ def assemble(
         _model(seen, fit, rests, faults),
         time.perf_counter() - began,
     )
+
+
+def _curves(
+    seen: Scene,
+    fit: SceneFit,
+    sketches: list[Float[Array, "N 2"]],
+    numbers: list[int],
+    residual: Float[Array, "H W"],
+    rests: list[Float[Array, " m"]],
+) -> Iterator[Curve]:
+    """The curves with what they say of themselves, in the window's pixels."""
+    centres = [spline.sample(b.knots, 100) for b in fit.bodies]
+    everything = np.concatenate([*centres, *(b.points() for b in (*fit.fixed, *fit.beside))])
+    twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
+    usual_length = float(np.median([spline.arc_length(c)[-1] for c in centres]))
+    misfit = unexplained(seen, residual)
+    for i, (body, sketch) in enumerate(zip(fit.bodies, sketches, strict=True)):
+        core = rests[i][body.own > assess.CORE * body["contrast"]]
+        reasons = assess.doubts(centres[i], sketch, core, seen.noise, seen.normal.shape)
+        if not body.settled:
+            reasons.append("it had not settled when the steps ran out")
+        if i in twins:
+            reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
+        u = assess.uniform(body.knots)
+        points = spline.basis(len(body.knots), u) @ body.knots
+        others = np.delete(everything, np.s_[100 * i : 100 * i + 100], axis=0)
+        near = beside_others(points, others, float(np.exp(body["log_width_0"])))
+        sd = standard_error(body, u, misfit, near)
+        evidence = doubt.collect(
+            points, sd, near, sketch, body["contrast"], fit.starts[i].margin, usual_length
+        )
+        reasons += doubt.reasons(evidence)
+        yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
 
 
 def full_list(

@@ -9,7 +9,6 @@ from napari_splinesketch.engine.profile import WIDTH_MODES, modes, tapered_width
 from napari_splinesketch.engine.tube import INDEX
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
-LARGE_SD = 0.4
 LARGE_RESIDUAL = 3.0
 VISIBLE_RESIDUAL = 0.25
 MOVED = 0.5
@@ -17,13 +16,11 @@ LONGER = 1.8
 SHORTER = 2.5
 SAME_BODY = 0.5
 ON_TOP = 0.6
-"""Limits beyond which a curve asks for a look: px; times the noise and share of the contrast;
+"""Limits beyond which a curve asks for a look: times the noise and share of the contrast;
 shares of the sketch's length; factors of length; share of the length that two curves run along
 each other, closer than so many half-widths."""
 CORE = 0.3
 """Pixels with this share of a body's brightness tell how well it is explained."""
-END_SHARE = 0.1
-"""Of the points, at either end, may be uncertain."""
 
 
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
@@ -60,10 +57,6 @@ def make_curve(
         What looks wrong.
     """
     knots = body.knots
-    end = int(END_SHARE * len(u))
-    worst = sd[end:-end].max()
-    if worst > LARGE_SD:
-        reasons = (*reasons, f"its position is uncertain by up to {worst:.1f} px")
     width = half_width(body.parameters, np.linspace(0, 1, len(knots)))
     return Curve(
         np.column_stack([knots, width]),

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import bands, finding, fitting, model, pairs, spline
+from napari_splinesketch.engine import bands, finding, fitting, model, pairs, spline, trials
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.settings import LevelSettings, Settings
@@ -57,7 +57,7 @@ class SceneFit:
     bodies: list[Body]
     fixed: list[Body]
     beside: list[Body]
-    starts: list[finding.Start]
+    starts: list[trials.Start]
     parts: dict[str, model.Part]
 
 
@@ -144,7 +144,7 @@ def _comparison(
     corner: Float[Array, "2"],
     level: LevelSettings,
     report: Reporter,
-) -> finding.Comparison:
+) -> trials.Comparison:
     """Fits of candidate paths, coarser than the final one."""
     soft = ndimage.gaussian_filter(seen.normal, level.blur * seen.half_width)
 
@@ -160,10 +160,10 @@ def _comparison(
             report=lambda done, _: report("comparing paths", 0.05 + 0.3 * done),
         )  # fmt: skip
 
-    return finding.Comparison(soft, level.stride(seen.half_width) ** 2, fit)
+    return trials.Comparison(soft, level.stride(seen.half_width) ** 2, fit)
 
 
-def _weigh(seen: Scene, starts: list[finding.Start], settings: Settings) -> dict[str, model.Part]:
+def _weigh(seen: Scene, starts: list[trials.Start], settings: Settings) -> dict[str, model.Part]:
     """Which parts of the model pay, by the fits that compared paths."""
     bodies = [s.body for s in starts if s.body is not None][:MOST_WEIGHED]
     if settings.everything or settings.judge is None or not bodies:
@@ -191,7 +191,7 @@ def _begin(lines: list[Line], priors: bands.Priors, knots: int, **overrides: flo
 
 
 def _resume(
-    start: finding.Start, alone: bool, mean: Float[Array, " G"], knots: int, half_width: float
+    start: trials.Start, alone: bool, mean: Float[Array, " G"], knots: int, half_width: float
 ) -> Float[Array, " D"]:
     """Where a polish begins: on the curve fitted along the path, or on the path itself."""
     if start.body is None:
@@ -203,7 +203,7 @@ def _resume(
     return bands.start_values(spline.fit_knots(line, knots), start.body.parameters)
 
 
-def _approach(seen: Scene, starts: list[finding.Start], settings: Settings):
+def _approach(seen: Scene, starts: list[trials.Start], settings: Settings):
     """Bring sketches without a trace near their bodies, from coarse to fine."""
     lost = [i for i, s in enumerate(starts) if not s.traced]
     if not lost:

@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Array
 
 GAIN = 1.0
 """A curve that improved its χ² by less in a visit is not visited again ..."""
-RESTLESS = 100.0
+RESTLESS = 500.0
 """... and one that improved it by more in its last has not settled."""
 CHUNK = 128
 """Curves between two chances to cancel."""

@@ -1,7 +1,7 @@
 """How far a curve may be from its body: the standard error of its points along the normal."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage, spatial
 
 from napari_splinesketch.engine import spline
@@ -41,7 +41,7 @@ def standard_error(
     body: Body,
     u: Float[Array, " P"],
     unexplained: Float[Array, "H W"],
-    others: Float[Array, "Q 2"],
+    beside: Bool[Array, " P"],
 ) -> Float[Array, " P"]:
     """(P,) standard error along the normal, px.
 
@@ -57,8 +57,8 @@ def standard_error(
         (P,) spline parameters of the points, uniform in arc length.
     unexplained
         See `unexplained`.
-    others
-        (Q, 2) points of the other curves.
+    beside
+        (P,) which points have another curve near.
     """
     points = spline.basis(len(body.knots), u) @ body.knots
     if not len(body.pixels):
@@ -66,7 +66,7 @@ def standard_error(
     half_width = float(np.exp(body["log_width_0"]))
     misfit = _misfit_along(body, points, unexplained, half_width)
     factor = INFLATION * np.maximum(misfit, 1.0)
-    factor[_beside(points, others, BESIDE * half_width)] *= CROWDED
+    factor[beside] *= CROWDED
     end = int(END_SHARE * len(points))
     factor[:end] *= BLIND_END
     factor[-end:] *= BLIND_END
@@ -95,7 +95,7 @@ def _misfit_along(
     """(P,) size of what is unexplained near each point; 1 for white noise as assumed."""
     at = np.column_stack(np.divmod(body.pixels, unexplained.shape[1]))
     apart, nearest = spatial.KDTree(points).query(at, distance_upper_bound=AROUND * half_width)
-    near = np.isfinite(apart)
+    near, nearest = np.isfinite(apart), np.asarray(nearest)
     squares = unexplained.ravel()[body.pixels[near]] ** 2
     step = spline.arc_length(points)[-1] / (len(points) - 1)
     reach = ALONG * half_width / max(step, 1e-3)
@@ -106,8 +106,13 @@ def _misfit_along(
     return np.sqrt(total / np.maximum(count, 1e-9))
 
 
-def _beside(points: Float[Array, "P 2"], others: Float[Array, "Q 2"], reach: float):
-    """(P,) which points lie within `reach` of another curve."""
-    if not len(others):
+def beside_others(
+    points: Float[Array, "P 2"], others: Float[Array, "Q 2"], half_width: float
+) -> Bool[Array, " P"]:
+    """(P,) which points of a curve have points of another one near."""
+    reach = BESIDE * half_width
+    close = ((others > points.min(0) - reach) & (others < points.max(0) + reach)).all(1)
+    if not close.any():
         return np.zeros(len(points), dtype=bool)
-    return np.isfinite(spatial.KDTree(others).query(points, distance_upper_bound=reach)[0])
+    apart, _ = spatial.KDTree(others[close]).query(points, distance_upper_bound=reach)
+    return np.isfinite(apart)
