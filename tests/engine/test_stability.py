@@ -10,16 +10,6 @@ from napari_splinesketch.metrics import average_dtw
 
 from .test_refine import assert_whole
 
-WEAK = {
-    "parallel_chords": "touching bodies may have traces that run from one to the other",
-}
-"""Cases that the engine is known not to master; see docs/limits.md."""
-
-
-def _case(name: str):
-    marks = [pytest.mark.xfail(reason=WEAK[name], strict=False)] if name in WEAK else []
-    return pytest.param(name, marks=marks)
-
 
 @pytest.fixture(scope="module")
 def results():
@@ -41,7 +31,7 @@ def test_results_are_whole(results, name):
     assert_whole(found, len(trial.sketches), trial.image.shape)
 
 
-@pytest.mark.parametrize("name", [_case(name) for name in CASES])
+@pytest.mark.parametrize("name", CASES)
 def test_found_or_marked(results, name):
     trial, found = results(name)
     expects = CASES[name].expects

@@ -54,7 +54,7 @@ def settle_pairs(
     for i, j in sorted({(min(i, j), max(i, j)) for i, j in next_to.items()}):
         one, drawn = [found[i], found[j]], [sketches[i], sketches[j]]
         rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
-        rest = [b for b in rest if _meet(b, *one, reach=4 * seen.half_width)]
+        rest = [b for b in rest if _meet(b, *one)]
         if _misfit(seen, one, one, rest) > UNEXPLAINED or _cross(*one):
             lines, width = _beside(seen, one)
             pair = polish(lines, [width, width], rest)
@@ -83,10 +83,16 @@ def _likelier(
     return score(new, pair) < score(old, one)
 
 
-def _meet(body: Body, *pair: Body, reach: float) -> bool:
-    """Whether the surroundings of a body overlap with those of a pair."""
-    a, b = body.knots, np.concatenate([one.knots for one in pair])
-    return bool((a.max(0) > b.min(0) - reach).all() and (a.min(0) < b.max(0) + reach).all())
+def _meet(body: Body, *pair: Body) -> bool:
+    """Whether the band of a body overlaps with those of a pair."""
+    return any(
+        len(body.pixels)
+        and len(one.pixels)
+        and body.pixels[0] <= one.pixels[-1]
+        and one.pixels[0] <= body.pixels[-1]
+        and np.isin(one.pixels, body.pixels, assume_unique=True).any()
+        for one in pair
+    )
 
 
 def _matched(a: Line, b: Line) -> tuple[Line, Line]:
