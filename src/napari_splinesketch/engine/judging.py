@@ -24,8 +24,8 @@ def best_starts(
     trials: list[Trial], sketches: list[Line], half_width: float, comparison: Comparison
 ) -> list[Start]:
     """The mixture of trials that explains the image best, and how contested its curves are."""
-    scoring = _Mixer(trials, sketches, half_width, comparison)
-    scored = sorted((scoring.score(m), m) for m in scoring.mixtures())
+    scores = _Mixer(trials, sketches, half_width, comparison).mixtures()
+    scored = sorted((score, mixture) for mixture, score in scores.items())
     least, best = scored[0]
     apart = DIFFERENT * half_width
 
@@ -90,10 +90,10 @@ class _Mixer:
         misfit = ((self._image - drawn) ** 2).sum()
         return float(self._weight * misfit + self._cost[chosen].sum())
 
-    def mixtures(self) -> set[tuple[int, ...]]:
-        """Every trial by itself, and what becomes of the best when single curves are exchanged."""
-        known = {(t,) * (self._number + 1): 0.0 for t in range(self._count)}
-        known = {m: self.score(m) for m in known}
+    def mixtures(self) -> dict[tuple[int, ...], float]:
+        """Scores of every trial by itself, and of the best when single curves are exchanged."""
+        pure = [(t,) * (self._number + 1) for t in range(self._count)]
+        known = {m: self.score(m) for m in pure}
         for begin in sorted(known, key=known.__getitem__)[:MIXED]:
             now, better = begin, True
             while better:
@@ -107,7 +107,7 @@ class _Mixer:
                 best = min(tried, key=known.__getitem__)
                 better = known[best] < known[now] - 1e-6
                 now = best if better else now
-        return set(known)
+        return known
 
 
 def _differ(a: fitting.Body, b: fitting.Body) -> float:
