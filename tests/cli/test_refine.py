@@ -348,3 +348,31 @@ def test_the_labels_say_where_they_come_from(folder: Path, engine: FakeEngine) -
     assert told["image"]["sha256"]["1"] == checksum(film(4)[1])
     assert checksum(film(1)[0]) == hashlib.sha256(film(1)[0].astype("<u2").tobytes()).hexdigest()
     assert time.strftime("%Y") in told["date"]
+
+
+def test_memory_does_not_grow_with_the_film(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import tracemalloc
+
+    import napari_splinesketch
+
+    def forgetful(*given: object, **options: object) -> object:
+        engine.calls.clear()
+        return engine(*given, **options)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(napari_splinesketch, "refine", forgetful)
+    peaks = []
+    for count in (3, 20, 100):  # the first one imports
+        tifffile.imwrite("film.tif", film(count, (64, 64)), photometric="minisblack")
+        sketches = [
+            Label.from_sketch(LINE, frame=i, identity=j) for i in range(count) for j in (0, 1)
+        ]
+        write_labels("sketches.csv", Labels(tuple(sketches)), overwrite=True)
+        tracemalloc.start()
+        assert refine("--overwrite", "--reconstruction", "r.tif", "--masks", "m.tif") == 0
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    # 80 further frames are 650,000 bytes of pixels, twice as much of reconstruction, and labels
+    # of 900,000 bytes; tifffile keeps about 2,000 bytes a page.
+    assert peaks[2] < peaks[1] + 350_000

@@ -77,9 +77,23 @@ class FrameRun:
                 tally.add()
 
     def write(
-        self, frames: Iterable[int], preset: str, options: dict[str, object]
+        self,
+        frames: Iterable[int],
+        preset: str,
+        options: dict[str, object],
+        *,
+        checksums: bool = False,
     ) -> tuple[Spool, Labels, tuple[str, ...]]:
         """Write the labels of all frames.
+
+        Parameters
+        ----------
+        frames
+            Their numbers, rising.
+        preset, options
+            For the provenance.
+        checksums
+            Whether the frames' checksums are wanted in what the labels share.
 
         Returns
         -------
@@ -95,6 +109,7 @@ class FrameRun:
             preset=preset,
             options=options,
             curves=not native,
+            checksums=checksums or not native,
         )
         if not native:
             losses = write_labels(self.job.output, labels, overwrite=self.job.overwrite)

@@ -78,6 +78,7 @@ def gather(
     preset: str,
     options: dict[str, object],
     curves: bool = True,
+    checksums: bool = True,
 ) -> Labels:
     """Put the labels of all frames together, with the size of a pixel and where they come from.
 
@@ -95,6 +96,8 @@ def gather(
         For the provenance.
     curves
         Whether to read the labels; False gives what they share alone.
+    checksums
+        Whether the provenance lists the checksums of all frames.
     """
     first = next((images[report.frame] for report in reports if report.error is None), None)
     source: dict[str, object] = {}
@@ -103,7 +106,7 @@ def gather(
             image=images.name,
             shape=first.shape,
             dtype=str(first.dtype),
-            checksums={r.frame: r.sha256 for r in reports if r.sha256},
+            checksums={r.frame: r.sha256 for r in reports if r.sha256 and checksums},
             preset=preset,
             options=options,
         )

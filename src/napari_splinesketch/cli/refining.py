@@ -168,11 +168,13 @@ def _write(job: Job, run: FrameRun, sketches: ByFrame) -> tuple[Reports, tuple[s
         "sketches": job.sketches.name,
     }
     partial, images = run.partial, run.images
-    reports, head, losses = run.write(sketches.frames.tolist(), job.preset, options)
-    done = [r.frame for r in reports if r.error is None]
+    frames = map(int, sketches.frames)
+    with_masks = job.masks is not None
+    reports, head, losses = run.write(frames, job.preset, options, checksums=with_masks)
     if job.masks:
         write_masks(job.masks, partial, reports, head, overwrite=job.overwrite)
     if job.reconstruction and head.shape:
+        done = [report.frame for report in reports if report.error is None]
         pages = (partial.reconstruction(frame) for frame in done)
         write_reconstruction(
             job.reconstruction,
@@ -181,7 +183,8 @@ def _write(job: Job, run: FrameRun, sketches: ByFrame) -> tuple[Reports, tuple[s
             done,
             overwrite=job.overwrite,
         )
-    if job.overlay and done:
-        drawn = partial.labels(done[0]).labels
-        write_overlay(job.overlay, images[done[0]], drawn, overwrite=job.overwrite)
+    first = next((report.frame for report in reports if report.error is None), None)
+    if job.overlay and first is not None:
+        drawn = partial.labels(first).labels
+        write_overlay(job.overlay, images[first], drawn, overwrite=job.overwrite)
     return reports, losses

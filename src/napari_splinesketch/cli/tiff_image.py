@@ -41,8 +41,13 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
         return Frames(path.name, len(alike), lambda i: alike[i].asarray(), scale, units)
     count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
     if series.dataoffset is not None:
-        stack = tifffile.memmap(path, mode="r")
-        return Frames(path.name, count, lambda i: np.array(stack[place(i)]), scale, units)
+        kind, offset = series.dtype.newbyteorder(file.byteorder), series.dataoffset
+
+        def read(index: int) -> np.ndarray:
+            # Mapped anew each time: what stays mapped is counted as memory of the process.
+            return np.array(np.memmap(path, kind, "r", offset, shape)[place(index)])
+
+        return Frames(path.name, count, read, scale, units)
     if series.keyframe.shape != shape[leading:]:
         stack = series.asarray()
         return Frames(path.name, count, lambda i: stack[place(i)], scale, units)
