@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
+import napari_splinesketch
 from napari_splinesketch.cli import main
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
@@ -131,13 +132,22 @@ def test_sketches_beyond_the_film_are_reported(
 def test_any_error_of_the_engine_is_one_frame_s_error(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import napari_splinesketch
-
     def broken(*args: object, **options: object) -> None:
         raise RuntimeError("RESOURCE_EXHAUSTED:\nout of memory")
 
     monkeypatch.setattr(napari_splinesketch, "refine", broken)
     assert refine() == 1
+
+
+def interrupt_after_two(engine: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the third frame be where the user presses Ctrl-C."""
+
+    def interrupted(image: np.ndarray, *args: object, **options: object) -> object:
+        if len(engine.calls) == 2:
+            raise KeyboardInterrupt
+        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
 
 
 def test_an_interrupted_run_is_resumed(
@@ -146,14 +156,7 @@ def test_an_interrupted_run_is_resumed(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    import napari_splinesketch
-
-    def interrupted(image: np.ndarray, *args: object, **options: object) -> object:
-        if len(engine.calls) == 2:
-            raise KeyboardInterrupt
-        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
-
-    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
+    interrupt_after_two(engine, monkeypatch)
     assert refine("--reconstruction", "r.tif") == 130
     assert "--resume" in capsys.readouterr().err
     assert not Path("labels.csv").exists()
@@ -175,14 +178,7 @@ def test_an_interrupted_run_is_resumed(
 def test_frames_that_a_power_cut_has_damaged_are_done_again(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import napari_splinesketch
-
-    def interrupted(image: np.ndarray, *args: object, **options: object) -> object:
-        if len(engine.calls) == 2:
-            raise KeyboardInterrupt
-        return engine(image, *args, **options)  # pyright: ignore[reportArgumentType]
-
-    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
+    interrupt_after_two(engine, monkeypatch)
     assert refine() == 130
     kept = Path("labels.csv.partial/000000")
     os.truncate(kept / "frame-000000000.csv", 100)
@@ -354,8 +350,6 @@ def test_memory_does_not_grow_with_the_film(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import tracemalloc
-
-    import napari_splinesketch
 
     def forgetful(*given: object, **options: object) -> object:
         engine.calls.clear()
