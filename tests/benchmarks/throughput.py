@@ -145,7 +145,7 @@ def measure(
     cpu += _cpu(processes) - worked - before.children_user - before.children_system
     if "killed" in who:
         cpu = float("nan")  # that of the dead is not known
-    others = (_busy() - busy - np.nan_to_num(cpu)) / seconds
+    others = (_busy() - busy - float(np.nan_to_num(cpu))) / seconds
     rss, children, own = json.loads(told.splitlines()[-1])
     one = folder / f"one-{frames}.csv"
     if who == "one process":
