@@ -179,6 +179,7 @@ class CurvePlots(QWidget):
             painter.setPen(text)
             place = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
             painter.drawText(place, BESIDE, name)
+        painter.setPen(text)
         said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(box.width()))
         painter.drawText(QRectF(box.left(), 0, box.width(), TOP - 4), BEGIN, said)
         place = QRectF(box.left(), box.bottom() + TICK + high, box.width(), high)
