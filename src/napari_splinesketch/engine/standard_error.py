@@ -17,7 +17,7 @@ AROUND = 1.5
 ALONG = 2.0
 """... together with so many half-widths along it (standard deviation)."""
 INFLATION = 1.1
-CROWDED = 1.5
+CROWDED = 1.6
 BLIND_END = 1.2
 """What the standard error lacks, because bodies are not exactly tubes: everywhere, beside
 another curve, and near the ends. Measured on generated bodies: tests/benchmarks/uncertainty.py.
