@@ -27,7 +27,7 @@ FIRST_SEED = 1_000
 PRESETS: tuple[PresetName, ...] = ("fast", "balanced")
 CELLS = (("rotation", 20.0), ("displacement", 10.0), ("pca", 2.0), ("chord", 0.0), ("axis", 0.0))
 FALSE = 0.05
-"""Share of curves in the right place that may be marked."""
+"""Share of curves in the right place that `balanced` may mark."""
 FOLDS = 5
 RIDGE = 1.0
 CLIP = 3.0
@@ -37,6 +37,8 @@ CLIP = 3.0
 @dataclass(frozen=True)
 class Example:
     """One curve: signs, whether it is lost, whether anything else marks it, and its trial."""
+
+    preset: str
 
     signs: np.ndarray
     lost: bool
@@ -78,7 +80,7 @@ def _of(image, sketches, truths, options, seed: int, case: str) -> Iterator[Exam
         for curve, truth in zip(curves, truths, strict=True):
             if curve.status != "failed":
                 lost = truth is None or not average_dtw(curve.points, truth) <= FAR
-                yield Example(next(signs), lost, curve.status != "good", seed, case)
+                yield Example(preset, next(signs), lost, curve.status != "good", seed, case)
 
 
 def fit(signs: np.ndarray, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,14 +119,16 @@ def main() -> None:
     for k in range(FOLDS):
         weights, usual = fit(signs[fold != k], lost[fold != k])
         sums[fold == k] = (signs[fold == k] - usual) @ weights
-    right = stable & ~lost
+    right = stable & ~lost & np.array([e.preset == PRESETS[-1] for e in found])
     allowed = (FALSE * right.sum() - (right & marked).sum()) / (right & ~marked).sum()
     threshold = float(np.quantile(sums[right & ~marked], 1 - max(allowed, 0.001)))
     weights, usual = fit(signs, lost)
     print(f"{len(found)} curves, {lost.sum()} lost; other reasons mark", end=" ")
     print(shares(sums, lost, marked, np.inf))
-    print("stability cases:", shares(sums[stable], lost[stable], marked[stable], threshold))
-    print("three bodies:", shares(sums[~stable], lost[~stable], marked[~stable], threshold))
+    for preset in PRESETS:
+        mine = np.array([e.preset == preset for e in found])
+        for name, some in (("stability cases", stable & mine), ("three bodies", ~stable & mine)):
+            print(f"{preset}, {name}:", shares(sums[some], lost[some], marked[some], threshold))
     for name, values in (("WEIGHTS", weights), ("USUAL", usual)):
         print(f"{name} = np.array([{', '.join(f'{v:.2g}' for v in values)}])")
     print(f"THRESHOLD = {threshold:.2g}")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from napari_splinesketch import Curve, Refinement, refine, synthetic
+from napari_splinesketch import Curve, Refinement, refine, suggest, synthetic
+from napari_splinesketch.data import load_sample
 
 from .scenes import SHAPE, frame, miss, refined, sketches_of
 
@@ -378,3 +379,10 @@ def test_the_result_is_complete_and_immutable():
     began = time.perf_counter()
     again = refine(frame(0).image, sketches_of(frame(0)))
     assert again.seconds <= time.perf_counter() - began
+
+
+def test_a_worm_does_not_leave_its_body_for_one_that_has_a_sketch():
+    image = load_sample("worms_swimming")[0][0]
+    sketches = suggest(image)
+    for curve, sketch in zip(refine(image, sketches).curves, sketches, strict=True):
+        assert np.linalg.norm(curve.points.mean(0) - np.mean(sketch, axis=0)) < 6

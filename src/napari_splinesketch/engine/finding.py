@@ -71,12 +71,17 @@ def find(
         )
     candidates = smooth_paths.without_excess(candidates, w)
     explained = choice.explained_by(graph, fixed, w)
-    clusters = [
-        choice.make_cluster(
-            graph, members, [candidates[i] for i in members], w, settings, explained
+    likeliest = np.array([p.covers[:1].any(0) for p in candidates])
+    claims = likeliest.sum(0)
+    clusters = []
+    for members in choice.interacting(candidates, sketches, w):
+        mine = list(members)
+        # A path on a body that another sketch means would look good: nothing else is drawn there.
+        elsewhere = claims > likeliest[mine].sum(0)
+        paths = [candidates[i] for i in members]
+        clusters.append(
+            choice.make_cluster(graph, members, paths, w, settings, explained | elsewhere)
         )
-        for members in choice.interacting(candidates, sketches, w)
-    ]
     trials = [
         Trial(number, _starts(c, row, [sketches[i] for i in c.members], w))
         for number, c in enumerate(clusters)
