@@ -9,6 +9,7 @@ from napari.layers import Layer, Shapes
 from qtpy import QtTest
 from qtpy.QtCore import QPoint, Qt
 
+from napari_splinesketch.plugin.adapter.thinning import SEEN
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 QTest: Any = QtTest.QTest
@@ -113,3 +114,15 @@ def drawn(layer: Layer) -> list[np.ndarray]:
     """Give copies of a layer's shapes."""
     assert isinstance(layer, Shapes)
     return [np.array(shape) for shape in layer.data]
+
+
+def assert_drawn(line: Any, points: np.ndarray) -> None:
+    """Check that a drawn line runs through some of a curve's points, and near to all others."""
+    line = np.asarray(line, dtype=float)
+    np.testing.assert_allclose(line[[0, -1]], points[[0, -1]], atol=1e-4)
+    begin, way = line[:-1], np.diff(line, axis=0)
+    off = points[:, None] - begin
+    share = np.clip((off * way).sum(axis=2) / (way**2).sum(axis=1), 0, 1)
+    apart = np.linalg.norm(off - share[..., None] * way, axis=2)
+    assert apart.min(axis=1).max() < SEEN + 1e-4
+    assert np.linalg.norm(points[:, None] - line, axis=2).min(axis=0).max() < 1e-4

@@ -31,21 +31,24 @@ ROOT = Path(__file__).parents[2]
 COUNTS = (10, 100, 1000)
 SIZE = 1024
 WORM = 30.0
+BEND = 1.5
+"""How far a worm turns from end to end, rad."""
 
 Act = Callable[..., None]
 
 
 def bodies(count: int) -> list[np.ndarray]:
-    """Lines on a grid, each turned another way."""
+    """Arcs on a grid, each turned another way."""
     side = int(np.ceil(np.sqrt(count)))
     step = SIZE / side
     rng = np.random.default_rng(0)
     lines = []
     for i in range(count):
         middle = step * (np.array(divmod(i, side)) + 0.5)
-        angle, length = rng.uniform(0, np.pi), min(WORM, 0.8 * step)
-        along = length / 2 * np.array([np.sin(angle), np.cos(angle)])
-        lines.append(np.linspace(middle - along, middle + along, 8))
+        radius = min(WORM, 0.8 * step) / BEND
+        angle = rng.uniform(0, 2 * np.pi) + np.linspace(-BEND / 2, BEND / 2, 24)
+        arc = radius * np.column_stack([np.sin(angle), np.cos(angle)])
+        lines.append(arc - arc.mean(axis=0) + middle)
     return lines
 
 

@@ -9,7 +9,7 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.gently import CHUNK
 
 from .fakes import FakeEngine
-from .hand import click, refine, until
+from .hand import assert_drawn, click, refine, until
 
 
 def test_many_curves_come_and_go_a_few_at_a_time(
@@ -40,7 +40,7 @@ def test_many_curves_come_and_go_a_few_at_a_time(
     assert len(again & set(kept)) == count - 2
     wanted = {record.id: record.curve.points for record in dock.controller.records()}
     for number, data in zip(curves.features["id"], curves.data, strict=True):
-        np.testing.assert_allclose(data, wanted[number], atol=1e-4)
+        assert_drawn(data, wanted[number])
     assert len(sketches.data) == count
 
 

@@ -12,7 +12,7 @@ from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.synthetic import displace, rotate, scene
 
-from .hand import QTest, add_dock, click, draw, fit_view, refine, until
+from .hand import QTest, add_dock, assert_drawn, click, draw, fit_view, refine, until
 
 PLACE = {"scale": (1, 0.4, 0.8), "translate": (0, 5, -7), "units": ("s", "um", "um")}
 
@@ -60,7 +60,7 @@ def test_lines_drawn_with_the_mouse_become_the_bodies(
     assert min(before) > 1.5
     assert max(after) < 1.0
     for label, curve, body in zip(labels.labels, curves.data, truth, strict=True):
-        np.testing.assert_allclose(curve[:, 1:], label.points, atol=1e-3)
+        assert_drawn(curve[:, 1:], label.points)
         there = np.array([curves.data_to_world(point)[1:] for point in curve])
         wanted = np.array([image.data_to_world((1, *point))[1:] for point in body])
         assert average_dtw(there, wanted) < 0.8 * 1.0

@@ -11,7 +11,8 @@ from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
 from napari_splinesketch.plugin.adapter.features import features, numbers
 from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth
 from napari_splinesketch.plugin.adapter.space import in_stack
-from napari_splinesketch.plugin.gently import add_shapes
+from napari_splinesketch.plugin.adapter.thinning import thinned
+from napari_splinesketch.plugin.gently import CHUNK, add_shapes
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, Record
 
@@ -30,7 +31,7 @@ class CurveLines:
     image
         What the curves lie on.
     draw
-        Gives the line of a curve, px.
+        Gives the line of a curve, px; of its points, only those that the eye sees are drawn.
     factor
         Breadth of the lines, relative.
     marked
@@ -83,7 +84,7 @@ class CurveLines:
         colours = colours_of(curves, *look)
         for done in add_shapes(
             self.layer,
-            (in_stack(self._image, r.frame, self._draw(r.curve)) for r in fresh),
+            self._lines(fresh),
             # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
             ["path"] * len(fresh),
             edge_color=colours,
@@ -106,6 +107,14 @@ class CurveLines:
             self._drop([i for i, key in enumerate(self._known) if key not in left])
         else:
             self._forget()
+
+    def _lines(self, records: Sequence[Record]) -> Iterator[Float[np.ndarray, "P D"]]:
+        """Draw curves, some at a time when they are needed."""
+        for start in range(0, len(records), CHUNK):
+            some = records[start : start + CHUNK]
+            lines = thinned([self._draw(record.curve) for record in some])
+            for record, line in zip(some, lines, strict=True):
+                yield in_stack(self._image, record.frame, line)
 
     def _forget(self) -> None:
         self._curves, self._colours = (), []

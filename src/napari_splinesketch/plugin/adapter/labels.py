@@ -12,6 +12,7 @@ from napari_splinesketch.plugin.adapter.look import COLOURS
 from napari_splinesketch.plugin.adapter.roles import OWNER, Known
 from napari_splinesketch.plugin.adapter.sketches import COLOUR, LINES
 from napari_splinesketch.plugin.adapter.space import pixel_size
+from napari_splinesketch.plugin.adapter.thinning import thinned
 
 LABELS = "napari-splinesketch labels"
 """Key of a layer's metadata under which the labels that it was read from are kept."""
@@ -42,6 +43,7 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     """
     origin = _origin(meta.get("metadata", {}))
     known = {(label.frame, label.curve): label for label in origin.labels}
+    drawn = dict(zip(known, thinned([label.points for label in known.values()]), strict=True))
     features = meta.get("features", {})
     numbers = features["id"] if "id" in features else range(1, len(shapes) + 1)
     labels = []
@@ -51,15 +53,21 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
             continue
         frame = int(np.round(line[0, 0])) if line.shape[1] > 2 else 0
         points = np.asarray(line[:, -2:])
-        label = known.get((frame, number))
-        # Shapes layers hold single precision.
-        if label is None or not np.array_equal(label.points.astype(points.dtype), points):
+        key = frame, number
+        if key in known and _same(points, known[key].points, drawn[key]):
+            label = known[key]
+        else:
             label = Label.from_sketch(points, frame=frame, identity=number)
         labels.append(label)
     registry = pint.get_application_registry()
     units = [registry.Unit(str(unit)) for unit in meta["units"]]
     size = pixel_size(meta["scale"], units)
     return Labels(tuple(labels), *size, origin.shape, origin.provenance)
+
+
+def _same(points: Float[np.ndarray, "N 2"], *lines: Float[np.ndarray, "_ 2"]) -> bool:
+    """Whether points are those of one of some lines, in the single precision of Shapes layers."""
+    return any(np.array_equal(line.astype(points.dtype), points) for line in lines)
 
 
 def _origin(metadata: Mapping[str, Any]) -> Labels:
