@@ -27,7 +27,7 @@ from napari_splinesketch.synthetic import scene
 
 from .fakes import FakeEngine, film
 
-FRAMES, BAD = 16, 5
+FRAMES, BAD = 64, 5
 COMMAND = ("refine", "film.tif", "film.csv", "--preset", "fast", "--polarity", "bright")
 COMMAND += ("--half-width", "3")
 
