@@ -77,10 +77,11 @@ class ResultLayers:
     def show(self) -> Iterator[None]:
         """Show what is known by then, in the layers that exist or in new ones, layer by layer.
 
-        napari takes about 0.1 s to add a layer and as long to draw it first: the window may live
-        in between.
+        napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
+        full ones: the window may live in between, and layers are added before any is filled.
         """
-        for step in (self._show_model, self._show_outlines, self._show_curves):
+        steps = (self._show_model, self._add_outlines, self._add_curves)
+        for step in (*steps, self._fill_outlines, self._fill_curves):
             yield from self._quietly(step())
             yield
 
@@ -148,16 +149,18 @@ class ResultLayers:
             layer.events.visible.connect(self._on_visible)
             yield
 
-    def _show_outlines(self) -> Iterator[None]:
+    def _add_outlines(self) -> Iterator[None]:
         if self.layer("outlines") is None and self._owner.records:
             layer = self._added("outlines")
             self._outlines = CurveLines(layer, self._image, outline, factor=0.5)
             yield
+
+    def _fill_outlines(self) -> Iterator[None]:
         if self._outlines and self.layer("outlines"):
             kept = [record for record in self._owner.records if has_outline(record.curve)]
             yield from self._outlines.show(kept, self._look)
 
-    def _show_curves(self) -> Iterator[None]:
+    def _add_curves(self) -> Iterator[None]:
         if self.layer("curves") is None and self._owner.records:
             layer = self._added("curves")
             self._curves = CurveLines(layer, self._image, lambda curve: curve.points, marked=True)
@@ -165,6 +168,8 @@ class ResultLayers:
             layer.selected_data.events.items_changed.connect(self._on_selected)
             layer.mouse_drag_callbacks.append(self._on_press)
             yield
+
+    def _fill_curves(self) -> Iterator[None]:
         if self._curves and self.layer("curves"):
             yield from self._curves.show(self._owner.records, self._look)
             self.emphasise()
