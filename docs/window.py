@@ -93,7 +93,7 @@ def shoot(viewer: Viewer, path: Path) -> None:
     """Save a picture of the whole window."""
     wait(0.5)
     path.parent.mkdir(parents=True, exist_ok=True)
-    small = pixels(viewer).quantize(COLOURS, dither=Image.Dither.NONE)
+    small = pixels(viewer).quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     small.save(path, optimize=True)
     print(f"{path} {path.stat().st_size / 1000:.0f} kB")
 
