@@ -12,7 +12,7 @@ import numpy as np
 from stability_cases import CASES
 from stability_rows import FAR, FOLDER, measure
 
-from napari_splinesketch.engine import bands, choice, finding, smooth_paths
+from napari_splinesketch.engine import bands, choice, judging, smooth_paths
 
 FACTORS = (0.1, 10.0)
 CASE = "plain"
@@ -68,9 +68,8 @@ WEIGHTS: dict[str, Callable[[float], AbstractContextManager[None]]] = {
             ("too short a path", smooth_paths, "SHORT"),
             ("skeleton left over", smooth_paths, "UNCOVERED"),
             ("skeleton explained twice", choice, "SHARED"),
-            ("path against picture", finding, "PATH_WEIGHT"),
+            ("path against picture", judging, "PATH_WEIGHT"),
         )
-        if hasattr(module, name)
     },
 }
 
