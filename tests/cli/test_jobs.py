@@ -64,7 +64,10 @@ def same(path: str = "many.csv") -> bool:
 
 def start(*more: str) -> subprocess.Popen[str]:
     """Refine in another process, which has a group of its own for Ctrl-C."""
-    command = [sys.executable, "-c", "from napari_splinesketch.cli import main; exit(main())"]
+    # Where the tests run in the background, Ctrl-C is ignored, and by what they start too.
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    run = "from napari_splinesketch.cli import main; exit(main())"
+    command = [sys.executable, "-c", f"{heard}; {run}"]
     command += [*COMMAND, *more]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
