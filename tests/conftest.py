@@ -4,7 +4,8 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+import tracemalloc
+from collections.abc import Callable, Iterator
 from importlib import import_module
 
 import pytest
@@ -43,6 +44,27 @@ def _no_window() -> str:
     if sys.platform.startswith("linux") and not display and not shutil.which("Xvfb"):
         return "tests of the window need a display, or Xvfb (Debian: apt-get install xvfb)"
     return ""
+
+
+@pytest.fixture
+def peak_memory() -> Callable[[Callable[[], object]], int]:
+    """Measure the bytes that a call takes at most.
+
+    The least of three, since Python counts what other threads and a late collection take too.
+    """
+
+    def measure(call: Callable[[], object]) -> int:
+        peaks = []
+        for _ in range(3):
+            tracemalloc.start()
+            try:
+                call()
+                peaks.append(tracemalloc.get_traced_memory()[1])
+            finally:
+                tracemalloc.stop()
+        return min(peaks)
+
+    return measure
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,7 @@
 """The bounds on memory that docs/files.md states, on the files that need most of it."""
 
-import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -59,27 +60,26 @@ GREEDY = {
 
 
 @pytest.mark.parametrize("name", GREEDY)
-def test_reading_takes_no_more_memory_than_stated(tmp_path: Path, name: str) -> None:
+def test_reading_takes_no_more_memory_than_stated(
+    tmp_path: Path, name: str, peak_memory: Callable[[Callable[[], object]], int]
+) -> None:
     times, text = GREEDY[name]
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
-    tracemalloc.start()
-    try:
-        read_labels(path)
-    except LabelsError:
-        pass
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    ratio = peak / path.stat().st_size
+
+    def read() -> None:
+        with suppress(LabelsError):
+            read_labels(path)
+
+    ratio = peak_memory(read) / path.stat().st_size
     print(f"{name}: {ratio:.1f} bytes of memory for each byte of the file")
     assert ratio < times
 
 
-def test_arrays_take_no_more_memory_than_stated(tmp_path: Path) -> None:
+def test_arrays_take_no_more_memory_than_stated(
+    tmp_path: Path, peak_memory: Callable[[Callable[[], object]], int]
+) -> None:
     np.save(tmp_path / "a.npy", np.ones((1, 3000, 2, 2), np.uint8))
-    tracemalloc.start()
-    read_labels(tmp_path / "a.npy")
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
+    peak = peak_memory(lambda: read_labels(tmp_path / "a.npy"))
     print(f"short splines: {peak / (3000 * 4):.0f} bytes for each number of the array")
     assert peak < 200 * 3000 * 4
