@@ -323,7 +323,7 @@ def test_progress_never_falls_and_reaches_every_frame(folder: Path, engine: Fake
     from napari_splinesketch.cli.refining import Job, refine_job
 
     seen: list[tuple[float, int]] = []
-    job = Job("film.tif", Path("sketches.csv"), Path("labels.csv"))
+    job = Job(image="film.tif", sketches=Path("sketches.csv"), output=Path("labels.csv"))
     refine_job(job, lambda done, total: seen.append((done, total)))
     assert [done for done, _ in seen] == [0.5, 1, 1.5, 2, 2.5, 3]
     assert {total for _, total in seen} == {3}
@@ -363,18 +363,20 @@ def forgetful(*given, **options):
 
 
 napari_splinesketch.refine = forgetful
-for image in sys.argv[1:]:
+ending, *images = sys.argv[1:]
+for image in images:
     tracemalloc.start()
     outputs = ["--reconstruction", f"{image}.r.tif", "--masks", f"{image}.m.tif"]
-    command = ["refine", image, f"{image}.sketches.csv", "-o", f"{image}.csv", *outputs]
+    command = ["refine", image, f"{image}.sketches.csv", "-o", image + ending, *outputs]
     assert main(command) == 0
     print(tracemalloc.get_traced_memory()[1], file=sys.stderr)
     tracemalloc.stop()
 """
 
 
+@pytest.mark.parametrize("ending", [".csv", ".geojson"])
 def test_memory_does_not_grow_with_the_film(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     images = []
@@ -387,7 +389,7 @@ def test_memory_does_not_grow_with_the_film(
         write_labels(f"{images[-1]}.sketches.csv", Labels(tuple(sketches)))
     # In a process of its own: other tests leave threads behind, whose memory would be counted too.
     done = subprocess.run(
-        [sys.executable, "-c", PEAKS, *images],
+        [sys.executable, "-c", PEAKS, ending, *images],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
         capture_output=True,
         text=True,

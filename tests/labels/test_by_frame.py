@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import pytest
 
-from napari_splinesketch.labels import Labels, LabelsError, table
+from napari_splinesketch.labels import Labels, LabelsError, read_labels, table
 from napari_splinesketch.labels.by_frame import by_frame
 
 from .samples import FULL, bent, same_keys, same_points
@@ -51,9 +53,9 @@ def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
     for number, part in enumerate(parts):
         table.write(tmp_path / f"{number}.csv", part)
     names = [tmp_path / f"{number}.csv" for number in range(len(parts))]
-    assert table.join(tmp_path / "all.csv", names, FULL.scale)
+    table.join(tmp_path / "all.csv", names, FULL.scale)
     assert (tmp_path / "all.csv").read_text() == table.text(FULL)
-    assert not table.join(tmp_path / "none.csv", [], None)
+    table.join(tmp_path / "none.csv", [], None)
     assert table.read(tmp_path / "none.csv").labels == ()
     with pytest.raises(LabelsError, match="other columns"):
         table.join(tmp_path / "mixed.csv", names, None)
@@ -74,3 +76,40 @@ def test_a_long_table_takes_the_memory_of_one_frame(
         assert how_many() == count
         peaks.append(peak_memory(how_many))
     assert peaks[1] < peaks[0] + 20_000  # 180 further frames are 115,000 bytes
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_are_read_frame_by_frame(tmp_path: Path, order: Literal["C", "F"]) -> None:
+    splines = np.random.default_rng(0).uniform(0, 100, (5, 3, 4, 2))
+    splines[1] = splines[3, 0] = np.nan
+    splines = np.asarray(splines, ">f4", order=order)
+    np.save(tmp_path / "a.npy", splines)
+    np.savez_compressed(tmp_path / "a.npz", splines=splines, scores=np.ones(5))
+    for name in ("a.npy", "a.npz"):
+        found, whole = by_frame(tmp_path / name), read_labels(tmp_path / name)
+        assert found.frames.tolist() == [0, 2, 3, 4]
+        assert found.head.notes == whole.notes != ()
+        given = Labels(tuple(found.labels))
+        assert same_keys(given, whole)
+        assert same_points(given, whole)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_a_long_array_takes_the_memory_of_one_frame(
+    tmp_path: Path, name: str, peak_memory: Callable[[Callable[[], object]], int]
+) -> None:
+    def how_many() -> int:
+        return sum(1 for _ in by_frame(tmp_path / name).labels)
+
+    peaks = []
+    for count in (20, 400):
+        splines = np.random.default_rng(0).uniform(0, 100, (count, 1, 50, 2))
+        np.save(tmp_path / name, splines) if name == "a.npy" else np.savez(tmp_path / name, splines)
+        assert how_many() == count
+        peaks.append(peak_memory(how_many))
+    assert peaks[1] < peaks[0] + 20_000  # 380 further frames are 300,000 bytes
+
+
+def test_an_array_of_no_numbers_has_no_frames(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.ones((10**9, 0, 1, 2)))
+    assert len(by_frame(tmp_path / "a.npy").frames) == 0

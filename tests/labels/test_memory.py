@@ -11,7 +11,7 @@ from napari_splinesketch.labels import LabelsError, read_labels
 
 CSV_HEADER = "frame,curve,point,row,col,half_width,sd,status\n"
 SHAPES_HEADER = "index,shape-type,vertex-index,axis-0,axis-1\n"
-COUNT = 3000
+COUNT = 1200
 
 GREEDY = {
     "short curves.csv": (
@@ -79,7 +79,7 @@ def test_reading_takes_no_more_memory_than_stated(
 def test_arrays_take_no_more_memory_than_stated(
     tmp_path: Path, peak_memory: Callable[[Callable[[], object]], int]
 ) -> None:
-    np.save(tmp_path / "a.npy", np.ones((1, 3000, 2, 2), np.uint8))
+    np.save(tmp_path / "a.npy", np.ones((1, COUNT, 2, 2), np.uint8))
     peak = peak_memory(lambda: read_labels(tmp_path / "a.npy"))
-    print(f"short splines: {peak / (3000 * 4):.0f} bytes for each number of the array")
-    assert peak < 200 * 3000 * 4
+    print(f"short splines: {peak / (COUNT * 4):.0f} bytes for each number of the array")
+    assert peak < 200 * COUNT * 4

@@ -235,7 +235,7 @@ def test_reading_holds_no_more_than_the_labels(
     ones = np.ones(100)
     write_labels(
         tmp_path / "many.csv",
-        Labels(tuple(Label(0, i, points, ones, ones, "good") for i in range(300))),
+        Labels(tuple(Label(0, i, points, ones, ones, "good") for i in range(100))),
     )
     peak = peak_memory(lambda: read_labels(tmp_path / "many.csv"))
     assert peak < (tmp_path / "many.csv").stat().st_size

@@ -5,17 +5,16 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from napari_splinesketch.cli import report
 from napari_splinesketch.cli.parser import make_parser
 
 if TYPE_CHECKING:
-    from napari_splinesketch.cli.outcome import Outcome
-    from napari_splinesketch.cli.refining import Job
+    from napari_splinesketch.cli.run import FrameJob, Outcome
 
+AnyJob = TypeVar("AnyJob", bound="FrameJob")
 KEPT = "finished frames are kept: add --resume"
 BAR = "{percentage:3.0f}% |{bar}| frame {n:.1f} of {total:.0f}, {elapsed} gone, {remaining} to go"
 
@@ -47,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from napari_splinesketch.cli import demo
+    from napari_splinesketch.cli import demo, refining
 
     reason = demo.why_no_window()
     if options.output is None and reason is None:
@@ -59,31 +58,27 @@ def _demo(options: argparse.Namespace) -> int:
     if options.output is None:
         _say(f"No window: {reason}. Working without one; results go to {folder}.")
     with demo.demo_job(folder, overwrite=options.overwrite) as job:
-        return _run(options, job)
+        return _run(options, job, refining.refine_job)
 
 
 def _refine(options: argparse.Namespace) -> int:
     from napari_splinesketch.cli import refining
 
-    return _run(options, refining.Job(**_given(options, refining.Job)))
+    return _run(options, refining.Job(**_given(options, refining.Job)), refining.refine_job)
 
 
 def _suggest(options: argparse.Namespace) -> int:
     from napari_splinesketch.cli import suggesting
 
     job = suggesting.SuggestJob(**_given(options, suggesting.SuggestJob))
-    with _progress() as progress:
-        outcome = suggesting.suggest_job(job, progress)
-    return _tell(options, outcome, job.outputs())
+    return _run(options, job, suggesting.suggest_job)
 
 
 def _track(options: argparse.Namespace) -> int:
     from napari_splinesketch.cli import tracking
 
     job = tracking.TrackJob(**_given(options, tracking.TrackJob))
-    with _progress() as progress:
-        outcome = tracking.track_job(job, progress)
-    return _tell(options, outcome, job.outputs())
+    return _run(options, job, tracking.track_job)
 
 
 def _given(options: argparse.Namespace, job: type) -> dict[str, Any]:
@@ -93,20 +88,18 @@ def _given(options: argparse.Namespace, job: type) -> dict[str, Any]:
     return {field.name: given[field.name] for field in fields(job)}
 
 
-def _run(options: argparse.Namespace, job: "Job") -> int:
-    from napari_splinesketch.cli import refining
-
+def _run(
+    options: argparse.Namespace,
+    job: "AnyJob",
+    work: "Callable[[AnyJob, Callable[[float, int], None]], Outcome]",
+) -> int:
+    """Do a job that goes through frames and report what was done; gives the exit code."""
     with _progress() as progress:
-        outcome = refining.refine_job(job, progress)
-    return _tell(options, outcome, tuple(job.outputs()))
-
-
-def _tell(options: argparse.Namespace, outcome: "Outcome", outputs: Sequence[Path]) -> int:
-    """Report what was done; gives the exit code."""
+        outcome = work(job, progress)
     for note in outcome.notes:
         _say(note)
     if options.json:
-        written = [str(path) for path in outputs]
+        written = [str(path) for path in job.outputs()]
         told = report.as_json(outcome.frames, written=written, notes=outcome.notes)
     else:
         told = report.as_text(outcome.frames)
@@ -115,17 +108,19 @@ def _tell(options: argparse.Namespace, outcome: "Outcome", outputs: Sequence[Pat
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from napari_splinesketch.labels import read_labels, write_labels
+    from napari_splinesketch.labels import write_labels
+    from napari_splinesketch.labels.by_frame import open_labels
+    from napari_splinesketch.labels.stream import facts_of, scaled
 
-    labels = read_labels(options.source)
+    labels = open_labels(options.source)
     scale, units = _pixel_size(options)
     if scale:
-        labels = replace(labels, scale=scale, units=units)
+        labels = scaled(labels, scale, units)
     losses = write_labels(options.target, labels, overwrite=options.overwrite)
     notes = [*labels.notes, *losses]
     for note in notes:
         _say(note)
-    count = len(labels.labels)
+    count = facts_of(labels).count
     _show(
         options,
         {"written": str(options.target), "curves": count, "notes": notes},

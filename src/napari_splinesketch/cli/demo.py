@@ -53,9 +53,9 @@ def demo_job(folder: Path, *, overwrite: bool) -> Iterator[Job]:
     with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
         folder.mkdir(parents=True, exist_ok=True)
         yield Job(
-            str(image),
-            sketches,
-            folder / "labels.csv",
+            image=str(image),
+            sketches=sketches,
+            output=folder / "labels.csv",
             overlay=folder / "overlay.png",
             reconstruction=folder / "reconstruction.tif",
             resume=True,

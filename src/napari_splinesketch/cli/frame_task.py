@@ -14,8 +14,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.threads import limit_threads
 from napari_splinesketch.cli.frame_source import UnreachableError
-from napari_splinesketch.cli.outcome import words
-from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.cli.report import CurveReport, FrameReport, words
 from napari_splinesketch.labels import Label, Labels, table
 from napari_splinesketch.labels.provenance import checksum
 

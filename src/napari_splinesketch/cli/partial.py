@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import tifffile
 from jaxtyping import Float
 
 from napari_splinesketch.cli.report import FrameReport
-from napari_splinesketch.labels import Labels, read_labels
+from napari_splinesketch.labels import Label, table
 from napari_splinesketch.labels.files import atomic
 
 FRAMES_A_FOLDER = 1000
@@ -69,29 +70,34 @@ class Partial:
         return FrameReport.from_json(kept["report"]) if whole else None
 
     def save(
-        self, report: FrameReport, table: str, reconstruction: Float[np.ndarray, "H W"] | None
+        self, report: FrameReport, rows: str, reconstruction: Float[np.ndarray, "H W"] | None
     ) -> None:
-        """Keep a finished frame, its labels as a table in CSV; its report is written last."""
+        """Keep a finished frame, its labels as rows in CSV; its report is written last."""
         if not self._note.exists():
             self.folder.mkdir(exist_ok=True)
             _write(self._note, _json(self._mine))
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
-        rows = table.encode()
-        _write(self.table(report.frame), rows)
+        content = rows.encode()
+        _write(self.table(report.frame), content)
         if reconstruction is not None:
             path = self._path(report.frame, ".tif")
             with atomic(path, overwrite=True) as temporary:
                 tifffile.imwrite(temporary, reconstruction.astype(np.float32))
-        kept = {"bytes": len(rows), "report": asdict(report)}
+        kept = {"bytes": len(content), "report": asdict(report)}
         _write(self._path(report.frame, ".json"), _json(kept))
 
     def table(self, frame: int) -> Path:
         """Name the table of a finished frame."""
         return self._path(frame, ".csv")
 
-    def labels(self, frame: int) -> Labels:
+    def has_labels(self, frame: int) -> bool:
+        """Tell whether a finished frame has labels."""
+        with self.table(frame).open("rb") as file:
+            return len(list(islice(file, 2))) == 2
+
+    def labels(self, frame: int) -> tuple[Label, ...]:
         """Give the labels of a finished frame."""
-        return read_labels(self.table(frame))
+        return table.read(self.table(frame)).labels
 
     def reconstruction(self, frame: int) -> Float[np.ndarray, "H W"] | None:
         """Give the reconstruction of a finished frame, or None where it has none."""

@@ -1,17 +1,14 @@
-"""Pictures of curves over their image, and TIFFs of reconstructions and masks."""
+"""Pictures of curves over their image, and TIFFs of reconstructions."""
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 import tifffile
 from jaxtyping import Float, Real, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.report import Reports
-from napari_splinesketch.labels import Label, Labels, masks
+from napari_splinesketch.labels import Label
 from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.labels.geometry import edges
 
@@ -110,42 +107,3 @@ def write_reconstruction(
             metadata={"axes": "TYX", "frames": list(frames)},
             photometric="minisblack",
         )
-
-
-def write_masks(
-    path: str | os.PathLike[str],
-    partial: Partial,
-    reports: Reports,
-    head: Labels,
-    *,
-    overwrite: bool = False,
-) -> None:
-    """Write a label image of each frame of a run.
-
-    Parameters
-    ----------
-    path
-        The TIFF.
-    partial
-        Holds the labels.
-    reports
-        Of the run's frames.
-    head
-        What the labels share.
-    overwrite
-        Replace an existing file.
-    """
-    known = {report.frame for report in reports}
-    if head.shape is None:  # no frame could be read
-        drawn = (label for frame in known for label in partial.labels(frame).labels)
-        masks.write(path, replace(head, labels=tuple(drawn)), overwrite=overwrite)
-        return
-    curves = (curve.curve for report in reports for curve in report.curves)
-    masks.write_frames(
-        path,
-        head,
-        lambda frame: partial.labels(frame).labels if frame in known else (),
-        last=max(known, default=0),
-        highest=max(curves, default=0),
-        overwrite=overwrite,
-    )

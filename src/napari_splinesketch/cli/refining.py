@@ -8,50 +8,48 @@ import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
-from napari_splinesketch.cli.frame_run import FrameRun, Report
+from napari_splinesketch.cli.frame_run import Report, SharedJob, work
 from napari_splinesketch.cli.frame_task import Found
-from napari_splinesketch.cli.images import Frames, open_frames
-from napari_splinesketch.cli.outcome import Outcome, check_files, pixel_size
-from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.pictures import write_masks, write_overlay, write_reconstruction
+from napari_splinesketch.cli.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.cli.report import CurveReport, Reports
+from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Polarity, Progress
-from napari_splinesketch.labels import Label, Labels
-from napari_splinesketch.labels.by_frame import ByFrame, by_frame
+from napari_splinesketch.labels import Label, Labels, masks
+from napari_splinesketch.labels.by_frame import by_frame
 from napari_splinesketch.labels.files import checksum_of_file
+from napari_splinesketch.labels.stream import ByFrame
 
 TIFF = (".tif", ".tiff")
 PICTURE = (".png", ".jpg", ".tif")
 
 
-@dataclass(frozen=True)
-class Job:
-    """What `refine` was asked for; the attributes are the command's options."""
+@dataclass(frozen=True, kw_only=True)
+class Job(SharedJob):
+    """What `refine` was asked for."""
 
-    image: str
     sketches: Path
-    output: Path
     preset: PresetName = "balanced"
-    polarity: Polarity = "auto"
-    half_width: float | None = None
     seed: int = 0
-    channel: int | None = None
-    z: int | None = None
-    scale: tuple[float, float] | None = None
-    units: str | None = None
     reconstruction: Path | None = None
     masks: Path | None = None
     overlay: Path | None = None
-    jobs: int = 1
-    scheduler: str | None = None
-    resume: bool = False
-    overwrite: bool = False
 
-    def outputs(self) -> Iterator[Path]:
+    def outputs(self) -> tuple[Path, ...]:
         """Give every file that the job writes."""
-        yield self.output
-        yield from (p for p in (self.reconstruction, self.masks, self.overlay) if p)
+        more = (self.reconstruction, self.masks, self.overlay)
+        return (*super().outputs(), *(path for path in more if path))
+
+    def check(self) -> None:
+        """Refuse a job whose outputs could not be written, before it has cost any time."""
+        super().check()
+        for path, endings in (
+            (self.reconstruction, TIFF),
+            (self.masks, TIFF),
+            (self.overlay, PICTURE),
+        ):
+            if path and path.suffix.lower() not in endings:
+                raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
 
 
 def refine_job(job: Job, report: Report) -> Outcome:
@@ -60,41 +58,23 @@ def refine_job(job: Job, report: Report) -> Outcome:
     A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
     Finished frames are kept beside the output until all outputs are written.
     """
-    check_outputs(job)
+    job.check()
     sketches = by_frame(job.sketches)
-    with open_frames(job.image, channel=job.channel, z=job.z) as images:
-        head = pixel_size(job, images, sketches.head)
-        partial = Partial(job.output, _settings(job, images, head), resume=job.resume)
-        run = FrameRun(job, images, partial, head)
-        run.work(_finders(job, sketches), len(sketches.frames), report)
-        reports, losses = _write(job, run, sketches)
-    partial.remove()
-    return Outcome(reports, (*sketches.head.notes, *losses))
-
-
-def check_outputs(job: Job) -> None:
-    """Refuse a job whose outputs could not be written, before it has cost any time."""
-    check_files(job.output, tuple(job.outputs()), overwrite=job.overwrite)
-    for path, endings in ((job.reconstruction, TIFF), (job.masks, TIFF), (job.overlay, PICTURE)):
-        if path and path.suffix.lower() not in endings:
-            raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
-
-
-def _settings(job: Job, images: Frames, head: Labels) -> dict[str, object]:
-    """Collect what the results depend on."""
-    return {
-        "version": napari_splinesketch.__version__,
-        "image": [images.name, images.count],
+    settings = {
         "sketches": checksum_of_file(job.sketches),
         "preset": job.preset,
-        "polarity": job.polarity,
-        "half-width": job.half_width,
         "seed": job.seed,
-        "channel": job.channel,
-        "z": job.z,
-        "pixel size": [head.scale, head.units],
         "reconstruction": job.reconstruction is not None,
     }
+    with open_run(job, sketches.head, **settings) as run:
+        work(job, run, _finders(job, sketches), len(sketches.frames), report)
+        frames = map(int, sketches.frames)
+        told = run.write(frames, job.preset, seed=job.seed, sketches=job.sketches.name)
+        reports, labels, losses = told
+        if job.masks:
+            masks.write(job.masks, labels, overwrite=job.overwrite)
+        _write_pictures(job, run, reports, labels.shape)
+    return Outcome(reports, (*sketches.head.notes, *losses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,32 +139,21 @@ def _failed(sketch: Label) -> Label:
     return Label(sketch.frame, sketch.curve, sketch.points, unknown, certain, "failed")
 
 
-def _write(job: Job, run: FrameRun, sketches: ByFrame) -> tuple[Reports, tuple[str, ...]]:
-    """Write all outputs from the finished frames; say what the labels' format cannot hold."""
-    options = {
-        "polarity": job.polarity,
-        "half_width": job.half_width,
-        "seed": job.seed,
-        "sketches": job.sketches.name,
-    }
-    partial, images = run.partial, run.images
-    frames = map(int, sketches.frames)
-    with_masks = job.masks is not None
-    reports, head, losses = run.write(frames, job.preset, options, checksums=with_masks)
-    if job.masks:
-        write_masks(job.masks, partial, reports, head, overwrite=job.overwrite)
-    if job.reconstruction and head.shape:
-        done = [report.frame for report in reports if report.error is None]
-        pages = (partial.reconstruction(frame) for frame in done)
+def _write_pictures(job: Job, run: Run, reports: Reports, shape: tuple[int, int] | None) -> None:
+    """Write what is to be looked at, where any frame could be refined."""
+    if shape is None:
+        return
+    done = [report.frame for report in reports if report.error is None]
+    if job.reconstruction:
+        pages = map(run.partial.reconstruction, done)
         write_reconstruction(
             job.reconstruction,
             (page for page in pages if page is not None),
-            head.shape,
+            shape,
             done,
             overwrite=job.overwrite,
         )
-    first = next((report.frame for report in reports if report.error is None), None)
-    if job.overlay and first is not None:
-        drawn = partial.labels(first).labels
-        write_overlay(job.overlay, images[first], drawn, overwrite=job.overwrite)
-    return reports, losses
+    if job.overlay:
+        first = done[0]
+        drawn = run.partial.labels(first)
+        write_overlay(job.overlay, run.images[first], drawn, overwrite=job.overwrite)

@@ -95,6 +95,12 @@ class FrameReport:
         return cls(**{**values, "curves": curves})
 
 
+def words(error: Exception) -> str:
+    """Say why a frame could not be worked on, in one line."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+
+
 class Reports(Protocol):
     """The reports of a run, to be gone through more than once."""
 

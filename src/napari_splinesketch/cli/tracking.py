@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 import napari_splinesketch
-from napari_splinesketch.cli.images import Frames, ImageError, open_frames
-from napari_splinesketch.cli.outcome import Outcome, check_files, gather, pixel_size, words
-from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.report import CurveReport, FrameReport
+from napari_splinesketch.cli.images import Frames, ImageError
+from napari_splinesketch.cli.report import CurveReport, FrameReport, words
+from napari_splinesketch.cli.run import FrameJob, Outcome, Run, open_run
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Curve, Polarity, Progress, Refinement
-from napari_splinesketch.labels import Label, Labels, read_labels, table, write_labels
+from napari_splinesketch.engine.types import Curve, Progress, Refinement
+from napari_splinesketch.labels import Label, Labels, read_labels, table
 from napari_splinesketch.labels.files import checksum_of_file
 from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
@@ -24,27 +23,13 @@ DRIFT, MISSING, LOST = "drift", "missing", "lost"
 """What a report says of a body that tracking does not trust, or does not find."""
 
 
-@dataclass(frozen=True)
-class TrackJob:
-    """What `track` was asked for; the attributes are the command's options."""
+@dataclass(frozen=True, kw_only=True)
+class TrackJob(FrameJob):
+    """What `track` was asked for."""
 
-    image: str
     sketches: Path
-    output: Path
     preset: PresetName = "balanced"
-    polarity: Polarity = "auto"
-    half_width: float | None = None
     last: int | None = None
-    channel: int | None = None
-    z: int | None = None
-    scale: tuple[float, float] | None = None
-    units: str | None = None
-    resume: bool = False
-    overwrite: bool = False
-
-    def outputs(self) -> tuple[Path]:
-        """Give every file that the job writes."""
-        return (self.output,)
 
 
 def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
@@ -53,43 +38,33 @@ def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
     Sketches in later frames are refined there: new numbers join, known ones start anew. A frame
     that cannot be read or refined is reported, and the bodies are looked for in the next one.
     """
-    check_files(job.output, job.outputs(), overwrite=job.overwrite)
+    job.check()
     sketches = read_labels(job.sketches)
     drawn: dict[int, list[Label]] = {}
     for label in sketches.labels:
         drawn.setdefault(label.frame, []).append(label)
     if not drawn:
         raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
-    with open_frames(job.image, channel=job.channel, z=job.z) as images:
-        frames = _frames(job, images, min(drawn))
-        partial = Partial(job.output, _settings(job, images), resume=job.resume)
+    settings = {
+        "command": "track",
+        "sketches": checksum_of_file(job.sketches),
+        "preset": job.preset,
+        "last": job.last,
+    }
+    with open_run(job, sketches, **settings) as run:
+        frames = _frames(job, run.images, min(drawn))
         bodies: dict[int, Body] = {}
-        reports = []
-        for frame in frames:
-            done = partial.done(frame)
+        for count, frame in enumerate(frames):
+            here = drawn.get(frame, [])
+            done = run.partial.done(frame)
             if done is None:
-                tell = bind(_tell, report, len(reports), len(frames))
-                done = _track_frame(job, images, frame, drawn.get(frame, []), bodies, partial, tell)
-            reports.append(done)
-            bodies = _after(bodies, done, partial.labels(frame), drawn.get(frame, []))
-            report(len(reports), len(frames))
-        options = {
-            "command": "track",
-            "polarity": job.polarity,
-            "half_width": job.half_width,
-            "sketches": job.sketches.name,
-        }
-        labels = gather(
-            pixel_size(job, images, sketches),
-            images,
-            partial,
-            reports,
-            preset=job.preset,
-            options=options,
-        )
-        losses = write_labels(job.output, labels, overwrite=job.overwrite)
-    partial.remove()
-    return Outcome(tuple(reports), (*sketches.notes, *losses))
+                tell = bind(_tell, report, count, len(frames))
+                done = _track_frame(job, run, frame, here, bodies, tell)
+            bodies = _after(bodies, done, run.partial.labels(frame), here)
+            report(count + 1, len(frames))
+        options = {"command": "track", "sketches": job.sketches.name}
+        reports, _, losses = run.write(frames, job.preset, **options)
+    return Outcome(reports, (*sketches.notes, *losses))
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -102,32 +77,16 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     return range(first, last + 1)
 
 
-def _settings(job: TrackJob, images: Frames) -> dict[str, object]:
-    return {
-        "version": napari_splinesketch.__version__,
-        "command": "track",
-        "image": [images.name, images.count],
-        "sketches": checksum_of_file(job.sketches),
-        "preset": job.preset,
-        "polarity": job.polarity,
-        "half-width": job.half_width,
-        "last": job.last,
-        "channel": job.channel,
-        "z": job.z,
-    }
-
-
 def _tell(report: Callable[[float, int], None], done: int, count: int, progress: Progress) -> None:
     report(done + 0.99 * progress.fraction, count)
 
 
 def _track_frame(
     job: TrackJob,
-    images: Frames,
+    run: Run,
     frame: int,
     drawn: list[Label],
     bodies: Mapping[int, Body],
-    partial: Partial,
     report: Callable[[Progress], None],
 ) -> FrameReport:
     """Refine the frame's sketches, then place the bodies of the frames before; keep both."""
@@ -135,7 +94,7 @@ def _track_frame(
     curves: dict[int, Curve] = {}
     tracked = Tracked(frame)
     try:
-        image = images[frame]
+        image = run.images[frame]
         digest = checksum(image)
         if drawn:
             lines = [label.points for label in drawn]
@@ -157,8 +116,11 @@ def _track_frame(
     curves |= dict(zip(tracked.ids, tracked.curves, strict=True))
     seconds = round(time.perf_counter() - began, 3)
     finished = FrameReport(frame, _reports(curves, tracked), error, seconds, digest)
-    labels = Labels.from_curves(tuple(curves.values()), frame=frame, ids=curves)
-    partial.save(finished, table.text(labels), None)
+    scale, units = run.head.scale, run.head.units
+    labels = Labels.from_curves(
+        tuple(curves.values()), frame=frame, ids=curves, scale=scale, units=units
+    )
+    run.partial.save(finished, table.text(labels), None)
     return finished
 
 
@@ -192,10 +154,10 @@ def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport
 
 
 def _after(
-    bodies: Mapping[int, Body], done: FrameReport, labels: Labels, drawn: list[Label]
+    bodies: Mapping[int, Body], done: FrameReport, labels: Sequence[Label], drawn: list[Label]
 ) -> dict[int, Body]:
     """Give the bodies as they are known after a frame, which may come from an earlier run."""
-    curves = {label.curve: _curve(label) for label in labels.labels if label.status != "failed"}
+    curves = {label.curve: _curve(label) for label in labels if label.status != "failed"}
     status = {report.curve: report for report in done.curves}
     anew = {label.curve for label in drawn}
     given = {number: curve for number, curve in curves.items() if number in anew}

@@ -10,50 +10,49 @@ from napari_splinesketch.labels.geometry import area, evenly_sampled, outline
 from napari_splinesketch.labels.head import head_of
 from napari_splinesketch.labels.json_tree import finite_or_null, write_json
 from napari_splinesketch.labels.masks import image_shape
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.labels.stream import AnyLabels, facts_of, in_frames
+from napari_splinesketch.labels.types import Label
 
 CORNER = 0.5
 """Boxes and polygons count from the corner of the first pixel, keypoints from its centre, px."""
 VISIBLE = 2
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write one annotation a body; image ids are frame numbers from 0."""
     height, width = image_shape(labels)
     name = image_name(labels)
-    frames = sorted({label.frame for label in labels.labels})
-    images = [
+    images = (
         {"id": frame, "file_name": f"{name}#{frame}" if frame else name, "frame": frame}
         | {"height": height, "width": width}
-        for frame in frames
-    ]
-    same = evenly_sampled(labels.labels)
+        for frame in map(int, in_frames(labels).frames)
+    )
+    size, bodies = evenly_sampled(labels)
     root = {
         "info": {"description": "napari-splinesketch", **head_of(labels)},
         "licenses": [],
         "images": images,
-        "categories": [_category(len(same[0].points) if same else POINTS)],
-        "annotations": [_annotation(i + 1, label) for i, label in enumerate(same)],
+        "categories": [_category(size)],
+        "annotations": (_annotation(i, label) for i, label in enumerate(bodies, 1)),
     }
     write_json(path, root, overwrite=overwrite)
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what COCO has no place for."""
     lost = []
-    counts = {len(label.points) for label in labels.labels}
-    if len(counts) > 1:
+    if len(facts_of(labels).sizes) > 1:
         lost.append(
             f"COCO wants as many keypoints on every body: curves were resampled to {POINTS} points"
         )
-    if any(not np.all(np.isfinite(label.half_width)) for label in labels.labels):
+    if facts_of(labels).without_width:
         lost.append("COCO has no lines: where the half-width is not known, there is no outline")
     if labels.shape is None:
         lost.append("the size of the image is not known: height and width hold all bodies")
     return tuple(lost)
 
 
-def image_name(labels: Labels) -> str:
+def image_name(labels: AnyLabels) -> str:
     """Give the name of the image, as far as it is known."""
     image = labels.provenance.get("image")
     name = image.get("name") if isinstance(image, dict) else None

@@ -21,6 +21,7 @@ from napari_splinesketch.labels import (
     wcon,
 )
 from napari_splinesketch.labels.files import LabelsError
+from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
 from napari_splinesketch.labels.types import Labels
 
 HEAD = 4096
@@ -30,7 +31,7 @@ class Write(Protocol):
     """Writes a whole file or nothing."""
 
     def __call__(
-        self, path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False
+        self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
     ) -> None:
         """Write `labels`; FileExistsError unless `overwrite`."""
 
@@ -49,12 +50,16 @@ class Reader:
         Reads a file.
     fits
         Whether a file that begins with these bytes may be of this format.
+    by_frame
+        Opens a file to be read frame by frame, or gives None where this one cannot be; None where
+        the format cannot.
     """
 
     name: str
     suffix: str
     read: Callable[[str | os.PathLike[str]], Labels]
     fits: Callable[[bytes], bool] = lambda head: True
+    by_frame: Callable[[str | os.PathLike[str]], ByFrame | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,26 +83,26 @@ class Writer:
     name: str
     suffix: str
     write: Write
-    losses: Callable[[Labels], tuple[str, ...]]
+    losses: Callable[[AnyLabels], tuple[str, ...]]
     reviews: bool = False
 
-    def lost(self, labels: Labels) -> tuple[str, ...]:
+    def lost(self, labels: AnyLabels) -> tuple[str, ...]:
         """Say everything of the labels that the format has no place for."""
         told = self.losses(labels)
-        if not self.reviews and any(label.review != "open" for label in labels.labels):
+        if not self.reviews and facts_of(labels).reviewed:
             told += (f"{self.name}: no place for what you accepted or rejected",)
         return told
 
 
 READERS = (
     Reader("napari Shapes CSV", ".csv", shapes_csv.read, shapes_csv.fits),
-    Reader("labels CSV", ".csv", table.read),
+    Reader("labels CSV", ".csv", table.read, by_frame=table.by_frame),
     Reader("GeoJSON", ".geojson", geojson.read),
     Reader("GeoJSON, named .json", ".json", geojson.read, lambda head: b'"Feature' in head),
     Reader("ImageJ ROIs", ".zip", imagej.read),
     Reader("ImageJ ROI", ".roi", imagej.read),
-    Reader("NumPy splines", ".npy", numpy_splines.read),
-    Reader("NumPy splines, packed", ".npz", numpy_splines.read),
+    Reader("NumPy splines", ".npy", numpy_splines.read, by_frame=numpy_splines.by_frame),
+    Reader("NumPy splines, packed", ".npz", numpy_splines.read, by_frame=numpy_splines.by_frame),
     Reader("SWC", ".swc", swc.read),
     Reader("WCON", ".wcon", wcon.read),
     Reader("WCON, named .json", ".json", wcon.read, lambda head: b'"units"' in head),
@@ -164,7 +169,7 @@ def read_labels(path: str | os.PathLike[str]) -> Labels:
 
 def write_labels(
     path: str | os.PathLike[str],
-    labels: Labels | Refinement | Sequence[Curve],
+    labels: AnyLabels | Refinement | Sequence[Curve],
     *,
     overwrite: bool = False,
 ) -> tuple[str, ...]:
@@ -175,7 +180,8 @@ def write_labels(
     path
         The file to write; its directory must exist. The ending of its name decides the format.
     labels
-        Labels, a refinement, or refined curves; the last two are taken as frame 0.
+        Labels, in memory or read frame by frame, a refinement, or refined curves; the last two
+        are taken as frame 0.
     overwrite
         Replace an existing file; otherwise it raises FileExistsError.
 
@@ -190,9 +196,9 @@ def write_labels(
     return writer.lost(labels)
 
 
-def as_labels(labels: Labels | Refinement | Sequence[Curve]) -> Labels:
+def as_labels(labels: AnyLabels | Refinement | Sequence[Curve]) -> AnyLabels:
     """Take a refinement or curves as the labels of frame 0."""
-    if isinstance(labels, Labels):
+    if isinstance(labels, AnyLabels):
         return labels
     if isinstance(labels, Refinement):
         return Labels.from_refinement(labels)

@@ -11,6 +11,7 @@ from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
 from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
+from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
 CORNER = 0.5
@@ -24,14 +25,14 @@ COLOURS = {
 }
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write a collection of annotations; frame numbers from 0 are QuPath's time points."""
-    features = [_feature(label) for label in labels.labels]
+    features = map(_feature, labels.labels)
     collection = {"type": "FeatureCollection", "features": features, OURS: head_of(labels)}
     write_json(path, collection, overwrite=overwrite)
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what GeoJSON has no place for."""
     return ()
 

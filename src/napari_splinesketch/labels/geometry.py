@@ -1,11 +1,12 @@
 """Lines: how scaling widens them, and how other formats want them sampled."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import POINTS, Array
+from napari_splinesketch.labels.stream import AnyLabels, facts_of
 from napari_splinesketch.labels.types import Label
 
 
@@ -54,8 +55,9 @@ def area(polygon: Float[Array, "N 2"]) -> float:
     return abs(float(a @ np.roll(b, -1) - b @ np.roll(a, -1))) / 2
 
 
-def evenly_sampled(labels: Sequence[Label]) -> list[Label]:
-    """Give all labels the same number of points: `POINTS` where they differ."""
-    if len({len(label.points) for label in labels}) < 2:
-        return list(labels)
-    return [resampled(label, POINTS) for label in labels]
+def evenly_sampled(labels: AnyLabels) -> tuple[int, Iterator[Label]]:
+    """Give all labels the same number of points, and that number: `POINTS` where they differ."""
+    sizes = facts_of(labels).sizes
+    if len(sizes) == 1:
+        return min(sizes), iter(labels.labels)
+    return POINTS, (resampled(label, POINTS) for label in labels.labels)

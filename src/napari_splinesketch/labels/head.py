@@ -5,10 +5,11 @@ from typing import Any, cast
 from napari_splinesketch import __version__
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.json_tree import Node
+from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, Review
 
 
-def head_of(labels: Labels) -> dict[str, object]:
+def head_of(labels: AnyLabels) -> dict[str, object]:
     """Give the values to write."""
     return {
         "version": __version__,

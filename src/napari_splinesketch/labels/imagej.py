@@ -12,6 +12,7 @@ from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import LabelsError, atomic, blamed
+from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
@@ -22,7 +23,7 @@ MAX_FRAME = 2**31 - 2
 OURS = "splinesketch."
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write a zip of ROIs for ImageJ's ROI Manager.
 
     Integer coordinates are pixel centres, as ImageJ counts along lines. The width of a line is
@@ -37,7 +38,7 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
             archive.writestr(zipfile.ZipInfo(name), _roi(label).tobytes())
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what ROIs have no place for."""
     lost = ["ImageJ ROIs hold coordinates as 32-bit floats, about seven digits"]
     if labels.scale:

@@ -3,10 +3,10 @@
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
@@ -132,13 +132,60 @@ def _refuse(name: str) -> NoReturn:
     raise ValueError(f"{name} is no number in JSON; use null")
 
 
+@dataclass(frozen=True)
+class Members:
+    """An object whose members are more than memory should hold.
+
+    Attributes
+    ----------
+    read
+        Gives them, anew each time.
+    """
+
+    read: Callable[[], Iterator[tuple[str, object]]]
+
+
+def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]:
+    """Encode a value as JSON; iterators become arrays, and they and `Members` are not held.
+
+    A number that is not finite is our mistake.
+    """
+    encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(comma, colon)).encode
+    if not _is_read(value):
+        yield encode(value)
+    elif isinstance(value, Iterator):
+        yield "["
+        for i, element in enumerate(value):
+            yield (comma if i else "") + encode(element)
+        yield "]"
+    else:
+        members = value.read() if isinstance(value, Members) else value.items()
+        yield "{"
+        for i, (name, member) in enumerate(members):
+            yield (comma if i else "") + encode(name) + colon
+            yield from pieces(member, comma, colon)
+        yield "}"
+
+
+def _is_read(value: object) -> TypeGuard[Iterator | Members | dict]:
+    """Tell whether something in a value is to be read while it is written."""
+    if isinstance(value, dict):
+        return any(map(_is_read, value.values()))
+    return isinstance(value, Iterator | Members)
+
+
+def held(value: object) -> Any:
+    """Give a value with all that is in it, for libraries that write it themselves."""
+    return json.loads("".join(pieces(value))) if _is_read(value) else value
+
+
 def write_json(path: str | os.PathLike[str], value: object, *, overwrite: bool) -> None:
-    """Write a JSON file in UTF-8; a number that is not finite is our mistake."""
+    """Write a JSON file in UTF-8, as `pieces` encodes it."""
     with (
         atomic(path, overwrite=overwrite) as temporary,
         temporary.open("x", encoding="utf-8") as file,
     ):
-        json.dump(value, file, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        file.writelines(pieces(value, ",", ":"))
         file.write("\n")
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
+from napari_splinesketch.labels.json_tree import Members
 
 
 def provenance(
@@ -15,7 +16,7 @@ def provenance(
     image: str,
     shape: tuple[int, ...],
     dtype: str,
-    checksums: dict[int, str],
+    checksums: Members,
     preset: str,
     options: dict[str, object],
 ) -> dict[str, object]:
@@ -45,7 +46,7 @@ def provenance(
             "name": image,
             "shape": list(shape),
             "dtype": dtype,
-            "sha256": {str(frame): digest for frame, digest in sorted(checksums.items())},
+            "sha256": checksums,
         },
     }
 

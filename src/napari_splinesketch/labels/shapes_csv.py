@@ -9,6 +9,7 @@ import numpy as np
 
 from napari_splinesketch.labels.files import atomic, blamed
 from napari_splinesketch.labels.rows import Row, Rows, open_rows
+from napari_splinesketch.labels.stream import AnyLabels, in_frames
 from napari_splinesketch.labels.types import Label, Labels
 
 HEADER = ("index", "shape-type", "vertex-index", "axis-0", "axis-1")
@@ -16,9 +17,9 @@ LINES = ("line", "path")
 AREAS = ("rectangle", "ellipse", "polygon")
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write each curve as a path: (row, col), or (frame, row, col) where a frame is not 0."""
-    film = any(label.frame for label in labels.labels)
+    film = bool(in_frames(labels).frames.any())
     with (
         atomic(path, overwrite=overwrite) as temporary,
         temporary.open("x", encoding="utf-8", newline="") as file,
@@ -33,7 +34,7 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
             )
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what a Shapes CSV has no place for."""
     lost = ["Shapes CSV keeps lines only: no half-width, standard error, status or identity"]
     if labels.scale:

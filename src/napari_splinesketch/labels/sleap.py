@@ -14,24 +14,26 @@ from napari_splinesketch.labels.coco import image_name
 from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.labels.geometry import evenly_sampled
 from napari_splinesketch.labels.head import head_of
-from napari_splinesketch.labels.types import Labels
+from napari_splinesketch.labels.json_tree import held
+from napari_splinesketch.labels.stream import AnyLabels, facts_of
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write user instances on a video of the image's name; frames count from 0."""
     try:
         sleap_io = import_module("sleap_io")
     except ImportError:
         raise ValueError("SLEAP files need sleap-io; pip install sleap-io") from None
-    bodies = evenly_sampled(labels.labels)
-    nodes = [f"p{i}" for i in range(len(bodies[0].points) if bodies else POINTS)]
+    size, bodies = evenly_sampled(labels)
+    nodes = [f"p{i}" for i in range(size)]
     skeleton = sleap_io.Skeleton(nodes=nodes, edges=list(pairwise(nodes)))
     video = sleap_io.Video(image_name(labels), open_backend=False)
-    tracks = {label.curve: sleap_io.Track(str(label.curve)) for label in bodies}
+    tracks: dict[int, Any] = {}
     frames: dict[int, list[Any]] = {}
     for label in bodies:
+        track = tracks.setdefault(label.curve, sleap_io.Track(str(label.curve)))
         instance = sleap_io.Instance.from_numpy(
-            label.points[:, ::-1], skeleton=skeleton, track=tracks[label.curve]
+            label.points[:, ::-1], skeleton=skeleton, track=track
         )
         frames.setdefault(label.frame, []).append(instance)
     made = sleap_io.Labels(
@@ -42,7 +44,7 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
         videos=[video],
         skeletons=[skeleton],
         tracks=list(tracks.values()),
-        provenance={"napari-splinesketch": head_of(labels)},
+        provenance={"napari-splinesketch": held(head_of(labels))},
     )
     with atomic(path, overwrite=overwrite) as temporary:
         sleap_io.save_slp(made, str(temporary), embed=False, verbose=False)
@@ -59,10 +61,10 @@ def _name_itself(file: Path, name: str) -> None:
         attributes["json"] = np.bytes_(json.dumps(metadata))
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what SLEAP has no place for."""
     lost = ["SLEAP keeps points and identities only: no half-width, standard error or status"]
-    if len({len(label.points) for label in labels.labels}) > 1:
+    if len(facts_of(labels).sizes) > 1:
         lost.append(
             f"SLEAP wants as many nodes on every body: curves were resampled to {POINTS} points"
         )

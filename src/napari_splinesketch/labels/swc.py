@@ -13,8 +13,9 @@ import numpy as np
 from napari_splinesketch.labels.files import LabelsError, atomic, blamed
 from napari_splinesketch.labels.geometry import width_growth
 from napari_splinesketch.labels.head import head_of, read_head
-from napari_splinesketch.labels.json_tree import Node
+from napari_splinesketch.labels.json_tree import Node, pieces
 from napari_splinesketch.labels.rows import Lines, open_lines
+from napari_splinesketch.labels.stream import AnyLabels, facts_of, in_frames
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
 OURS = "# splinesketch "
@@ -25,7 +26,7 @@ UNDEFINED = 0
 """SWC's structure type for what is no part of a neuron."""
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write one unbranched tree for each body; z is 0.
 
     x, y and radius are in the image's units, or in pixels where it has none. Comments that other
@@ -35,20 +36,21 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
         atomic(path, overwrite=overwrite) as temporary,
         temporary.open("x", encoding="utf-8", newline="\n") as file,
     ):
-        file.write(OURS + json.dumps(head_of(labels), ensure_ascii=False, allow_nan=False) + "\n")
-        file.write("# id type x y z radius parent\n")
+        file.write(OURS)
+        file.writelines(pieces(head_of(labels)))
+        file.write("\n# id type x y z radius parent\n")
         first = 1
         for label in labels.labels:
             file.writelines(_tree(label, labels.scale, first))
             first += len(label.points)
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what SWC has no place for."""
     lost = ["SWC has no place for standard errors"]
-    if len({label.frame for label in labels.labels}) > 1:
+    if len(in_frames(labels).frames) > 1:
         lost.append("SWC has no frames: other programs see the curves of all frames at once")
-    if any(not np.all(label.half_width > 0) for label in labels.labels):
+    if facts_of(labels).without_radius:
         lost.append("SWC has no unknown radius: where the half-width is not known, it is 0")
     return tuple(lost)
 

@@ -7,15 +7,15 @@ import os
 import shutil
 from array import array
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import TextIO
 
 import numpy as np
-from jaxtyping import Int
 
-from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import LabelsError, atomic
 from napari_splinesketch.labels.geometry import width_growth
 from napari_splinesketch.labels.rows import open_rows
+from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
 from napari_splinesketch.labels.table_reader import (
     PIXELS,
     REQUIRED,
@@ -27,7 +27,7 @@ from napari_splinesketch.labels.table_reader import (
 from napari_splinesketch.labels.types import Label, Labels
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write labels as a table, whole or not at all."""
     with (
         atomic(path, overwrite=overwrite) as temporary,
@@ -49,7 +49,7 @@ def join(
     scale: tuple[float, float] | None,
     *,
     overwrite: bool = False,
-) -> bool:
+) -> None:
     """Write the rows of many tables as one, without reading them into memory.
 
     Parameters
@@ -62,11 +62,6 @@ def join(
         The scale that all of them were written with.
     overwrite
         Replace an existing file.
-
-    Returns
-    -------
-    bool
-        Whether there are any rows.
     """
     header = text(Labels(scale=scale)).encode()
     with atomic(path, overwrite=overwrite) as temporary, temporary.open("xb") as file:
@@ -76,32 +71,27 @@ def join(
                 if part.readline() != header:
                     raise LabelsError(table, "line 1", "other columns than expected")
                 shutil.copyfileobj(part, file)
-        return file.tell() > len(header)
 
 
-def _write(file: TextIO, labels: Labels) -> None:
+def _write(file: TextIO, labels: AnyLabels) -> None:
     table = csv.writer(file, lineterminator="\n")
-    reviewed = any(label.review != "open" for label in labels.labels)
+    reviewed = facts_of(labels).reviewed
     table.writerow(PIXELS + (UNITS if labels.scale else ()) + (REVIEW if reviewed else ()))
     for label in labels.labels:
         table.writerows(_rows(label, labels, reviewed))
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what the table has no place for."""
-    return lost(provenance=bool(labels.provenance), scale=bool(labels.scale and not labels.labels))
+    lost = []
+    if labels.provenance:
+        lost.append("CSV has no place for provenance (version, settings, image, date)")
+    if labels.scale and not any(True for _ in labels.labels):
+        lost.append("a CSV without curves cannot hold the scale")
+    return tuple(lost)
 
 
-def lost(*, provenance: bool, scale: bool) -> tuple[str, ...]:
-    """Say that provenance is not kept, or the scale of a table without rows."""
-    told = {
-        "CSV has no place for provenance (version, settings, image, date)": provenance,
-        "a CSV without curves cannot hold the scale": scale,
-    }
-    return tuple(text for text, true in told.items() if true)
-
-
-def _rows(label: Label, labels: Labels, reviewed: bool) -> Iterator[tuple[object, ...]]:
+def _rows(label: Label, labels: AnyLabels, reviewed: bool) -> Iterator[tuple[object, ...]]:
     size = len(label.points)
     columns: list[object] = [
         itertools.repeat(label.frame, size),
@@ -133,13 +123,10 @@ def read(path: str | os.PathLike[str]) -> Labels:
         return TableReader(rows).labels()
 
 
-def overview(path: str | os.PathLike[str]) -> tuple[Int[Array, " F"], Labels] | None:
-    """Read a table for its frames and its scale, holding no more than the curves of one frame.
+def by_frame(path: str | os.PathLike[str]) -> ByFrame | None:
+    """Read a table once for its frames and its scale, holding no more than the curves of one frame.
 
-    Returns
-    -------
-    The numbers of its frames in their order, and labels without curves; None where its frames are
-    in no order.
+    Gives None where its frames are in no order.
     """
     frames = array("q")
     with open_rows(path, REQUIRED) as rows:
@@ -148,7 +135,7 @@ def overview(path: str | os.PathLike[str]) -> tuple[Int[Array, " F"], Labels] | 
             frames.extend(labels[0].frame for labels in reader.frames())
         except DisorderError:
             return None
-        return np.array(frames), reader.head()
+        return ByFrame(np.array(frames), reader.head(), partial(read_frames, path))
 
 
 def read_frames(path: str | os.PathLike[str]) -> Iterator[tuple[Label, ...]]:

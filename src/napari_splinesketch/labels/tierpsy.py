@@ -9,7 +9,8 @@ from jaxtyping import Float
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.labels.geometry import area, edges, resampled
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.labels.stream import AnyLabels, facts_of
+from napari_splinesketch.labels.types import Label
 
 POINTS = 49
 MIDBODY = slice(17, 32)
@@ -34,7 +35,7 @@ ROW = np.dtype(
 )
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write the table of trajectories and the skeletons, sorted by worm and frame.
 
     The head is the curve's first point. Widths are whole widths, px.
@@ -60,7 +61,7 @@ def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = Fal
             file.create_dataset(name, data=values, maxshape=(None, *shape))
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what Tierpsy's files have no place for."""
     lost = [
         f"Tierpsy keeps {POINTS} points a body, as 32-bit floats: curves were resampled",
@@ -68,7 +69,7 @@ def losses(labels: Labels) -> tuple[str, ...]:
     ]
     if labels.scale and _microns_per_pixel(labels) is None:
         lost.append("Tierpsy knows square pixels in micrometres only: the scale is left out")
-    if any(not np.all(np.isfinite(label.half_width)) for label in labels.labels):
+    if facts_of(labels).without_width:
         lost.append("where the half-width is not known, contours and widths are NaN")
     if labels.provenance:
         lost.append("Tierpsy has no place for provenance (version, settings, image, date)")
@@ -116,7 +117,7 @@ def _rows(bodies: list[_Body]) -> np.ndarray:
     return np.array([body.row(i) for i, body in enumerate(bodies)], ROW)
 
 
-def _attributes(labels: Labels) -> dict[str, object]:
+def _attributes(labels: AnyLabels) -> dict[str, object]:
     size = _microns_per_pixel(labels)
     return {
         "microns_per_pixel": size or 1.0,
@@ -127,7 +128,7 @@ def _attributes(labels: Labels) -> dict[str, object]:
     }
 
 
-def _microns_per_pixel(labels: Labels) -> float | None:
+def _microns_per_pixel(labels: AnyLabels) -> float | None:
     if labels.scale is None or labels.scale[0] != labels.scale[1]:
         return None
     factor = MICROMETRES.get(labels.units or "")

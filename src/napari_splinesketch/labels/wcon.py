@@ -12,30 +12,32 @@ from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
 from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
+from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
 OURS = "@splinesketch"
 MICROMETRE = {"um": "µm", "μm": "µm", "micron": "µm", "microns": "µm"}
 
 
-def write(path: str | os.PathLike[str], labels: Labels, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
     """Write one record for each body and frame; the time is the frame's number, unit "1".
 
     x and y are col and row times the scale, in the image's units; in pixels, unit "1", where it
     has none.
     """
+    scale = labels.scale or (1.0, 1.0)
     unit = "um" if labels.units == "µm" else labels.units or "1"
     software = {"name": "napari-splinesketch", "version": __version__, "featureID": OURS}
     root = {
         "units": {"t": "1", "x": unit, "y": unit},
         "metadata": {"software": software},
         OURS: head_of(labels),
-        "data": [_record(label, labels.scale or (1.0, 1.0)) for label in labels.labels],
+        "data": (_record(label, scale) for label in labels.labels),
     }
     write_json(path, root, overwrite=overwrite)
 
 
-def losses(labels: Labels) -> tuple[str, ...]:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what WCON has no place for."""
     return ()
 

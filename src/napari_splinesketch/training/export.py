@@ -15,9 +15,10 @@ from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
-from napari_splinesketch.labels.by_frame import ByFrame, by_frame, of_labels
+from napari_splinesketch.labels.by_frame import by_frame
 from napari_splinesketch.labels.files import checksum_of_file
 from napari_splinesketch.labels.provenance import checksum
+from napari_splinesketch.labels.stream import ByFrame, in_frames
 from napari_splinesketch.labels.types import Label, Labels
 from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
 from napari_splinesketch.training.folder import FORMAT, FRAMES, MANIFEST, VERSION, whole_folder
@@ -78,7 +79,7 @@ def export_training(
     ValueError
         Where there is nothing to learn from.
     """
-    source = of_labels(labels) if isinstance(labels, Labels) else by_frame(labels)
+    source = in_frames(labels) if isinstance(labels, Labels) else by_frame(labels)
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
     parts = split.parts(frames)

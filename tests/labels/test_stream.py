@@ -1,0 +1,175 @@
+"""Labels of a film, written from what is read frame by frame: the same files, bounded memory."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from napari_splinesketch.labels import Label, Labels, write_labels
+from napari_splinesketch.labels.formats import WRITERS, Writer
+from napari_splinesketch.labels.json_tree import Members, held, pieces
+from napari_splinesketch.labels.provenance import provenance
+from napari_splinesketch.labels.stream import ByFrame, in_frames
+
+from .samples import FULL, bent, drawn
+
+CHECKSUMS = {"0": "ab", "3": "cd"}
+HDF5 = (".slp", "_skeletons.hdf5")
+STREAMED = [writer for writer in WRITERS if writer.suffix not in HDF5]
+
+
+@st.composite
+def films(draw: st.DrawFn) -> Labels:
+    """A few bodies on rising frames, sketches among them, and what a run says of them."""
+    keys = draw(st.sets(st.tuples(st.integers(0, 9), st.integers(0, 70_000)), max_size=5))
+    kinds = st.sampled_from([bent, drawn, lambda *key: bent(*key, points=9)])
+    labels = [draw(kinds)(*key) for key in sorted(keys)]
+    shape = draw(st.sampled_from([None, (48, 96)]))
+    scale, units = draw(st.sampled_from([(None, None), ((0.5, 0.25), "µm")]))
+    source = {"preset": "fast", "image": {"name": "Würmer.tif", "sha256": CHECKSUMS}}
+    return Labels(tuple(labels), scale, units, shape, draw(st.sampled_from([{}, source])))
+
+
+def streamed(labels: Labels) -> ByFrame:
+    """The same labels as a run has them: of all frames, only one is held at a time."""
+    found = in_frames(labels)
+    source = dict(found.provenance)
+    if source:
+        image = {"name": "Würmer.tif", "sha256": Members(lambda: iter(CHECKSUMS.items()))}
+        source = {**source, "image": image}
+
+    def read() -> Iterator[tuple[Label, ...]]:
+        yield from found.read()
+
+    return ByFrame(found.frames, replace(found.head, provenance=source), read)
+
+
+@pytest.mark.parametrize("writer", STREAMED, ids=lambda writer: writer.name)
+@settings(
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(labels=films())
+def test_the_files_are_those_of_labels_in_memory(
+    tmp_path: Path, writer: Writer, labels: Labels
+) -> None:
+    whole, film = (tmp_path / f"{name}{writer.suffix}" for name in ("whole", "film"))
+    lost = write_labels(whole, labels, overwrite=True)
+    assert write_labels(film, streamed(labels), overwrite=True) == lost
+    assert film.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", HDF5)
+def test_libraries_that_want_all_at_once_get_it(tmp_path: Path, suffix: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    pytest.importorskip("sleap_io")
+    names = [str(tmp_path / f"{name}{suffix}") for name in ("whole", "film")]
+    write_labels(names[0], FULL)
+    write_labels(names[1], streamed(FULL))
+    with h5py.File(names[0]) as whole, h5py.File(names[1]) as film:
+        assert set(whole) == set(film)
+        for name in ("points", "instances", "skeleton", "trajectories_data"):
+            if name in whole:
+                assert whole[name][:].tobytes() == film[name][:].tobytes()
+
+
+def test_json_is_the_same_with_iterators_in_it() -> None:
+    plain = {"a": [1, {"b": [2.5, None]}], "é": {"x": {}, "y": {"1": "ß"}}, "z": [], "n": {1: 2}}
+    lazy = {
+        "a": iter([1, {"b": [2.5, None]}]),
+        "é": {"x": Members(lambda: iter(())), "y": Members(lambda: iter([("1", "ß")]))},
+        "z": iter(()),
+        "n": {1: 2},
+    }
+    assert "".join(pieces(lazy)) == json.dumps(plain, ensure_ascii=False)
+    assert held(plain) is plain
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        held({"a": iter([float("nan")])})
+
+
+def test_a_film_that_ends_in_the_middle_leaves_no_file(tmp_path: Path) -> None:
+    def read() -> Iterator[tuple[Label, ...]]:
+        yield (bent(0, 1),)
+        raise OSError("the disk is gone")
+
+    film = ByFrame(np.array([0, 1]), Labels(), read)
+    for writer in WRITERS:
+        with pytest.raises(OSError, match="the disk is gone"):
+            write_labels(tmp_path / f"a{writer.suffix}", film)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_provenance_of_a_run_is_read_when_it_is_written(tmp_path: Path) -> None:
+    source = provenance(
+        image="film.tif",
+        shape=(64, 96),
+        dtype="uint8",
+        checksums=Members(lambda: iter(CHECKSUMS.items())),
+        preset="fast",
+        options={},
+    )
+    film = replace(streamed(FULL), head=replace(FULL, labels=(), provenance=source))
+    write_labels(tmp_path / "a.geojson", film)
+    told = json.loads((tmp_path / "a.geojson").read_text(encoding="utf-8"))
+    assert told["splinesketch"]["provenance"]["image"]["sha256"] == CHECKSUMS
+
+
+PEAKS = """
+import sys, tracemalloc
+from dataclasses import replace
+import numpy as np
+from napari_splinesketch.labels import Labels, write_labels
+from napari_splinesketch.labels.json_tree import Members
+from napari_splinesketch.labels.stream import ByFrame
+from samples import drawn
+
+body = replace(drawn(), points=[[3, 2], [6, 11]], half_width=[1.5, 1.5])
+
+def film(count):
+    checksums = Members(lambda: ((str(frame), f"{frame:064d}") for frame in range(count)))
+    head = Labels(provenance={"image": {"sha256": checksums}}, shape=(10, 14))
+    read = lambda: ((replace(body, frame=frame),) for frame in range(count))
+    return ByFrame(np.arange(count), head, read)
+
+
+for suffix in sys.argv[1:]:
+    peaks = []
+    for count in (3, 60, 960):  # the first one imports
+        tracemalloc.start()
+        write_labels(f"{count}{suffix}", film(count))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    print(suffix, *peaks[1:])
+"""
+A_FRAME = {
+    ".zip": 600,  # the list of its entries
+    ".masks.tif": 600,  # the checksums, in a description that is written at once
+    ".stack.tif": 1200,  # and the list of bodies
+}
+"""Bytes that a further frame of one body may take; 100 where nothing else is said."""
+
+
+def test_memory_does_not_grow_with_the_film(tmp_path: Path) -> None:
+    # In a process of its own: other tests leave threads behind, whose memory would be counted too.
+    here = str(Path(__file__).parent)
+    run = subprocess.run(
+        [sys.executable, "-c", PEAKS, *(writer.suffix for writer in STREAMED)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([here, *sys.path])},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = run.stdout.splitlines()
+    for line in lines:
+        suffix, short, long = line.split()
+        growth = (int(long) - int(short)) / 900
+        assert growth < A_FRAME.get(suffix, 100), f"{line}: {growth:.0f} bytes a frame"
+    assert len(lines) == len(STREAMED)
