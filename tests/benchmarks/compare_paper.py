@@ -1,32 +1,32 @@
 """The paper's method, as here and as in splender: losses, accuracy and seconds, frame by frame.
 
     python tests/benchmarks/compare_paper.py [--frames 1] [--bodies 1 2 3] [--minutes 30]
-        [--only METHOD]
+        [--sketches spoilt straight long] [--methods METHOD...] [--only METHOD]
 
-Frames of Table 1, the same for all. Each method runs in a process of its own, on one core, with
+Frames that none of the settings was chosen on, the same for all methods: the cells of Tables 1
+and 2, and sketches that are too long. Each method runs in a process of its own, on one core, with
 no compilation cache, so that its first frame says what compiling costs. Rows go to
 docs/benchmarks/compare_paper.csv; frames that are there already are skipped, so delete the rows of
 a method that has changed. Those of the reference in the paper's phases, which is slow, also go to
-the benchmark (docs/benchmarks/rows/splender.csv). Ends by writing the table into docs/method.md.
+the benchmark (docs/benchmarks/rows/splender.csv). Ends by writing the tables into docs/method.md.
 """
 
 import argparse
-import csv
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 
 import frames
 import jax.numpy as jnp
 import methods
 import numpy as np
 import reference
+from compare_paper_rows import CELLS, FIRST, Row, append, read, side_by_side, table
 from insert import insert
 from rows import Store
 from runner import measured, pin_to_one_core
@@ -35,45 +35,6 @@ from napari_splinesketch import refine
 from napari_splinesketch.engine import phases, spline
 from napari_splinesketch.engine.scene import read_scene
 from napari_splinesketch.metrics import average_dtw
-
-ROWS = Path(__file__).parents[2] / "docs" / "benchmarks" / "compare_paper.csv"
-LABELS = {
-    "paper": "ours, `paper`",
-    "paper-quiet": "ours, `paper`, without noise and with one seed",
-    "splender-phases": "splender's model and loss, three phases",
-    "splender": "splender as shipped",
-    "balanced": "ours, `balanced`",
-}
-
-
-@dataclass(frozen=True)
-class Row:
-    """One frame as one method left it.
-
-    Attributes
-    ----------
-    method, bodies, kind, index
-        Which.
-    initial, dtw, worst
-        Average DTW of the sketches, and after refinement, mean over bodies, and of the worst, px.
-    unexplained
-        Mean of (Y - Ŷ)² over the variance of Y.
-    seconds, compiling
-        Of one core's work, without compiling; and what compiling took, where it did (where every
-        call compiles, as measured on the first frame with as many bodies).
-    """
-
-    method: str
-    bodies: int
-    kind: str
-    index: int
-    initial: float
-    dtw: float
-    worst: float
-    unexplained: float
-    seconds: float
-    compiling: float
-
 
 Outcome = tuple[Sequence[np.ndarray], float]
 Run = Callable[[frames.Frame], Outcome]
@@ -151,16 +112,16 @@ COMPILES_IN_EVERY_CALL = {"splender"}
 BENCHMARKED = {"splender-phases": "splender"}
 
 
-def run(method: str, count: int, bodies: Sequence[int], deadline: float) -> None:
+def run(method: str, count: int, cells: Sequence[frames.Cell], deadline: float) -> None:
     """Run one method over the frames that have no row yet."""
     timed, compiles = METHODS[method]
-    done = {(row.method, row.bodies, row.kind, row.index) for row in read()}
+    done = {row.place for row in read() if row.method == method}
     cost: dict[int, float] = {}
     same = methods.make(BENCHMARKED[method]) if method in BENCHMARKED else None
     store = Store(same.name, same.version) if same else None
-    for index in range(count):
-        for cell in [c for c in frames.table_cells() if c.bodies in bodies]:
-            if (method, cell.bodies, cell.kind, index) in done or time.monotonic() > deadline:
+    for index in range(FIRST, FIRST + count):
+        for cell in cells:
+            if (cell, index) in done or time.monotonic() > deadline:
                 continue
             frame = frames.frame(cell, index)
             every_call = method in COMPILES_IN_EVERY_CALL
@@ -181,6 +142,7 @@ def run(method: str, count: int, bodies: Sequence[int], deadline: float) -> None
                     method=method,
                     bodies=cell.bodies,
                     kind=cell.kind,
+                    strength=cell.strength,
                     index=index,
                     initial=float(np.mean(initial)),
                     dtw=float(np.mean(distances)),
@@ -197,78 +159,31 @@ def _timed(call: Run, frame: frames.Frame) -> tuple[Outcome, float]:
     return call(frame), time.process_time() - began
 
 
-def read() -> list[Row]:
-    """Rows so far."""
-    if not ROWS.exists():
-        return []
-    parse = {str: str, int: int, float: float}
-    with ROWS.open(newline="", encoding="utf-8") as file:
-        return [
-            Row(**{f.name: parse[f.type](line[f.name]) for f in fields(Row)})
-            for line in csv.DictReader(file)
-        ]
-
-
-def append(row: Row) -> None:
-    """Add one row to the file."""
-    ROWS.parent.mkdir(parents=True, exist_ok=True)
-    new = not ROWS.exists()
-    with ROWS.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow([f.name for f in fields(Row)])
-        writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in asdict(row).values()])
-
-
-def table(rows: list[Row]) -> str:
-    """Median DTW, share beyond 2 px, loss and seconds of each method, by number of bodies."""
-    lines = [
-        "| n | method | frames | DTW, median | DTW, mean | frames with a body beyond 2 px "
-        "| unexplained | seconds | compiling |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for bodies in sorted({row.bodies for row in rows}):
-        for method, label in LABELS.items():
-            some = [r for r in rows if r.bodies == bodies and r.method == method]
-            if some:
-                lines.append(_line(bodies, label, some))
-    return "\n".join(lines) + "\n"
-
-
-def _line(bodies: int, label: str, rows: list[Row]) -> str:
-    def median(name: str) -> float:
-        return float(np.median([getattr(row, name) for row in rows]))
-
-    compiling = [row.compiling for row in rows if row.compiling]
-    return (
-        f"| {bodies} | {label} | {len(rows)} | {median('dtw'):.2f} "
-        f"| {np.mean([row.dtw for row in rows]):.2f} | {sum(row.worst > 2 for row in rows)} "
-        f"| {100 * median('unexplained'):.1f} % | {median('seconds'):.2f} "
-        f"| {np.median(compiling) if compiling else 0:.1f} |"
-    )
-
-
 def main() -> None:
     """Run what is asked for, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=1, help="of each of the 12 cells of Table 1")
+    parser.add_argument("--frames", type=int, default=1, help="of each cell")
     parser.add_argument("--bodies", type=int, nargs="+", default=frames.COUNTS)
     parser.add_argument("--minutes", type=float, default=30.0, help="for each method")
+    parser.add_argument("--sketches", nargs="+", default=list(CELLS), choices=CELLS)
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--only", choices=METHODS, help="one method, in this process")
     given = parser.parse_args()
     if given.only:
         pin_to_one_core()
         deadline = time.monotonic() + 60 * given.minutes
-        run(given.only, given.frames, given.bodies, deadline)
+        cells = [c for name in given.sketches for c in CELLS[name] if c.bodies in given.bodies]
+        run(given.only, given.frames, cells, deadline)
         return
-    for method in METHODS:
+    for method in given.methods:
         command = [sys.executable, __file__, "--only", method, "--frames", str(given.frames)]
         fresh = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
         command += ["--minutes", str(given.minutes), "--bodies", *map(str, given.bodies)]
+        command += ["--sketches", *given.sketches]
         subprocess.run(command, check=True, env=fresh)
-    text = table(read())
-    insert("compare_paper", text)
-    print(text)
+    for name, text in (("side_by_side", side_by_side(read())), ("compare_paper", table(read()))):
+        insert(name, text)
+        print(text)
 
 
 if __name__ == "__main__":

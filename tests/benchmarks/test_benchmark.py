@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import bound
+import compare_paper_rows
 import numpy as np
 import paper_score
 import pytest
@@ -129,6 +130,20 @@ def test_the_area_under_the_curve_by_hand():
     assert paper_score.area(np.array([1.0, 2.0, 3.0, 4.0]), failed) == 0.75
     assert paper_score.area(np.ones(4), failed) == 0.5
     assert np.isnan(paper_score.area(np.ones(4), np.ones(4, bool)))
+
+
+def test_ours_and_the_reference_are_compared_on_the_frames_that_both_have():
+    def found(method: str, index: int, dtw: float, seconds: float) -> compare_paper_rows.Row:
+        return compare_paper_rows.Row(
+            method, 3, "chord", 0.0, index, 9.0, dtw, 2 * dtw, 0.1, seconds, 0.0
+        )
+
+    rows = [found("paper", i, 0.5 * i, 2.0) for i in range(5)]
+    rows += [found("splender-phases", i, 1.0 * i, 30.0) for i in range(1, 4)]
+    (line,) = compare_paper_rows.side_by_side(rows).splitlines()[2:]
+    given = [cell.strip() for cell in line.split("|")[1:-1]]
+    assert given[0] == "line between the ends"
+    assert given[1:] == ["3", "3", "1.00", "2.00", "1.00", "2.00", "1", "2", "15"]
 
 
 def test_what_decides_about_the_papers_method_is_not_what_decides_about_the_others():

@@ -192,3 +192,14 @@ def test_a_row_of_blobs_starts_with_brightness_one_and_its_half_width() -> None:
     nearest_uniform = x[np.argmax(explained)]
     ratio = blobs.half_width_ratio(blobs.initial_profile())
     assert ratio == pytest.approx(nearest_uniform, abs=0.01)
+
+
+def test_knots_that_are_trained_are_kept_in_the_image() -> None:
+    scene, place = make([*LEAVING, LEAVING[0]], padded=4)
+    place = place._replace(moving=jnp.asarray(2))
+    kept = blobs.keep_in_frame(scene.centre, scene.offsets, place)
+    knots = np.asarray((scene.centre[:, None] + kept) * UNIT)
+    before = np.asarray((scene.centre[:, None] + scene.offsets) * UNIT)
+    assert before[0].max() > 100 and before[1].min() < -5
+    np.testing.assert_allclose(knots[:2], np.clip(before[:2], 0, [59, 89]), atol=1e-4)
+    np.testing.assert_array_equal(knots[2:], before[2:])

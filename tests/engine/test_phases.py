@@ -63,6 +63,15 @@ def test_one_body_is_found_from_a_spoilt_label(kind) -> None:
     assert np.median(after) < 0.6
 
 
+def test_ends_that_were_drawn_outside_of_the_image_come_back() -> None:
+    scene, image = frame(0)
+    sketch = synthetic.scale(scene.centrelines[0], 1.7)
+    assert (sketch[:, 0] > SHAPE[0]).any() and (sketch < 0).any()
+    found = fit(image, [sketch])
+    assert (found.knots[0, :, :2] >= 0).all() and (found.knots[0, :, :2] < SHAPE).all()
+    assert average_dtw(points(found)[0], scene.centrelines[0]) < 0.6
+
+
 @pytest.fixture(scope="module")
 def crossing():
     scene, image = frame(4, bodies=2)

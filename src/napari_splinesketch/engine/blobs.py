@@ -163,6 +163,19 @@ def spline_knots(scene: Blobs, place: Place) -> Float[Array, "N K 3"]:
     return jnp.concatenate([at, scale[..., None]], axis=-1)
 
 
+def keep_in_frame(
+    centre: Float[Array, "N 2"], offsets: Float[Array, "N K 2"], place: Place
+) -> Float[Array, "N K 2"]:
+    """Offsets with which the knots that are trained lie in the image, as r(s) does in the paper.
+
+    A loss over the image says nothing about what lies outside: an end there would stay there.
+    """
+    knots = centre[:, None] + offsets
+    kept = jnp.clip(knots, 0.0, ((place.shape - 1) / place.unit)[None, None])
+    moving = jnp.arange(len(offsets))[:, None, None] < place.moving
+    return jnp.where(moving, kept - centre[:, None], offsets)
+
+
 def sample_points(
     knots: Float[Array, "K 3"], points: int
 ) -> tuple[Float[Array, "P 3"], Float[Array, ""]]:

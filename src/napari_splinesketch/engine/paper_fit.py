@@ -90,7 +90,9 @@ def prepare(
     spacing: float,
 ) -> tuple[Blobs, Problem, Canvas]:
     """Give the scene that sketches and fixed curves describe, padded to sizes that recur."""
-    lines = [np.column_stack([sketch, np.full(len(sketch), half_width)]) for sketch in sketches]
+    corner = np.array(image.shape) - 1.0
+    inside = [np.clip(sketch, 0.0, corner) for sketch in sketches]
+    lines = [np.column_stack([sketch, np.full(len(sketch), half_width)]) for sketch in inside]
     lines += [sample(curve, POINTS) for curve in fixed]
     count, unit = len(lines), _HALF_WIDTHS_PER_UNIT * half_width
     padded = bucket(count, _FEWEST["curves"], 4)

@@ -27,7 +27,7 @@ class Weights(NamedTuple):
         w̄: what the narrowest r_w of a spline should be, 0 to 1.
     """
 
-    length: float = 0.08
+    length: float = 0.008
     curvature: float = 0.002
     min_width: float = 0.05
     scale: float = 0.05

@@ -12,7 +12,14 @@ import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from napari_splinesketch.engine.blobs import Blobs, Canvas, Place, compose, convolve
+from napari_splinesketch.engine.blobs import (
+    Blobs,
+    Canvas,
+    Place,
+    compose,
+    convolve,
+    keep_in_frame,
+)
 from napari_splinesketch.engine.compile_cache import use_cache
 from napari_splinesketch.engine.paper_fit import (
     PaperFit,
@@ -229,8 +236,12 @@ def _advance(
         updates, optimizer = descend.update(gradient, state.optimizer, state.trained)
         better = loss < state.best_loss
         best = jax.tree.map(partial(jnp.where, better), state.trained, state.best)
+        trained = cast(dict[str, jax.Array], optax.apply_updates(state.trained, updates))
+        if "offsets" in trained:
+            inside = keep_in_frame(trained["centre"], trained["offsets"], problem.place)
+            trained["offsets"] = inside
         return State(
-            cast(dict[str, jax.Array], optax.apply_updates(state.trained, updates)),
+            trained,
             optimizer,
             best,
             jnp.minimum(loss, state.best_loss),
