@@ -1,7 +1,7 @@
 """An engine that answers at once."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,6 +46,8 @@ class FakeEngine:
         What it says of the scene.
     walks
         Whether the curves move on their way, a pixel down each time.
+    curve
+        Makes the curve of a line.
     """
 
     calls: list[dict[str, Any]] = field(default_factory=list)
@@ -54,6 +56,7 @@ class FakeEngine:
     changes: dict[int, dict[str, Any]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     walks: bool = False
+    curve: Callable[..., Curve] = as_drawn
 
     def refine(
         self,
@@ -85,7 +88,7 @@ class FakeEngine:
         call["cancelled"] = cancelled
         if self.error:
             raise self.error
-        curves = [as_drawn(line, **self.changes.get(i, {})) for i, line in enumerate(lines)]
+        curves = [self.curve(line, **self.changes.get(i, {})) for i, line in enumerate(lines)]
         flat = np.full(image.shape, float(np.mean(image)))
         model = SceneModel(
             "dark",

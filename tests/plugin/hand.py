@@ -116,6 +116,17 @@ def drawn(layer: Layer) -> list[np.ndarray]:
     return [np.array(shape) for shape in layer.data]
 
 
+def outlines(layer: Any) -> list[np.ndarray]:
+    """Give the closed lines that the pieces of a layer make: where each begins, and its way."""
+    found, begin, pieces = [], 0, layer.data
+    for end in range(1, len(pieces) + 1):
+        if np.allclose(pieces[begin, 0], pieces[end - 1].sum(axis=0), atol=1e-4):
+            found.append(pieces[begin:end])
+            begin = end
+    assert begin == len(pieces), "a line is open"
+    return found
+
+
 def assert_drawn(line: Any, points: np.ndarray) -> None:
     """Check that a drawn line runs through some of a curve's points, and near to all others."""
     line = np.asarray(line, dtype=float)

@@ -6,8 +6,9 @@ For each action the longest gap between two ticks of a 5 ms timer, and in bracke
 window's own thread was at work in the busiest gap: on an idle machine with a graphics card the two
 are nearly the same; on a busy one, or where a program draws in the place of a card, the gap is
 longer. Beside each number of curves, what napari takes for the like without us: for a bare layer of
-as many lines of as many points. The engine is a stand-in that answers at once, so that only the
-window is measured. --write puts the table into docs/films.md.
+as many lines of as many points. Sketches are lines of six points, as Suggest draws them; curves
+have a hundred. The engine is a stand-in that answers at once, so that only the window is measured.
+--write puts the table into docs/films.md.
 """
 
 import argparse
@@ -22,8 +23,10 @@ from fakes import FakeEngine, as_drawn
 from hand import QTest, add_dock, canvas, canvas_point, click, draw
 from napari.layers import Image, Shapes, Vectors
 from qtpy.QtCore import Qt
+from scipy.interpolate import CubicSpline
 from ticks import Gap, watch
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
@@ -33,6 +36,8 @@ SIZE = 1024
 WORM = 30.0
 BEND = 1.5
 """How far a worm turns from end to end, rad."""
+CORNERS = 6
+"""Points of a sketch."""
 
 Act = Callable[..., None]
 
@@ -46,10 +51,16 @@ def bodies(count: int) -> list[np.ndarray]:
     for i in range(count):
         middle = step * (np.array(divmod(i, side)) + 0.5)
         radius = min(WORM, 0.8 * step) / BEND
-        angle = rng.uniform(0, 2 * np.pi) + np.linspace(-BEND / 2, BEND / 2, 24)
+        angle = rng.uniform(0, 2 * np.pi) + np.linspace(-BEND / 2, BEND / 2, CORNERS)
         arc = radius * np.column_stack([np.sin(angle), np.cos(angle)])
         lines.append(arc - arc.mean(axis=0) + middle)
     return lines
+
+
+def smooth(line: np.ndarray, **changes: Any) -> Curve:
+    """Give the curve that runs through the corners of a line."""
+    through = CubicSpline(np.linspace(0, 1, len(line)), line)
+    return as_drawn(through(np.linspace(0, 1, 400)), **changes)
 
 
 def picture() -> np.ndarray:
@@ -60,7 +71,7 @@ def picture() -> np.ndarray:
 def with_us(count: int) -> dict[str, Gap]:
     """Do what a user does with so many curves; longest gap of each action, s."""
     made: list[np.ndarray] = bodies(count)
-    fake = FakeEngine()
+    fake = FakeEngine(curve=smooth)
     fake.go.set()
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
     engine.refine, engine.warm_up = fake.refine, lambda report: None
@@ -140,7 +151,7 @@ def napari_alone(viewer: Any, count: int, act: Act) -> None:
     """Do with a bare layer what is most like each action."""
     layers = viewer.layers
     lines = bodies(count)
-    curves = [as_drawn(line).points for line in lines]
+    curves = [smooth(line).points for line in lines]
     act("suggest", lambda: layers.append(Shapes(ndim=2, name="sketches")))
     sketches = layers["sketches"]
     sketches.add(lines, shape_type="path")

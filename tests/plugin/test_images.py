@@ -11,7 +11,7 @@ from napari_splinesketch.plugin.adapter import pixels
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
-from .hand import click, refine, refine_all
+from .hand import click, outlines, refine, refine_all
 
 CHUNKS: Any = 64
 LINE = np.array([[60.0, 70], [90, 130]])
@@ -62,8 +62,8 @@ def test_multiscale(
     line = fake.calls[0]["lines"][0]
     there = [reconstruction.data_to_world(point) for point in line]
     np.testing.assert_allclose(there, [image.data_to_world(point) for point in LINE], atol=1e-6)
-    outline = np.array(viewer.layers["slide outlines"].data[0])
-    assert np.ptp(outline @ [2, -1]) == pytest.approx(4 * step * 5**0.5, rel=1e-3)
+    (pieces,) = outlines(viewer.layers["slide outlines"])
+    assert np.ptp(pieces[:, 0] @ [2, -1]) == pytest.approx(4 * step * 5**0.5, rel=1e-3)
 
 
 def test_a_lazy_film(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:

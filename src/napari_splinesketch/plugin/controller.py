@@ -225,6 +225,7 @@ class Controller(SettingsKeeper):
         self.actions.close()
         self.stop_listening()
         self._soon.stop()
+        self._soon_marked.stop()
         choices = self.choices
         for signal in (self.changed, choices.changed, choices.edited, choices.drawn):
             signal.disconnect()
@@ -233,7 +234,7 @@ class Controller(SettingsKeeper):
         layer = self.choices.sketches
         if layer is None or layer.nshapes < MANY:
             self.changed.emit()
-        else:
+        elif not self.progress:  # at the end of what runs, all is looked at anyway
             self._soon()
 
     def _is_meant(self) -> bool:

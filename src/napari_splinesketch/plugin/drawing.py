@@ -12,6 +12,8 @@ _log = logging.getLogger(__name__)
 
 BREATH_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
+FIRST_MS = 5
+"""Before the first one: what has changed the state is still to be seen in the dock."""
 
 
 class Drawing:
@@ -34,7 +36,7 @@ class Drawing:
         self._steps[work] = work.show()
         self._last.setdefault(work, []).append(last)
         if not running:
-            QTimer.singleShot(0, partial(self._go_on, work))
+            QTimer.singleShot(FIRST_MS, partial(self._go_on, work))
 
     def _go_on(self, work: Work) -> None:
         try:

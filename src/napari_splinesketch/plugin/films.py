@@ -6,11 +6,16 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 from napari.layers import Image, Shapes
+from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.actions import Action
 from napari_splinesketch.plugin.adapter.pixels import block_around
-from napari_splinesketch.plugin.adapter.sketches import drawn_in, new_sketch_layer
+from napari_splinesketch.plugin.adapter.sketches import (
+    begin_drawing,
+    drawn_in,
+    new_sketch_layer,
+)
 from napari_splinesketch.plugin.adapter.space import (
     current_frame,
     frame_count,
@@ -18,6 +23,7 @@ from napari_splinesketch.plugin.adapter.space import (
     plane_problem,
 )
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.gently import BREATH_MS
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.records import Line
 from napari_splinesketch.plugin.request import OPEN
@@ -93,7 +99,11 @@ class Films:
         image = controller.choices.image
         if self.problem() or image is None:
             return
-        layer = controller.choices.sketches or new_sketch_layer(controller.viewer, image)
+        layer = controller.choices.sketches
+        if layer is None:
+            # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
+            layer = new_sketch_layer(controller.viewer, image, visible=False)
+            QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
         work = controller.begin(image, layer)
         frame = current_frame(controller.viewer, image)
         height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]

@@ -1,6 +1,7 @@
 """Long changes in short steps, so that the window lives in between."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -31,6 +32,9 @@ def add_shapes(
 ) -> Iterator[slice]:
     """Add shapes to a layer, some at each step; gives which.
 
+    An empty layer is hidden until all but the last few are in it: to draw a layer again and again
+    takes napari longer than to fill it.
+
     Parameters
     ----------
     layer
@@ -43,25 +47,46 @@ def add_shapes(
         Colours and widths, as `Shapes.add` takes them: for all, or a list with one for each.
     """
     made = iter(shapes)
-    for start in range(0, len(kinds), CHUNK):
-        part = slice(start, start + CHUNK)
-        some: dict[str, Any] = {"shape_type": list(kinds[part])}
-        some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
-        layer.add(list(islice(made, CHUNK)), **some)
-        yield part
+    veiled = layer.visible and layer.nshapes == 0 and len(kinds) > CHUNK
+    if veiled:
+        layer.visible = False
+    try:
+        for start in range(0, len(kinds), CHUNK):
+            part = slice(start, start + CHUNK)
+            last = part.stop >= len(kinds)
+            if veiled and last:
+                veiled, layer.visible = False, True
+                yield slice(0, 0)
+            some: dict[str, Any] = {"shape_type": list(kinds[part])}
+            some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+            with nullcontext() if last else layer.block_thumbnail_update():
+                layer.add(list(islice(made, CHUNK)), **some)
+            yield part
+    finally:
+        if veiled:
+            layer.visible = True
 
 
 class Soon:
-    """Calls something at the next turn of the event loop, once however often it is asked for."""
+    """Calls something at the next turn of the event loop, once however often it is asked for.
 
-    def __init__(self, call: Callable[[], object]):
+    Parameters
+    ----------
+    call
+        What is called.
+    after
+        Milliseconds that the window may live before.
+    """
+
+    def __init__(self, call: Callable[[], object], after: int = 0):
         self._timer = QTimer()
         self._timer.setSingleShot(True)
+        self._timer.setInterval(after)
         self._timer.timeout.connect(call)
 
     def __call__(self) -> None:
         """Ask for the call."""
-        self._timer.start(0)
+        self._timer.start()
 
     def stop(self) -> None:
         """Call nothing any more."""

@@ -14,6 +14,7 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.adapter.space import current_frame
 from napari_splinesketch.plugin.choices import Choices
 from napari_splinesketch.plugin.drawing import Drawing
+from napari_splinesketch.plugin.gently import BREATH_MS, MANY, Soon
 from napari_splinesketch.plugin.records import Key, Record, Review, key_of
 from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.work import Work, works_in
@@ -62,6 +63,7 @@ class Keeper:
         self.notice = Notice()
         self._selection: tuple[Key, ...] = ()
         self._drawing = Drawing(self._on_not_shown)
+        self._soon_marked = Soon(self._mark_selected, after=BREATH_MS)
         self.selected_changed.connect(self._look_at_selected)
         self._works = works_in(viewer)
         for work in self._works:
@@ -107,8 +109,10 @@ class Keeper:
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
         chosen = tuple(keys)
-        if self.work:
+        if self.work and len(self.work.records) < MANY:
             self.work.layers.select(chosen)
+        else:
+            self._soon_marked()
         if chosen != self._selection:
             self._selection = chosen
             self.selected_changed.emit()
@@ -214,10 +218,14 @@ class Keeper:
     def _on_selected(self, work: Work) -> None:
         if work is self.work and work.layers.selection() != self._selection:
             self._selection = work.layers.selection()
-            # Later: napari is still busy with the click.
-            QTimer.singleShot(0, work.layers.emphasise)
+            # Later: napari is still busy with the click, and with its own mark of the curve.
+            QTimer.singleShot(BREATH_MS, work.layers.emphasise)
             self.selected_changed.emit()
             self.changed.emit()
+
+    def _mark_selected(self) -> None:
+        if self.work:
+            self.work.layers.select(self.selection)
 
     def _look_at_selected(self) -> None:
         if self.work:
@@ -237,7 +245,7 @@ class Keeper:
 
     def _on_shown(self, work: Work, last: Callable[[], None]) -> None:
         if work is self.work:
-            work.layers.select(self.selection)
+            self._mark_selected()
         last()
         self.changed.emit()
 

@@ -1,14 +1,20 @@
 """The review panel comes when the user asks for it."""
 
+from contextlib import suppress
 from typing import Any
+from weakref import ref
 
 from psygnal import Signal
+from qtpy.QtWidgets import QWidget
 
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.gently import Soon
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 from napari_splinesketch.plugin.review.reviewing import Reviewing
 
 NAME = "Curves"
+LAYOUT_MS = 20
+"""In which Qt finds a place for everything in a window."""
 
 
 class PanelKeeper:
@@ -32,6 +38,8 @@ class PanelKeeper:
         self.reviewing = Reviewing(controller)
         self.panel: ReviewPanel | None = None
         self._controller = controller
+        self._waiting: ref[QWidget] | None = None
+        self._soon = Soon(self._paint, after=LAYOUT_MS)
 
     def show_or_hide(self) -> None:
         """Show the panel if it is not there, hide it if it is."""
@@ -45,7 +53,8 @@ class PanelKeeper:
         if self.panel is None:
             self.panel = ReviewPanel(self._controller, self.reviewing)
             self.panel.closed.connect(self._on_closed)
-            self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
+            added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
+            self._paint_later(added.window())
         self.toggled.emit(True)
 
     def hide(self) -> None:
@@ -62,3 +71,15 @@ class PanelKeeper:
     def _window(self) -> Any:
         # Only a viewer with a window has a dock to press the button in.
         return getattr(self._controller.viewer, "window")  # noqa: B009
+
+    def _paint_later(self, window: QWidget) -> None:
+        """Let a window paint once its layout stands: the canvas would be painted at each change."""
+        window.setUpdatesEnabled(False)
+        self._waiting = ref(window)
+        self._soon()
+
+    def _paint(self) -> None:
+        window = self._waiting() if self._waiting else None
+        if window is not None:
+            with suppress(RuntimeError):  # Qt has deleted it
+                window.setUpdatesEnabled(True)

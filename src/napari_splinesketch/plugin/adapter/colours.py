@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
+from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.look import COLOURS
@@ -50,6 +52,16 @@ def colours_of(curves: Sequence[Curve], by: ColourBy, ruler: Ruler) -> list[str]
     return [_on_ramp(value, scale) for value in _numbers(curves, by, ruler)]
 
 
+def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
+    """Give colours as napari keeps them."""
+    return np.array([_rgba(colour) for colour in colours], dtype=np.float32).reshape(-1, 4)
+
+
+@cache
+def _rgba(colour: str) -> tuple[float, ...]:
+    return *(value / 255 for value in bytes.fromhex(colour[1:])), 1.0
+
+
 def _numbers(curves: Sequence[Curve], by: ColourBy, ruler: Ruler) -> list[float]:
     if by == "status":
         return []
@@ -60,7 +72,7 @@ def _on_ramp(value: float, scale: Scale) -> str:
     if not np.isfinite(value):
         return UNKNOWN
     share = (value - scale.low) / (scale.high - scale.low) if scale.high > scale.low else 0.5
-    stops = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in RAMP])
+    stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
     at = share * (len(RAMP) - 1)
     mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]
     return "#{:02x}{:02x}{:02x}".format(*mixed)

@@ -1,6 +1,6 @@
-"""A layer with a line for each curve, brought in step with what is known."""
+"""The layer with a line for each curve, brought in step with what is known."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -30,26 +30,10 @@ class CurveLines:
         Where they are.
     image
         What the curves lie on.
-    draw
-        Gives the line of a curve, px; of its points, only those that the eye sees are drawn.
-    factor
-        Breadth of the lines, relative.
-    marked
-        Whether numbers and marks are written beside the curves.
     """
 
-    def __init__(
-        self,
-        layer: Shapes,
-        image: Image,
-        draw: Callable[[Curve], Float[np.ndarray, "N 2"]],
-        *,
-        factor: float = 1.0,
-        marked: bool = False,
-    ):
-        self.layer = layer
-        self._image, self._draw = image, draw
-        self._factor, self._marked = factor, marked
+    def __init__(self, layer: Shapes, image: Image):
+        self.layer, self._image = layer, image
         self._curves: tuple[Curve, ...] = ()
         self._records: list[Record] = []
         self._colours: list[str] = []
@@ -85,11 +69,10 @@ class CurveLines:
         for done in add_shapes(
             self.layer,
             self._lines(fresh),
-            # Outlines too: napari takes 50 ms to fill a polygon that nobody sees filled.
             ["path"] * len(fresh),
             edge_color=colours,
             face_color="transparent",
-            edge_width=breadths(curves, self._factor),
+            edge_width=breadths(curves),
         ):
             self._curves = (*self._curves, *curves[done])
             self._colours = [*self._colours, *colours[done]]
@@ -112,7 +95,7 @@ class CurveLines:
         """Draw curves, some at a time when they are needed."""
         for start in range(0, len(records), CHUNK):
             some = records[start : start + CHUNK]
-            lines = thinned([self._draw(record.curve) for record in some])
+            lines = thinned([record.curve.points for record in some])
             for record, line in zip(some, lines, strict=True):
                 yield in_stack(self._image, record.frame, line)
 
@@ -142,8 +125,7 @@ class CurveLines:
             self.layer.features = features(records)
             self._known = self.keys()
             self._written = frozenset(self._known)
-            if self._marked:
-                self._write_marks()
+            self._write_marks()
         colours = colours_of(self._curves, *look)
         if colours and colours != self._colours:
             self._colours = colours
@@ -170,7 +152,7 @@ class CurveLines:
         }
 
 
-def breadths(curves: Sequence[Curve], factor: float = 1.0) -> list[float]:
+def breadths(curves: Sequence[Curve]) -> list[float]:
     """Breadth of each curve's line, px."""
-    unit = factor * breadth(curves)
+    unit = breadth(curves)
     return [unit * BREADTHS[curve.status] for curve in curves]

@@ -7,7 +7,7 @@ from napari.components import ViewerModel
 from napari.layers import Image
 
 from napari_splinesketch.plugin.adapter.film import Film, Patch
-from napari_splinesketch.plugin.adapter.roles import look_of
+from napari_splinesketch.plugin.adapter.roles import look_of, put
 from napari_splinesketch.plugin.adapter.space import frame_shape, placement_on
 
 
@@ -58,5 +58,5 @@ class ModelPicture:
         self._layer = Image(
             cast(Any, film), multiscale=False, visible=visible, **look, **self._keywords, **where
         )
-        self._viewer.layers.insert(self._viewer.layers.index(self._image) + 1, self._layer)
+        put(self._viewer, self._layer, self._viewer.layers.index(self._image) + 1)
         yield self._layer

@@ -10,7 +10,7 @@ from napari.components import ViewerModel
 from napari.layers import Image, Vectors
 
 from napari_splinesketch.plugin.adapter.pieces import pieces
-from napari_splinesketch.plugin.adapter.roles import ROLE, undisturbed
+from napari_splinesketch.plugin.adapter.roles import ROLE, put, undisturbed
 from napari_splinesketch.plugin.adapter.sketches import line_style
 from napari_splinesketch.plugin.adapter.space import in_stack, placement
 
@@ -45,8 +45,7 @@ class Preview:
         layer = self._layer
         if layer is None:
             self._layer = self._made()
-            with undisturbed(self._viewer):
-                self._viewer.layers.append(self._layer)
+            put(self._viewer, self._layer)
         elif layer in self._viewer.layers:
             stack = [in_stack(self._image, frame, line) for line in lines]
             layer.data = np.concatenate(pieces(stack))

@@ -14,9 +14,9 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch.plugin.adapter.colours import ColourBy
 from napari_splinesketch.plugin.adapter.curve_lines import CurveLines, Look, breadths
 from napari_splinesketch.plugin.adapter.highlight import Highlight
-from napari_splinesketch.plugin.adapter.look import has_outline, outline
 from napari_splinesketch.plugin.adapter.model_picture import ModelPicture
-from napari_splinesketch.plugin.adapter.roles import OWNER, ROLE, Known, Role, undisturbed
+from napari_splinesketch.plugin.adapter.outlines import Outlines
+from napari_splinesketch.plugin.adapter.roles import OWNER, ROLE, Known, Role, put, undisturbed
 from napari_splinesketch.plugin.adapter.space import placement
 from napari_splinesketch.plugin.gently import BREATH_MS
 from napari_splinesketch.plugin.measures import Ruler
@@ -57,16 +57,22 @@ class ResultLayers:
         self._name = name
         self._model = ModelPicture(viewer, owner.image, self._keywords("reconstruction"))
         self._highlight = Highlight(viewer, owner.image, self._keywords("selected"))
+        self._outlines = Outlines(viewer, owner.image, self._keywords("outlines"))
+        self._veiled = False
         self._curves: CurveLines | None = None
-        self._outlines: CurveLines | None = None
         self._busy = False
 
     def layer(self, role: Role) -> Layer | None:
         """Give the layer of a role, or None where there is none or the user removed it."""
-        if role in ("reconstruction", "selected"):
-            return (self._model if role == "reconstruction" else self._highlight).layer
-        lines = self._curves if role == "curves" else self._outlines
-        return lines.layer if lines and lines.layer in self._viewer.layers else None
+        if role == "curves":
+            lines = self._curves
+            return lines.layer if lines and lines.layer in self._viewer.layers else None
+        others = {
+            "outlines": self._outlines,
+            "reconstruction": self._model,
+            "selected": self._highlight,
+        }
+        return others[role].layer
 
     def colour(self, by: ColourBy, ruler: Ruler) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
@@ -80,7 +86,7 @@ class ResultLayers:
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        steps = (self._show_model, self._add_outlines, self._add_curves)
+        steps = (self._show_model, self._add_outlines, self._add_curves, self._add_highlight)
         for step in (*steps, self._fill_outlines, self._fill_curves):
             yield from self._quietly(step())
             yield
@@ -103,7 +109,7 @@ class ResultLayers:
             for layer in (self.layer("outlines"), self.layer("selected")):
                 if layer is not None:
                     self._viewer.layers.remove(layer)
-        self._curves = self._outlines = None
+        self._curves = None
 
     def missing(self) -> set[Key]:
         """(frame, id) of the curves that the user has deleted from their layer."""
@@ -150,36 +156,43 @@ class ResultLayers:
             yield
 
     def _add_outlines(self) -> Iterator[None]:
-        if self.layer("outlines") is None and self._owner.records:
-            layer = self._added("outlines")
-            self._outlines = CurveLines(layer, self._image, outline, factor=0.5)
+        if self._outlines.layer is None and self._owner.records:
+            layer = self._outlines.make(visible=False)
+            layer.events.visible.connect(self._on_visible)
+            self._veiled = True
             yield
 
     def _fill_outlines(self) -> Iterator[None]:
-        if self._outlines and self.layer("outlines"):
-            kept = [record for record in self._owner.records if has_outline(record.curve)]
-            yield from self._outlines.show(kept, self._look)
+        if self._outlines.layer is not None:
+            yield from self._outlines.show(self._owner.records, self._look)
+        if self._veiled and self._outlines.layer is not None:
+            self._veiled, self._outlines.layer.visible = False, True
 
     def _add_curves(self) -> Iterator[None]:
         if self.layer("curves") is None and self._owner.records:
-            layer = self._added("curves")
-            self._curves = CurveLines(layer, self._image, lambda curve: curve.points, marked=True)
+            layer = Shapes(
+                ndim=self._image.ndim,
+                visible=False,
+                **self._keywords("curves"),
+                **placement(self._image),
+            )
+            put(self._viewer, layer)
+            self._curves = CurveLines(layer, self._image)
+            layer.events.visible.connect(self._on_visible)
             layer.events.data.connect(self._on_data)
             layer.selected_data.events.items_changed.connect(self._on_selected)
             layer.mouse_drag_callbacks.append(self._on_press)
+            yield from _unveiled(layer)
+
+    def _add_highlight(self) -> Iterator[None]:
+        if self._highlight.layer is None and self._owner.records:
+            self._highlight.make()
             yield
 
     def _fill_curves(self) -> Iterator[None]:
         if self._curves and self.layer("curves"):
             yield from self._curves.show(self._owner.records, self._look)
             self.emphasise()
-
-    def _added(self, role: Role) -> Shapes:
-        """Put an empty layer of lines on top of all."""
-        layer = Shapes(ndim=self._image.ndim, **self._keywords(role), **placement(self._image))
-        self._viewer.layers.append(layer)
-        layer.events.visible.connect(self._on_visible)
-        return layer
 
     def _keywords(self, role: Role) -> dict[str, Any]:
         return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
@@ -194,6 +207,8 @@ class ResultLayers:
             self._busy = False
 
     def _on_visible(self, event: Any) -> None:
+        if self._busy:
+            return
         curves, mark = self.layer("curves"), self.layer("selected")
         if event.source is curves and curves is not None and mark is not None:
             mark.visible = curves.visible
@@ -219,3 +234,12 @@ class ResultLayers:
     def _on_selected(self) -> None:
         if not self._busy:
             self.selected.emit()
+
+
+def _unveiled(layer: Shapes) -> Iterator[None]:
+    """Show a layer that was added hidden: napari takes as long to draw it first as to add it."""
+    try:
+        yield
+    finally:
+        layer.visible = True
+    yield

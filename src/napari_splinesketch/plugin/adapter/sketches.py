@@ -102,15 +102,28 @@ def selected_in(layer: Shapes) -> frozenset[int]:
     return frozenset(layer.selected_data) if layer.mode in SELECTING else frozenset()
 
 
-def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
-    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view."""
+def new_sketch_layer(viewer: ViewerModel, image: Image, *, visible: bool = True) -> Shapes:
+    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view.
+
+    A layer that is not to be visible yet gets ready by `begin_drawing`.
+    """
     style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
-    layer = Shapes(ndim=image.ndim, name=image.name + SUFFIX, **style, **placement(image))
+    layer = Shapes(
+        ndim=image.ndim, name=image.name + SUFFIX, visible=visible, **style, **placement(image)
+    )
     viewer.layers.append(layer)
     layer.current_edge_color = style["edge_color"]
     layer.current_edge_width = style["edge_width"]
-    layer.mode = "add_line"
+    if visible:
+        begin_drawing(layer)
     return layer
+
+
+def begin_drawing(layer: Shapes) -> None:
+    """Let the user draw lines into a layer."""
+    if not layer.visible:
+        layer.visible = True
+    layer.mode = "add_line"
 
 
 def draw_or_select(viewer: ViewerModel, sketches: Shapes, curves: Layer | None) -> None:

@@ -1,6 +1,6 @@
 """Suggested lines in the user's own layer: added, and taken back while they are as they came."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -53,7 +53,7 @@ class SuggestedLines:
             yield
         fresh = [one for one in wanted if one not in self._shown]
         if fresh:
-            shapes = [self._vertices(one) for one in fresh]
+            shapes = self._vertices(fresh)
             self._shown |= dict(zip(fresh, shapes, strict=True))
             image = self._image
             style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
@@ -67,10 +67,11 @@ class SuggestedLines:
             self._sketches.selected_data = set()
             self._sketches.remove(found)
 
-    def _vertices(self, one: Suggestion) -> np.ndarray:
-        points = in_stack(self._image, one.frame, one.line)
+    def _vertices(self, some: Sequence[Suggestion]) -> list[np.ndarray]:
+        points = np.concatenate([in_stack(self._image, one.frame, one.line) for one in some])
         vertices = from_pixels(self._viewer, self._image, self._sketches, points)
-        return vertices.astype(np.float32)
+        ends = np.cumsum([len(one.line) for one in some])[:-1]
+        return np.split(vertices.astype(np.float32), ends)
 
 
 def _print(vertices: np.ndarray) -> bytes:
