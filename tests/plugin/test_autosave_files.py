@@ -2,6 +2,7 @@
 
 import json
 import random
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,17 @@ from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid
 from napari_splinesketch.plugin.autosave.coding import Shape
-from napari_splinesketch.plugin.autosave.folder import EVERY, Folder, Page, Session, read, summary
+from napari_splinesketch.plugin.autosave.folder import (
+    EVERY,
+    Folder,
+    Page,
+    Session,
+    Summary,
+    read,
+    summary,
+)
+from napari_splinesketch.plugin.autosave.offer_box import LISTED, describe
+from napari_splinesketch.plugin.autosave.saver import Offer
 from napari_splinesketch.plugin.records import Record
 
 from .fakes import as_drawn
@@ -183,3 +194,12 @@ def test_a_newer_format_is_not_touched(tmp_path: Path) -> None:
     head.write_text(newer, encoding="utf-8")
     with pytest.raises(LabelsError, match="newer version"):
         summary(tmp_path)
+
+
+@pytest.mark.parametrize("count", [1, LISTED, LISTED + 3])
+def test_much_saved_work_is_told_in_few_lines(tmp_path: Path, count: int) -> None:
+    now = datetime.now(UTC)
+    offers = [Offer(tmp_path, Summary(f"layer {i}", 2, 1, 1, now, "")) for i in range(count)]
+    told = describe(offers).split("<br>")
+    assert len(told) == (1 if count == 1 else 1 + min(count, LISTED) + (count > LISTED))
+    assert ("and 3 more" in told) == (count > LISTED)

@@ -12,6 +12,9 @@ from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.text_label import TextLabel
 
+LISTED = 4
+"""Of several; more would push the rest of the dock out of view."""
+
 
 class OfferBox(QFrame):
     """Says what was found, with a button to go on and one to start anew; hidden otherwise.
@@ -66,7 +69,10 @@ def describe(offers: Sequence[Offer]) -> str:
     """Say what was saved, and when; rich text."""
     if len(offers) < 2:
         return "".join(f"<b>Saved work</b> ({_when(o.summary.saved)}): {_held(o)}." for o in offers)
-    lines = [f"• {escape(o.summary.layer)} ({_when(o.summary.saved)}): {_held(o)}" for o in offers]
+    shown = offers[:LISTED]
+    lines = [f"• {escape(o.summary.layer)} ({_when(o.summary.saved)}): {_held(o)}" for o in shown]
+    if len(offers) > LISTED:
+        lines.append(f"and {len(offers) - LISTED} more")
     return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *lines])
 
 
