@@ -47,6 +47,7 @@ class Cluster:
         # What Dask has to say when a connection ends, we say in a sentence.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
+            _knock(self._address)
             client = Client(self._address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:  # no answer, or no address at all
             raise ValueError(
@@ -83,3 +84,18 @@ class Cluster:
     def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
         """Give a task to the cluster."""
         return self._executor.submit(work, task)
+
+
+def _knock(address: str) -> None:
+    """Raise what Dask raises where no scheduler answers.
+
+    A client that finds none would leave its thread behind, and give it to nobody to be closed.
+    """
+    from distributed.comm.core import connect
+    from distributed.utils import LoopRunner
+
+    async def greet() -> None:
+        comm = await connect(address, timeout=PATIENCE)
+        await comm.close()
+
+    LoopRunner().run_sync(greet)

@@ -30,17 +30,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(arguments)
     commands = {"demo": _demo, "refine": _refine, "suggest": _suggest, "track": _track}
     commands |= {"convert": _convert, "compare": _compare, "export-training": _export_training}
+    kept = options.command in ("refine", "suggest", "track")
     try:
         return commands[options.command](options)
     except ConnectionError as error:
-        _say(f"{error}; {KEPT}")
-        return report.INTERRUPTED
+        _say(f"{error}; {KEPT}" if kept else str(error))
+        return report.INTERRUPTED if kept else report.NOTHING
     except (ValueError, OSError) as error:
         # What the user can mend is said in one sentence; anything else is our mistake and shows.
         _say(f"napari-splinesketch {options.command}: {_sentence(error)}")
         return report.NOTHING
     except KeyboardInterrupt:
-        kept = options.command in ("refine", "suggest", "track")
         _say(f"interrupted; {KEPT}" if kept else "interrupted")
         return report.INTERRUPTED
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Real
 
-from napari_splinesketch.cli.images import Frames, ImageError, open_frames
+from napari_splinesketch.cli.images import Frames, ImageError, is_url, open_frames
 
 
 class UnreachableError(ImageError):
@@ -41,7 +41,7 @@ class Source:
     @classmethod
     def of(cls, pattern: str, channel: int | None, z: int | None, images: Frames) -> "Source":
         """Name an open image so that other processes find it, whatever folder they are in."""
-        if "://" not in pattern:
+        if not is_url(pattern):
             pattern = str(Path(pattern).absolute())
         return cls(pattern, channel, z, images.count)
 

@@ -112,6 +112,8 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
         found = task.finder.find(image, progress)
     except UnreachableError as error:
         return failed(task, words(error), reached=False)
+    except ConnectionError:  # where the image is: other frames would fail too
+        raise
     except Exception as error:  # one bad frame must not stop the others
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)

@@ -50,6 +50,8 @@ class Frames:
             raise ImageError(f"no frame {index}: {self.name} has {self.count}, counted from 0")
         try:
             pixels = np.asarray(self.read(index))
+        except ConnectionError:  # not the frame's fault: the next one would fail too
+            raise
         except Exception as error:  # image libraries raise anything on a broken file
             raise ImageError(f"{self.name}, frame {index}: cannot be read ({error})") from error
         if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
@@ -68,7 +70,8 @@ def open_frames(
     Parameters
     ----------
     pattern
-        Name of a TIFF, PNG, OME-Zarr, AVI or MP4, of a folder with one image a frame, or a glob.
+        Name of a TIFF, PNG, OME-Zarr, AVI or MP4, of a folder with one image a frame, a glob, or
+        the URL of an OME-Zarr.
     channel
         Which channel of a multi-channel image, from 0.
     z
@@ -77,14 +80,19 @@ def open_frames(
     path = Path(pattern)
     if path.is_file():
         opener = _file(path, channel, z)
-    elif _is_zarr(path):
+    elif is_url(pattern) or _is_zarr(path):
         from napari_splinesketch.cli.zarr_image import open_zarr
 
-        opener = open_zarr(path, channel, z)
+        opener = open_zarr(pattern, channel, z)
     else:
         opener = _folder(pattern, channel, z)
     with opener as frames:
         yield frames
+
+
+def is_url(pattern: str) -> bool:
+    """Tell an address on the network from a name here."""
+    return "://" in pattern
 
 
 def _is_zarr(path: Path) -> bool:

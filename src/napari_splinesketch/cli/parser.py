@@ -45,7 +45,8 @@ Refine the sketches on every frame that has some. Curves come back in the order 
 numbers of the sketches; a sketch that cannot be refined comes back as drawn, "failed".
 
 IMAGE is a TIFF (ImageJ hyperstacks and OME-TIFF too), PNG, OME-Zarr, AVI or MP4, a folder with
-one image for each frame, or a glob in quotes ("day1/*.png"). SKETCHES is any file of lines that
+one image for each frame, a glob in quotes ("day1/*.png"), or the URL of an OME-Zarr (https://...,
+s3://...). SKETCHES is any file of lines that
 can be read: a Shapes layer saved by napari, ImageJ ROIs, labels of an earlier run, ...
 
 examples:

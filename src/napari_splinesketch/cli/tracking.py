@@ -111,6 +111,8 @@ def _track_frame(
             on_progress=lambda progress: report(progress),
         )
         error = tracked.error or None
+    except ConnectionError:  # where the film is: other frames would fail too
+        raise
     except Exception as reason:  # one bad frame must not stop the others
         error = words(reason)
     curves |= dict(zip(tracked.ids, tracked.curves, strict=True))

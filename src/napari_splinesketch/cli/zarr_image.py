@@ -1,26 +1,37 @@
-"""OME-Zarr (and plain Zarr arrays), read one frame at a time."""
+"""OME-Zarr (and plain Zarr arrays), in a folder or behind a URL, read one frame at a time."""
 
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.cli.images import Frames, ImageError, choose_planes
+from napari_splinesketch.cli.images import Frames, ImageError, choose_planes, is_url
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
+PAUSES = (1.0, 5.0)
+"""How long a server that fails is left in peace before it is asked again, s."""
 
 
 @contextmanager
-def open_zarr(path: Path, channel: int | None, z: int | None) -> Iterator[Frames]:
-    """Open the finest level of an OME-Zarr image, or a Zarr array (frames, rows, columns)."""
+def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Frames]:
+    """Open the finest level of an OME-Zarr image, or a Zarr array (frames, rows, columns).
+
+    Parameters
+    ----------
+    address
+        A folder, or a URL that fsspec knows, such as https://... or s3://...
+    channel, z
+        Which channel, and which plane, as in `open_frames`.
+    """
     try:
         import zarr
     except ImportError:
-        raise ImageError(f"{path}: Zarr needs a library; pip install zarr") from None
+        raise ImageError(f"{address}: Zarr needs a library; pip install zarr") from None
     try:
-        node: Any = zarr.open(str(path), mode="r")
+        node: Any = zarr.open(address, mode="r")
         scale = units = None
         axes = "TCZYX"
         if isinstance(node, zarr.Group):
@@ -31,12 +42,47 @@ def open_zarr(path: Path, channel: int | None, z: int | None) -> Iterator[Frames
             node = node[level["path"]]
         shape, leading = tuple(node.shape), len(node.shape) - 2
         axes = axes if len(axes) == len(shape) else "T" * leading + "YX"
-    except Exception as error:  # zarr raises anything on a broken store
-        raise ImageError(f"{path}: cannot be read as OME-Zarr ({error})") from error
+    except ImportError as error:  # fsspec says which one
+        raise ImageError(
+            f"{address}: needs a library ({error}); for https and s3, "
+            "pip install 'napari-splinesketch[remote]'"
+        ) from None
+    except Exception as error:  # zarr raises anything on a broken store, and where none answers
+        remedy = "; check the address, and whether its server answers" if is_url(address) else ""
+        raise ImageError(f"{address}: cannot be read as OME-Zarr ({error}){remedy}") from error
     if leading < 0 or not axes.endswith("YX"):
-        raise ImageError(f"{path}: axes are {axes}; expected rows and columns (y, x) last")
-    count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
-    yield Frames(path.name, count, lambda i: np.asarray(node[place(i)]), scale, units)
+        raise ImageError(f"{address}: axes are {axes}; expected rows and columns (y, x) last")
+    name = PurePath(address.split("?")[0]).name
+    count, place = choose_planes(name, axes[:leading], shape[:leading], channel, z)
+
+    def read(index: int) -> np.ndarray:
+        return np.asarray(node[place(index)])
+
+    patient = _patient(read, address, lambda: zarr.open(address, mode="r"))
+    yield Frames(name, count, patient if is_url(address) else read, scale, units)
+
+
+def _patient(
+    read: Callable[[int], np.ndarray], address: str, ask: Callable[[], object]
+) -> Callable[[int], np.ndarray]:
+    """Try a frame again where a server fails; ConnectionError where it does not answer at all."""
+
+    def read_again(index: int) -> np.ndarray:
+        for pause in PAUSES:
+            try:
+                return read(index)
+            except Exception:  # every kind of store has its own
+                time.sleep(pause)
+        try:
+            return read(index)
+        except Exception:
+            try:
+                ask()
+            except Exception as error:
+                raise ConnectionError(f"{address} does not answer any more ({error})") from None
+            raise
+
+    return read_again
 
 
 def _image(attributes: Mapping[str, Any]) -> Mapping[str, Any]:
