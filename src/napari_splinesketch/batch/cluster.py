@@ -91,11 +91,13 @@ def _knock(address: str) -> None:
 
     A client that finds none would leave its thread behind, and give it to nobody to be closed.
     """
+    from distributed import Security
     from distributed.comm.core import connect
     from distributed.utils import LoopRunner
 
     async def greet() -> None:
-        comm = await connect(address, timeout=PATIENCE)
+        certificates = Security().get_connection_args("client")  # as a client finds them
+        comm = await connect(address, timeout=PATIENCE, **certificates)
         await comm.close()
 
     LoopRunner().run_sync(greet)
