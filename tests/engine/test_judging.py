@@ -87,3 +87,10 @@ def test_a_body_without_a_sketch_is_taken_where_it_explains_something(image):
     assert rows_of(judged(image, trial(10, 40), with_one)) == pytest.approx([10, 40, 56])
     image[54:59] = 0.0
     assert rows_of(judged(image, trial(10, 40), with_one)) == pytest.approx([10, 40])
+
+
+def test_something_strong_elsewhere_does_not_draw_a_curve_away(image):
+    image[38:43, 10:71] = 3.0
+    other = Trial(0, [Start(line(40), True, body=body(40, brightness=3.0))])
+    found = judged(image, other, trial(10), rows=(12,))
+    assert rows_of(found) == pytest.approx([10])

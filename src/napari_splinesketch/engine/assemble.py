@@ -14,7 +14,12 @@ from napari_splinesketch.engine.fit_scene import SceneFit
 from napari_splinesketch.engine.fitting import Body
 from napari_splinesketch.engine.scene import Scene
 from napari_splinesketch.engine.solver import SLOPE_UNIT
-from napari_splinesketch.engine.standard_error import beside_others, standard_error, unexplained
+from napari_splinesketch.engine.standard_error import (
+    BESIDE,
+    beside_others,
+    standard_error,
+    unexplained,
+)
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
 
 
@@ -71,11 +76,13 @@ def _curves(
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
-    everything = np.concatenate([*centres, *(b.points() for b in (*fit.fixed, *fit.beside))])
+    everything = [*centres, *(b.points() for b in (*fit.fixed, *fit.beside))]
     twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
     usual_length = float(np.median([spline.arc_length(c)[-1] for c in centres]))
     misfit = unexplained(seen, residual)
-    for i, (body, sketch) in enumerate(zip(fit.bodies, sketches, strict=True)):
+    widths = [float(np.exp(b["log_width_0"])) for b in fit.bodies]
+    beside = assess.neighbours(everything, BESIDE * max(widths))
+    for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         core = rests[i][body.own > assess.CORE * body["contrast"]]
         reasons = assess.doubts(centres[i], sketch, core, seen.noise, seen.normal.shape)
         if not body.settled:
@@ -84,8 +91,7 @@ def _curves(
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         u = assess.uniform(body.knots)
         points = spline.basis(len(body.knots), u) @ body.knots
-        others = np.delete(everything, np.s_[100 * i : 100 * i + 100], axis=0)
-        near = beside_others(points, others, float(np.exp(body["log_width_0"])))
+        near = beside_others(points, [everything[k] for k in others], widths[i])
         sd = standard_error(body, u, misfit, near)
         evidence = doubt.collect(
             points, sd, near, sketch, body["contrast"], fit.starts[i].margin, usual_length

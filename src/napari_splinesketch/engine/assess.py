@@ -1,5 +1,7 @@
 """From fitted parameters to curves: points, widths, standard errors, and what looks wrong."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float
 
@@ -112,14 +114,21 @@ def doubts(
     return found
 
 
+def neighbours(curves: list[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:
+    """Say of each curve which others' bounding boxes come within `reach` of its own."""
+    low = np.array([c.min(0) for c in curves]).reshape(-1, 2)
+    high = np.array([c.max(0) for c in curves]).reshape(-1, 2)
+    for i in range(len(curves)):
+        near = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        near[i] = False
+        yield np.flatnonzero(near).tolist()
+
+
 def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
     """Curves that run within `reach` of another for much of their length, with its number."""
     found = {}
-    low = np.array([c.min(0) for c in curves]).reshape(-1, 2) - reach
-    high = np.array([c.max(0) for c in curves]).reshape(-1, 2) + reach
-    for i, a in enumerate(curves):
-        meets = np.flatnonzero(((low <= high[i]) & (high >= low[i])).all(1))
-        for j in meets[meets != i].tolist():
+    for i, (a, beside) in enumerate(zip(curves, neighbours(curves, reach), strict=True)):
+        for j in beside:
             apart = np.linalg.norm(a[::4, None] - curves[j][None, ::2], axis=2).min(1)
             if (apart < reach).mean() > share:
                 found[i] = j

@@ -125,9 +125,8 @@ def explained_by(graph: TraceGraph, fixed: list[Line], half_width: float) -> Boo
     done = np.zeros(len(graph.pieces), dtype=bool)
     if not fixed or not len(done):
         return done
-    middles = np.array([p[len(p) // 2] for p in graph.pieces])
     for line in fixed:
-        apart = np.linalg.norm(middles[:, None] - line[None, ::2], axis=2).min(1)
+        apart = np.linalg.norm(graph.middles[:, None] - line[None, ::2], axis=2).min(1)
         done |= apart < EXPLAINED * half_width
     return done
 

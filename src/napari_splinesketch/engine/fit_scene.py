@@ -23,6 +23,8 @@ MOST_WEIGHED = 60
 TRIM = 1.5
 """A body alone is polished from its coarse fit without so many half-widths at either end: ends
 find their place better from within."""
+ENOUGH = 8
+"""So many of 64 points in the image are a curve to begin with."""
 LOOSE_FIT = 0.1
 """Half-widths, at least LOOSE_FIT_PX, that knots may miss a traced path by (rms)."""
 LOOSE_FIT_PX = 0.15
@@ -148,7 +150,9 @@ def _comparison(
     """Fits of candidate paths, coarser than the final one."""
     soft = ndimage.gaussian_filter(seen.normal, level.blur * seen.half_width)
 
-    def fit(lines: list[Line], replica, still: list[tuple[int, int]]) -> list[Body]:
+    def fit(
+        lines: list[Line], replica, still: list[tuple[int, int]], part: tuple[float, float]
+    ) -> list[Body]:
         priors = bands.default_priors(len(lines) + len(still), seen.half_width)
         theta = _begin(lines, priors, COARSE_KNOTS)
         if still:
@@ -157,7 +161,9 @@ def _comparison(
             replica = np.concatenate([replica, [r for r, _ in still]])
         return fitting.fit_level(
             soft, seen, theta, priors, level, replica=replica, moving=len(lines),
-            report=lambda done, _: report("comparing paths", 0.05 + 0.3 * done),
+            report=lambda done, _: report(
+                "comparing paths", 0.05 + 0.3 * float(np.interp(done, (0, 1), part))
+            ),
         )  # fmt: skip
 
     return trials.Comparison(soft, level.stride(seen.half_width) ** 2, fit)
@@ -191,14 +197,20 @@ def _begin(lines: list[Line], priors: bands.Priors, knots: int, **overrides: flo
 
 
 def _resume(
-    start: trials.Start, alone: bool, mean: Float[Array, " G"], knots: int, half_width: float
+    start: trials.Start, alone: bool, mean: Float[Array, " G"], knots: int, seen: Scene
 ) -> Float[Array, " D"]:
-    """Where a polish begins: on the curve fitted along the path, or on the path itself."""
+    """Where a polish begins: on the curve fitted along the path, or on the path itself.
+
+    What a coarse fit makes of a body outside the image is not taken on.
+    """
     if start.body is None:
         return bands.start_values(spline.fit_knots(start.line, knots), mean)
     line = start.body.points(64)
+    inside = ((line >= 0) & (line < seen.normal.shape)).all(1)
+    if inside.sum() > ENOUGH:
+        line = line[inside]
     if alone:
-        line = spline.trimmed(line, TRIM * half_width)
+        line = spline.trimmed(line, TRIM * seen.half_width)
         return bands.start_values(spline.fit_knots(line, knots), mean)
     return bands.start_values(spline.fit_knots(line, knots), start.body.parameters)
 
@@ -226,10 +238,7 @@ def _polish(seen, starts, alone, groups, fixed, corner, settings: Settings, prio
         count = len(members)
         mine = priors.of([*members, *range(len(starts), len(starts) + len(fixed))])
         theta = np.array(
-            [
-                _resume(starts[i], i in alone, priors.mean[0], knots, seen.half_width)
-                for i in members
-            ]
+            [_resume(starts[i], i in alone, priors.mean[0], knots, seen) for i in members]
         )
         if fixed:
             theta = np.concatenate([theta, _still(fixed, corner, knots, priors)])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import distance
 
 from napari_splinesketch.engine import fitting, smooth_paths
 from napari_splinesketch.engine.doubt import NO_RIVAL
@@ -16,6 +17,11 @@ DIFFERENT = 0.7
 """Curves further apart than this, half-widths, are not the same."""
 MIXED = 3
 """So many of the best sets are improved by taking single curves from others."""
+FEW = 12
+CLEAR = 2.0
+ELSEWHERE = 0.7
+"""So many points tell where a curve lies: elsewhere when so many half-widths from the others with
+so much of it."""
 
 Line = Float[Array, "N 2"]
 
@@ -59,7 +65,7 @@ class _Mixer:
         self._count, self._number = len(trials), len(sketches)
         every = [b for t in trials for b in (*t.bodies, *t.still)]
         pixels = np.unique(np.concatenate([b.pixels for b in every]))
-        self._image = comparison.image.ravel()[pixels]
+        self._pixels, self._image = pixels, comparison.image.ravel()[pixels]
         self._overlap = float(np.median([b["overlap"] for b in every]))
         self._weight = comparison.weight
         size = len(trials), self._number + 2, len(pixels)
@@ -76,6 +82,10 @@ class _Mixer:
                 self._cost[t, k] += PATH_WEIGHT * cost
             for body in trial.still:
                 self._draw(t, self._number + 1, pixels, body)
+        self._rivals = [b for t in trials for b in t.bodies[: self._number]]
+        lines = np.array([b.points() for b in self._rivals])
+        self._price = [smooth_paths.unsketched_cost(line, half_width) for line in lines]
+        self._far = _apart(lines).reshape(-1, *size[:1], self._number, FEW) > CLEAR * half_width
 
     def _draw(self, trial: int, slot: int, pixels: Int[Array, " P"], body: fitting.Body) -> None:
         at = np.searchsorted(pixels, body.pixels)
@@ -83,12 +93,25 @@ class _Mixer:
         self._most[trial, slot, at] = np.maximum(self._most[trial, slot, at], body.own)
 
     def score(self, mixture: tuple[int, ...]) -> float:
-        """Unexplained pixels and what the paths cost."""
+        """Unexplained pixels and what the paths cost.
+
+        What a sketch's curve explains elsewhere, in another trial, a body without a sketch may
+        explain too; otherwise whatever is strong in the image would draw curves to it.
+        """
         chosen = [*mixture, mixture[0]], np.arange(self._number + 2)
         total, most = self._total[chosen].sum(0), self._most[chosen].max(0)
         drawn = self._overlap * most + (1 - self._overlap) * total
-        misfit = ((self._image - drawn) ** 2).sum()
-        return float(self._weight * misfit + self._cost[chosen].sum())
+        squares = (self._image - drawn) ** 2
+        far = self._far[:, mixture[:-1], np.arange(self._number)].all(1).mean(1)
+        gain = 0.0
+        for rival in np.flatnonzero(far > ELSEWHERE):
+            body = self._rivals[rival]
+            at = np.searchsorted(self._pixels, body.pixels)
+            both = np.maximum(most[at], body.own), total[at] + body.own
+            drawn = self._overlap * both[0] + (1 - self._overlap) * both[1]
+            explained = squares[at].sum() - ((self._image[at] - drawn) ** 2).sum()
+            gain = max(gain, self._weight * explained - self._price[rival])
+        return float(self._weight * squares.sum() + self._cost[chosen].sum() - gain)
 
     def mixtures(self) -> dict[tuple[int, ...], float]:
         """Scores of every trial by itself, and of the best when single curves are exchanged."""
@@ -108,6 +131,14 @@ class _Mixer:
                 better = known[best] < known[now] - 1e-6
                 now = best if better else now
         return known
+
+
+def _apart(lines: Float[Array, "R P 2"]) -> Float[Array, "R R F"]:
+    """How far a few points of each curve are from each curve, px."""
+    count = len(lines)
+    few, more = (lines[:, :: lines.shape[1] // f].reshape(-1, 2) for f in (FEW, 2 * FEW))
+    apart = distance.cdist(few, more).reshape(count, FEW, count, -1)
+    return apart.min(3).transpose(0, 2, 1)
 
 
 def _differ(a: fitting.Body, b: fitting.Body) -> float:

@@ -1,11 +1,12 @@
 """Smooth paths through the graph of traces: the ways that a body may run."""
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import distance
 
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.tracing import TraceGraph
@@ -32,8 +33,10 @@ USUAL_LENGTH = 1.25
 """With so many sketches, lengths beyond this many times the median earn nothing."""
 
 
-Route = tuple[tuple[int, int], ...]
-"""Pieces with the end (0 or 1) at which each is entered."""
+Route = tuple[int, ...]
+"""Steps: twice the number of a piece, and one more where it is entered at its second node."""
+Way = tuple[Route, int]
+"""A route, and the set of its pieces as the bits of a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +71,16 @@ def candidate_paths(
     length = arc_length(sketch)[-1]
     reach = REACH[0] * half_width + REACH[1] * length
     line = resample(sketch, SAMPLES)
-    apart = np.linalg.norm(graph.nodes[:, None] - line[None], axis=2).min(1)
-    near = (apart[graph.ends] < reach).all(1) if len(graph.ends) else np.zeros(0, bool)
+    around = ((graph.nodes > line.min(0) - reach) & (graph.nodes < line.max(0) + reach)).all(1)
+    around[around] = distance.cdist(graph.nodes[around], line).min(1) < reach
+    near = around[graph.ends].all(1)
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
-    routes = list(_routes(graph, near, from_start, 3 * length + 2 * reach, weigh))
-    if not routes:
+    ways = list(_ways(graph, near, from_start, 3 * length + 2 * reach, weigh))
+    if not ways:
         return Paths((), np.zeros(0), np.zeros(0), np.zeros((0, len(graph.ends)), bool))
-    drawn, total = _sampled(graph, routes)
+    drawn, total = _sampled(graph, [route for route, _ in ways])
     cost = _cost(drawn, total, line, length, half_width)
-    return _best_paths(graph, routes, cost, total, half_width, keep)
+    return _best_paths(graph, ways, cost, total, half_width, keep)
 
 
 def unsketched_paths(
@@ -103,40 +107,41 @@ def unsketched_paths(
     none = Paths((np.zeros((0, 2)),), np.zeros(1), np.zeros(1), np.zeros((1, len(near)), bool))
     unlikely = np.ones(len(graph.nodes))
     unlikely[graph.ends[unexplained]] = 0
-    routes = list(_routes(graph, near, unlikely - 0.5 * graph.tips, np.inf, weigh))
-    if not routes:
+    ways = list(_ways(graph, near, unlikely - 0.5 * graph.tips, np.inf, weigh))
+    if not ways:
         return none
-    drawn, total = _sampled(graph, routes)
+    drawn, total = _sampled(graph, [route for route, _ in ways])
     cost = UNSKETCHED + _bending(drawn, total, half_width)
-    found = _best_paths(graph, routes, cost, total, half_width, keep)
+    found = _best_paths(graph, ways, cost, total, half_width, keep)
     both = (none.cost, found.cost), (none.length, found.length), (none.covers, found.covers)
     return Paths((*none.points, *found.points), *map(np.concatenate, both))
 
 
 def _best_paths(
     graph: TraceGraph,
-    routes: list[Route],
+    ways: list[Way],
     cost: Float[Array, " R"],
     total: Float[Array, " R"],
     half_width: float,
     keep: int,
 ) -> Paths:
-    once = _distinct_routes(routes, cost)
-    routes, cost, total = [routes[i] for i in once], cost[once], total[once]
+    once = _distinct(ways, cost)
+    cost, total = cost[once], total[once]
     order = _kept(cost, cost - UNCOVERED * total * UNIT / half_width, keep)
-    covers = np.zeros((len(order), len(graph.ends)), dtype=bool)
-    for row, i in enumerate(order):
-        covers[row, [piece for piece, _ in routes[i]]] = True
-    points = tuple(_polyline(graph, routes[i]) for i in order)
+    routes = [ways[i][0] for i in once[order]]
+    covers = np.zeros((len(routes), len(graph.ends)), dtype=bool)
+    for row, route in zip(covers, routes, strict=True):
+        row[np.array(route) >> 1] = True
+    points = tuple(_polyline(graph, route) for route in routes)
     return Paths(points, cost[order], total[order], covers)
 
 
-def _distinct_routes(routes: list[Route], cost: Float[Array, " R"]) -> Int[Array, " D"]:
+def _distinct(ways: list[Way], cost: Float[Array, " R"]) -> Int[Array, " D"]:
     """The cheapest route of those along the same pieces, cheapest first."""
-    found: dict[frozenset[int], int] = {}
+    found: dict[int, int] = {}
     for i in np.argsort(cost, kind="stable").tolist():
-        found.setdefault(frozenset(piece for piece, _ in routes[i]), i)
-    return np.array(list(found.values()))
+        found.setdefault(ways[i][1], i)
+    return np.array(list(found.values()), dtype=int)
 
 
 def without_excess(candidates: list[Paths], half_width: float) -> list[Paths]:
@@ -169,46 +174,45 @@ def _kept(cost: Float[Array, " R"], earned: Float[Array, " R"], keep: int) -> In
     return chosen[np.argsort(cost[chosen])]
 
 
-def _routes(
+def _ways(
     graph: TraceGraph,
     near: Bool[Array, " E"],
     unlikely: Float[Array, " V"],
     longest: float,
     weigh: int,
-) -> Iterator[Route]:
+) -> Iterator[Way]:
     """Paths without repeated pieces and without sharp turns, from the likeliest nodes."""
-    leaving: dict[int, list[tuple[int, int]]] = {}
+    leaving: dict[int, list[int]] = {}
     for piece in np.flatnonzero(near).tolist():
         for side in (0, 1):
-            leaving.setdefault(int(graph.ends[piece, side]), []).append((piece, side))
+            leaving.setdefault(int(graph.ends[piece, side]), []).append(2 * piece + side)
     nodes = np.array(list(leaving), dtype=int)
     if not len(nodes):
         return
     ends, lengths, headings, bridges = graph.lists
     budget = weigh // min(STARTS, len(nodes))
     for start in nodes[np.argsort(unlikely[nodes], kind="stable")[:STARTS]].tolist():
-        queue: deque[tuple[Route, float, list[float] | None]] = deque(
-            ((step,), lengths[step[0]], None) for step in leaving[start]
-        )
-        for _ in range(budget):
-            if not queue:
-                break
-            route, length, heading = queue.popleft()
-            piece, side = route[-1]
+        queue: list[tuple[Route, int, float, list[float] | None]] = [
+            ((step,), 1 << (step >> 1), lengths[step >> 1], None) for step in leaving[start]
+        ]
+        for route, used, length, heading in islice(queue, budget):
+            piece, left = route[-1] >> 1, 1 - (route[-1] & 1)
             if not bridges[piece]:
-                yield route
-                heading = headings[piece][1 - side]
-            used = {p for p, _ in route}
-            for step in leaving.get(ends[piece][1 - side], ()):
-                reached = length + lengths[step[0]]
-                if step[0] in used or reached > longest:
+                yield route, used
+                heading = headings[piece][left]
+            if len(queue) >= budget:
+                continue
+            for step in leaving.get(ends[piece][left], ()):
+                further = step >> 1
+                reached = length + lengths[further]
+                if used >> further & 1 or reached > longest:
                     continue
                 if (
-                    bridges[step[0]]
-                    or heading is None
-                    or _goes_on(heading, headings[step[0]][step[1]])
+                    heading is None
+                    or bridges[further]
+                    or _goes_on(heading, headings[further][step & 1])
                 ):
-                    queue.append(((*route, step), reached, heading))
+                    queue.append(((*route, step), used | 1 << further, reached, heading))
 
 
 def _goes_on(out: list[float], back: list[float]) -> bool:
@@ -220,26 +224,28 @@ def _sampled(
     graph: TraceGraph, routes: list[Route]
 ) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
     """Every route resampled to SAMPLES points, and its length."""
-    middle = np.array([p[len(p) // 2] for p in graph.pieces])
-    longest = max(map(len, routes))
-    pieces = np.full((len(routes), longest), -1)
-    sides = np.zeros((len(routes), longest), dtype=int)
-    for i, route in enumerate(routes):
-        pieces[i, : len(route)], sides[i, : len(route)] = np.array(route).T
-    there = pieces >= 0
-    points = np.empty((len(routes), 2 * longest + 1, 2))
+    count = np.fromiter(map(len, routes), int, len(routes))
+    there = np.arange(count.max()) < count[:, None]
+    steps = np.zeros(there.shape, dtype=int)
+    steps[there] = np.fromiter(chain.from_iterable(routes), int, count.sum())
+    pieces, sides = steps >> 1, steps & 1
+    points = np.empty((len(routes), 2 * there.shape[1] + 1, 2))
     points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
-    points[:, 1::2] = middle[pieces]
+    points[:, 1::2] = graph.middles[pieces]
     points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
     half = np.where(there, graph.lengths[pieces] / 2, 0.0)
-    s = np.concatenate([np.zeros((len(routes), 1)), np.cumsum(np.repeat(half, 2, axis=1), 1)], 1)
+    s = np.zeros(points.shape[:2])
+    np.cumsum(np.repeat(half, 2, axis=1), 1, out=s[:, 1:])
     total = s[:, -1]
     target = total[:, None] * np.linspace(0, 1, SAMPLES)
-    at = (s[:, None, 1:] < target[:, :, None]).sum(2).clip(0, s.shape[1] - 2)
-    left, right = np.take_along_axis(s, at, 1), np.take_along_axis(s, at + 1, 1)
+    # One search in all rows: each is longer than what lies before it.
+    row = np.arange(len(routes))[:, None]
+    before = row * (1 + total.max())
+    at = np.searchsorted((s[:, 1:] + before).ravel(), (target + before).ravel())
+    at = (at.reshape(target.shape) - row * (s.shape[1] - 1)).clip(0, s.shape[1] - 2)
+    left, right = s[row, at], s[row, at + 1]
     part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
-    rows = np.arange(len(routes))[:, None]
-    return points[rows, at] * (1 - part) + points[rows, at + 1] * part, total
+    return points[row, at] * (1 - part) + points[row, at + 1] * part, total
 
 
 def path_cost(points: Float[Array, "N 2"], sketch: Float[Array, "M 2"], half_width: float) -> float:
@@ -287,5 +293,5 @@ def _bending(
 
 
 def _polyline(graph: TraceGraph, route: Route) -> Float[Array, "N 2"]:
-    parts = [graph.pieces[p] if side == 0 else graph.pieces[p][::-1] for p, side in route]
+    parts = [graph.pieces[step >> 1][:: 1 - 2 * (step & 1)] for step in route]
     return np.concatenate([parts[0], *(p[1:] for p in parts[1:])])

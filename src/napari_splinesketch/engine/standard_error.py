@@ -107,12 +107,11 @@ def _misfit_along(
 
 
 def beside_others(
-    points: Float[Array, "P 2"], others: Float[Array, "Q 2"], half_width: float
+    points: Float[Array, "P 2"], others: list[Float[Array, "Q 2"]], half_width: float
 ) -> Bool[Array, " P"]:
     """(P,) which points of a curve have points of another one near."""
-    reach = BESIDE * half_width
-    close = ((others > points.min(0) - reach) & (others < points.max(0) + reach)).all(1)
-    if not close.any():
+    if not others:
         return np.zeros(len(points), dtype=bool)
-    apart, _ = spatial.KDTree(others[close]).query(points, distance_upper_bound=reach)
+    reach = BESIDE * half_width
+    apart, _ = spatial.KDTree(np.concatenate(others)).query(points, distance_upper_bound=reach)
     return np.isfinite(apart)

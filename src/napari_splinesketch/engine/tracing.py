@@ -61,6 +61,11 @@ class TraceGraph:
         ends, lengths, headings, bridges = (a.tolist() for a in arrays)
         return ends, lengths, headings, bridges
 
+    @cached_property
+    def middles(self) -> Float[Array, "E 2"]:
+        """(E, 2) points half way along the pieces."""
+        return np.array([piece[len(piece) // 2] for piece in self.pieces]).reshape(-1, 2)
+
 
 def body_mask(
     image: Float[Array, "H W"], half_width: float, smoothing: float = 0.0

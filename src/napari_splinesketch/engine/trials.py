@@ -1,6 +1,6 @@
 """Sets of paths, each fitted to the image in its own replica of the scene."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,6 +9,9 @@ from jaxtyping import Float, Int
 from napari_splinesketch.engine import fitting
 from napari_splinesketch.engine.doubt import NO_RIVAL
 from napari_splinesketch.engine.types import Array
+
+TOGETHER = 128
+"""Curves fitted at a time, at most, so that time and memory grow in proportion to the curves."""
 
 Line = Float[Array, "N 2"]
 
@@ -47,12 +50,16 @@ class Comparison:
         Pixels of the image that each pixel looked at stands for.
     fit
         Fits lines to that image, each within its replica of the scene, beside fixed curves given
-        as (replica, number): the fitted bodies, then the fixed ones.
+        as (replica, number): the fitted bodies, then the fixed ones. The last argument says which
+        part of all fits this is, from 0 to 1.
     """
 
     image: Float[Array, "H W"]
     weight: float
-    fit: Callable[[list[Line], Int[Array, " n"], list[tuple[int, int]]], list[fitting.Body]]
+    fit: Callable[
+        [list[Line], Int[Array, " n"], list[tuple[int, int]], tuple[float, float]],
+        list[fitting.Body],
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +90,47 @@ def fitted(
     trials: list[Trial], fixed: list[Line], comparison: Comparison, half_width: float
 ) -> list[Trial]:
     """The trials with every path fitted, each trial a replica of the scene."""
-    if not trials:
-        return trials
-    lines = [s.line for t in trials for s in t.starts]
-    replica = np.repeat(np.arange(len(trials)), [len(t.starts) for t in trials])
     across: dict[int, list[int]] = {}
     for t in trials:
         met = across.setdefault(t.cluster, [])
         met += [k for k in _met(fixed, t.starts, half_width) if k not in met]
+    found: list[Trial] = []
+    for batch in _batches(trials, across):
+        part = len(found) / len(trials), (len(found) + len(batch)) / len(trials)
+        found += _fitted(batch, across, comparison, part)
+    return found
+
+
+def _batches(trials: list[Trial], across: dict[int, list[int]]) -> Iterator[list[Trial]]:
+    batch: list[Trial] = []
+    size = 0
+    for t in trials:
+        count = len(t.starts) + len(across[t.cluster])
+        if batch and size + count > TOGETHER:
+            yield batch
+            batch, size = [], 0
+        batch.append(t)
+        size += count
+    if batch:
+        yield batch
+
+
+def _fitted(
+    trials: list[Trial],
+    across: dict[int, list[int]],
+    comparison: Comparison,
+    part: tuple[float, float],
+) -> list[Trial]:
+    lines = [s.line for t in trials for s in t.starts]
+    replica = np.repeat(np.arange(len(trials)), [len(t.starts) for t in trials])
     still = [(r, k) for r, t in enumerate(trials) for k in across[t.cluster]]
-    bodies = comparison.fit(lines, replica, still)
-    fitted, fixed_bodies = iter(bodies[: len(lines)]), iter(bodies[len(lines) :])
+    bodies = comparison.fit(lines, replica, still, part)
+    moved, fixed = iter(bodies[: len(lines)]), iter(bodies[len(lines) :])
     return [
         Trial(
             t.cluster,
-            [replace(s, body=next(fitted)) for s in t.starts],
-            [next(fixed_bodies) for _ in across[t.cluster]],
+            [replace(s, body=next(moved)) for s in t.starts],
+            [next(fixed) for _ in across[t.cluster]],
         )
         for t in trials
     ]
