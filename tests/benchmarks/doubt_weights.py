@@ -1,6 +1,6 @@
 """Fit the weights by which signs of a wrong curve are added up (engine/doubt.py).
 
-    python tests/benchmarks/doubt_weights.py [--seeds 14] [--frames 12]
+    python tests/benchmarks/doubt_weights.py [--seeds 28] [--frames 24]
 
 Trials of every stability case and frames of three bodies, none of which any other benchmark uses,
 each refined by `fast` and by `balanced`. A logistic regression tells curves that are more than
@@ -107,8 +107,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         "python tests/benchmarks/doubt_weights.py", description=__doc__
     )
-    parser.add_argument("--seeds", type=int, default=14, help="trials of each stability case")
-    parser.add_argument("--frames", type=int, default=12, help="frames of each kind of sketch")
+    parser.add_argument("--seeds", type=int, default=28, help="trials of each stability case")
+    parser.add_argument("--frames", type=int, default=24, help="frames of each kind of sketch")
     options = parser.parse_args()
     found = list(examples(options.seeds, options.frames))
     signs = np.array([e.signs for e in found])

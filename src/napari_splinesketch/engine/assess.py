@@ -21,6 +21,8 @@ ON_TOP = 0.6
 """Limits beyond which a curve asks for a look: times the noise and share of the contrast;
 shares of the sketch's length; factors of length; share of the length that two curves run along
 each other, closer than so many half-widths."""
+BORDER = 1.0
+"""A curve that comes so close to the border of the image, px, may go on outside."""
 CORE = 0.3
 """Pixels with this share of a body's brightness tell how well it is explained."""
 
@@ -108,9 +110,9 @@ def doubts(
         found.append(f"it moved {moved:.0f} px from its sketch")
     if not 1 / SHORTER < length / before < LONGER * np.pi / 2:
         found.append(f"its length changed from {before:.0f} to {length:.0f} px")
-    edge = np.array(shape) - 1
-    if ((curve < 0) | (curve > edge)).any():
-        found.append("part of it lies outside the image")
+    edge = np.array(shape) - 1 - BORDER
+    if ((curve < BORDER) | (curve > edge)).any():
+        found.append("it reaches the border of the image")
     return found
 
 

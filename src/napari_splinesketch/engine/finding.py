@@ -75,9 +75,8 @@ def find(
     claims = likeliest.sum(0)
     clusters = []
     for members in choice.interacting(candidates, sketches, w):
-        mine = list(members)
         # A path on a body that another sketch means would look good: nothing else is drawn there.
-        elsewhere = claims > likeliest[mine].sum(0)
+        elsewhere = claims > likeliest[list(members)].sum(0)
         paths = [candidates[i] for i in members]
         clusters.append(
             choice.make_cluster(graph, members, paths, w, settings, explained | elsewhere)
