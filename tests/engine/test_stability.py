@@ -76,13 +76,17 @@ def test_a_half_width_that_no_body_has_is_told_of(results):
 @pytest.mark.parametrize("seed", [1, 11])
 def test_the_rim_of_a_plate_does_not_draw_a_curve_away(seed):
     trial = CASES["plate_edge"].make(seed)
-    found = refine(trial.image, trial.sketches)
-    assert average_dtw(found.curves[0].points, trial.truths[0]) < 0.5
+    truth = trial.truths[0]
+    assert truth is not None
+    curve = refine(trial.image, trial.sketches).curves[0]
+    assert average_dtw(curve.points, truth) < 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 1, 11])
 def test_a_body_that_is_cut_off_is_followed_to_the_border(seed):
     trial = CASES["leaving"].make(seed)
+    truth = trial.truths[0]
+    assert truth is not None
     curve = refine(trial.image, trial.sketches).curves[0]
-    assert average_dtw(curve.points, trial.truths[0]) < 0.6
+    assert average_dtw(curve.points, truth) < 0.6
     assert "it reaches the border of the image" in curve.reasons
