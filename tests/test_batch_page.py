@@ -49,8 +49,11 @@ def test_every_block_of_the_page_runs(
         else:
             exec(compile(block, "docs/batch.md", "exec"), names)
     assert kinds.count("python") >= 4
-    assert kinds.count("bash") >= 3
+    assert kinds.count("bash") >= 4
     assert len(read_labels("labels.csv").labels) == 25
+    assert Path("films/day-2.labels.csv").read_bytes() == Path("labels.csv").read_bytes()
+    assert Path("todo.txt").read_text() == "films/day-3.tif: exit code 2\n"
+    assert "films/day-3.tif: cannot be read as TIFF" in Path("films/day-3.log").read_text()
     assert len(read_training("training")) > 20
     told = capsys.readouterr().out
     predicted = [float(text) for text in re.findall(r"labels: predicted to ([\d.]+) px", told)]
