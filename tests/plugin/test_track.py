@@ -46,7 +46,8 @@ def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: Splinesket
     assert keys(film) == [(1, 1), (1, 2), (2, 1), (2, 2)]
     assert viewer.dims.current_step[0] == 2
     assert not any(record.drawn for record in film.controller.records(2))
-    until(lambda: viewer.layers["film curves"].nshapes == 4, 20)
+    assert viewer.layers["film curves"].nshapes == 4, "it is over when all is in view"
+    assert "To put a curve right, draw a line over it" in film.hint.text()
     click(film.track.next)
     over(film)
     assert keys(film)[-2:] == [(3, 1), (3, 2)]

@@ -199,9 +199,13 @@ class Films:
     ) -> None:
         self._take(work, task, going)
         controller = self._controller
-        if work is controller.work and len(task.frames) == 1 and not error:
+        notice = Notice("failed" if error else "done", going.said(error))
+        if work is not controller.work:
+            controller.finish(notice)
+            return
+        if len(task.frames) == 1 and not error:
             go_to_frame(controller.viewer, work.image, task.frames[0])
-        controller.finish(Notice("failed" if error else "done", going.said(error)))
+        controller.when_shown(partial(controller.finish, notice))
 
 
 def _among(line: Line, others: Float[np.ndarray, "L N 2"] | None) -> bool:

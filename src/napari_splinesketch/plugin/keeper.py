@@ -143,6 +143,11 @@ class Keeper:
             self.work.history.amend(state)
             self._show(self.work)
 
+    def when_shown(self, call: Callable[[], None]) -> None:
+        """Call something when the layers show what is known."""
+        if self.work:
+            self._show(self.work, call)
+
     def undo(self) -> None:
         """Take back the last step."""
         self._travel("Undone", "undo")

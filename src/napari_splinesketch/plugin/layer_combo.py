@@ -4,7 +4,18 @@ from collections.abc import Sequence
 
 from napari.layers import Layer
 from qtpy.QtCore import QSignalBlocker, Qt, Signal  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from qtpy.QtGui import QPaintEvent
+from qtpy.QtWidgets import (
+    QComboBox,
+    QSizePolicy,
+    QStyle,
+    QStyleOptionComboBox,
+    QStylePainter,
+    QWidget,
+)
+
+MARGIN = 2
+"""Beside the name, px."""
 
 
 class LayerCombo(QComboBox):
@@ -27,7 +38,7 @@ class LayerCombo(QComboBox):
         self._empty = empty
         self._tip = tip
         self._layers: tuple[Layer, ...] = ()
-        # Long names are cut off rather than widening the dock.
+        # Long names are shortened rather than widening the dock.
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(60)
         self.activated.connect(lambda index: self.picked.emit(self._layers[index]))
@@ -49,3 +60,19 @@ class LayerCombo(QComboBox):
                 self.setCurrentIndex(self._layers.index(chosen))
         self.setEnabled(bool(layers))
         self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
+
+    def paintEvent(self, e: QPaintEvent | None) -> None:
+        """Leave out the middle of a long name: names of layers differ at their end."""
+        style, option = self.style(), QStyleOptionComboBox()
+        if style is None:
+            super().paintEvent(e)
+            return
+        self.initStyleOption(option)
+        field = QStyle.SubControl.SC_ComboBoxEditField
+        room = style.subControlRect(QStyle.ComplexControl.CC_ComboBox, option, field, self).width()
+        option.currentText = self.fontMetrics().elidedText(
+            option.currentText, Qt.TextElideMode.ElideMiddle, room - 2 * MARGIN
+        )
+        painter = QStylePainter(self)
+        painter.drawComplexControl(QStyle.ComplexControl.CC_ComboBox, option)
+        painter.drawControl(QStyle.ControlElement.CE_ComboBoxLabel, option)

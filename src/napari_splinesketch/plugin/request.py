@@ -94,8 +94,11 @@ class Requests:
                 return Request(frame, Plan(scope), drawn, words.NO_LINE)
         state = keeper.work.state if keeper.work else NOTHING
         plan = self._plan(Question(drawn, state, frame, scope, chosen, keeper.selection))
-        problem = "" if plan.targets else words.nothing(plan, drawn, image.ndim > 2, layer.name)
-        return Request(frame, plan, drawn, problem)
+        if plan.targets:
+            return Request(frame, plan, drawn)
+        full = any(record.frame == frame for record in state.records)
+        place = "full" if full else "empty" if image.ndim > 2 else "all"
+        return Request(frame, plan, drawn, words.nothing(plan, drawn, place, layer.name))
 
     def _marked(self, layer: Shapes, frame: int, scope: Scope) -> frozenset[int]:
         """Positions of the lines that the user has selected, unless it is about curves."""

@@ -4,6 +4,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from html import escape
+from typing import Literal
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Status
@@ -54,14 +55,26 @@ def button(plan: Plan) -> str:
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
 
 
-def nothing(plan: Plan, drawn: Drawn, film: bool, layer: str) -> str:
-    """Say why a plan is empty."""
+def nothing(plan: Plan, drawn: Drawn, frame: Literal["all", "empty", "full"], layer: str) -> str:
+    """Say why a plan is empty.
+
+    Parameters
+    ----------
+    plan, drawn
+        What is empty, and the lines that there are.
+    frame
+        Whether there is but one, or this one has no curves, or it has some.
+    layer
+        Name of the layer of sketches.
+    """
     if plan.decided:
         return f"{_decided(plan.decided)}; reopen or unlock them first."
     if plan.scope == "selected":
         return NO_LINE if drawn.lines else "No curve is selected."
     if not drawn.lines:
-        where = "in this frame " if film else ""
+        if frame == "full":
+            return "No line in this frame. To put a curve right, draw a line over it and refine."
+        where = "in this frame " if frame == "empty" else ""
         return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
