@@ -12,7 +12,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.cli import main
 from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
-from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+from napari_splinesketch.labels import Label, Labels, read_labels, table, write_labels
 
 from .fakes import FakeEngine, film
 
@@ -45,6 +45,23 @@ def test_convert_gives_a_pixel_size_and_json(capsys: pytest.CaptureFixture[str])
     assert main([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"written": "b.csv", "curves": 1, "notes": []}
     assert (read_labels("b.csv").scale, read_labels("b.csv").units) == ((0.5, 0.5), "µm")
+
+
+def test_convert_holds_a_frame_at_a_time_and_keeps_the_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    labels = tuple(vertical(3 + frame, frame=frame, identity=7) for frame in (0, 4, 5))
+    write_labels("a.csv", Labels(labels, (0.5, 0.25), "µm"))
+    write_labels("disorder.csv", Labels(labels[::-1]))
+    assert main(["convert", "disorder.csv", "b.geojson"]) == 0
+    assert [label.frame for label in read_labels("b.geojson").labels] == [5, 4, 0]
+    with monkeypatch.context() as patch:
+        patch.setattr(table.TableReader, "labels", None)  # what reads all of a table
+        assert main(["convert", "a.csv", "c.geojson"]) == 0
+        assert main(["convert", "a.csv", "d.wcon", "--pixel-size", "2", "--units", "mm"]) == 0
+    back = read_labels("c.geojson")
+    assert ([label.frame for label in back.labels], back.scale) == ([0, 4, 5], (0.5, 0.25))
+    assert (read_labels("d.wcon").scale, read_labels("d.wcon").units) == ((2, 2), "mm")
 
 
 def test_convert_does_not_overwrite_unless_asked(capsys: pytest.CaptureFixture[str]) -> None:
