@@ -56,7 +56,7 @@ def export_training(
     images
         The frames.
     labels
-        The curves, or a file of them, of which a table in CSV is read frame by frame.
+        The curves, or a file of them, of which labels CSV and NumPy arrays are read frame by frame.
     keep
         Which curves are learnt from: those "accepted" in a review, or all that are "good" and not
         rejected. The others are neither bodies nor background: the frame's ignore mask covers
