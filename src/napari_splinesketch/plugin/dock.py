@@ -1,6 +1,5 @@
 """The dock: sketch, refine, export."""
 
-import gc
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -179,9 +178,7 @@ class SplinesketchDock(QScrollArea):
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
-        # Python looks through all that there is whenever there is a quarter more: 0.15 s. To do it
-        # now puts it off for long; it would fall into the first refinement.
-        job.done.connect(lambda _: gc.collect())
+        job.done.connect(lambda _: engine.tidy())
         timer = QTimer(self)
         timer.setSingleShot(True)
         timer.timeout.connect(job.start)
