@@ -173,3 +173,11 @@ def test_what_is_explained_already_is_left_alone(graph):
         path = candidates[0].points[sets[0][0]]
         ends.append(away(path, fixed))
     assert min(ends) > HALF_WIDTH
+
+
+def test_the_skeleton_of_a_tiny_body_is_no_bend():
+    zigzag = np.array([[10.0, 10], [10, 11], [11, 12], [11, 13], [12, 14]])
+    sketch = np.array([[10.0, 9.0], [12.0, 15.0]])
+    elsewhere = np.array([[30.0, 9.0], [30.0, 15.0]])
+    costs = [smooth_paths.path_cost(path, sketch, 1.0) for path in (zigzag, elsewhere)]
+    assert costs[0] < costs[1] / 2

@@ -11,7 +11,15 @@ from napari_splinesketch.engine import doubt
 from napari_splinesketch.engine.doubt import NO_RIVAL, Evidence, collect, reasons
 
 SURE = Evidence(
-    sd=0.1, sd_beside=0.1, astray=6.0, drawn=80.0, kink=2.2, contrast=1.2, margin=NO_RIVAL, length=1
+    sd=0.1,
+    sd_beside=0.1,
+    astray=6.0,
+    drawn=80.0,
+    kink=2.2,
+    contrast=1.2,
+    margin=NO_RIVAL,
+    length=1,
+    over_itself=0.0,
 )
 WORSE = {
     "sd": ({"sd": 8.0}, "uncertain by up to 8.0 px"),
@@ -20,6 +28,7 @@ WORSE = {
     "margin": ({"margin": 0.0, "sd": 1.0, "kink": 4.0}, "another path"),
     "astray": ({"astray": 90.0, "sd": 1.0, "kink": 4.0}, "strays up to 90 px"),
     "length": ({"length": 5.0, "sd": 1.0, "kink": 4.0}, "5.0 times as long"),
+    "over_itself": ({"over_itself": 0.2}, "lies over itself"),
 }
 
 
@@ -40,8 +49,8 @@ def test_several_weak_signs_add_up():
 
 
 def test_an_uncertainty_beside_another_curve_counts_less():
-    assert reasons(replace(SURE, sd=1.5, sd_beside=0.0))
-    assert not reasons(replace(SURE, sd=1.5, sd_beside=1.5))
+    alone, beside = (replace(SURE, sd=1.5, sd_beside=sd).signs for sd in (0.0, 1.5))
+    assert doubt.WEIGHTS @ beside < doubt.WEIGHTS @ alone
 
 
 numbers = st.floats(0, 1e6)
@@ -50,7 +59,7 @@ numbers = st.floats(0, 1e6)
 @given(
     st.builds(
         Evidence, numbers, numbers, numbers, st.floats(2, 1e4), st.floats(1e-6, 1e6), numbers,
-        st.floats(-1e3, 1e3), st.floats(1e-6, 1e6),
+        st.floats(-1e3, 1e3), st.floats(1e-6, 1e6), st.floats(0, 1),
     )
 )  # fmt: skip
 def test_any_evidence_is_weighed(evidence):
@@ -65,12 +74,13 @@ def test_what_is_collected_of_a_curve():
     sd[0] = 9.0
     beside = along > 40
     sketch = np.array([[3.0, 0.0], [3.0, 60.0]])
-    found = collect(straight, sd, beside, sketch, 1.1, 4.0, 30.0)
+    found = collect(straight, sd, beside, sketch, 1.1, 4.0, 30.0, 2.0)
     assert found.sd == pytest.approx(0.5)
     assert found.sd_beside == pytest.approx(0.1)
     assert found.astray == pytest.approx(3.0)
     assert found.drawn == pytest.approx(60.0)
     assert found.length == pytest.approx(2.0)
+    assert found.over_itself == 0
 
 
 def test_a_kink_is_told_from_an_even_bend():
@@ -79,9 +89,22 @@ def test_a_kink_is_told_from_an_even_bend():
     t = np.linspace(-30, 30, 100)
     bent = np.column_stack([np.sqrt(t**2 + 4), t])
     flat = np.full(100, 0.1), np.zeros(100, bool)
-    kinks = [collect(p, *flat, p[[0, -1]], 1.0, NO_RIVAL, 60.0).kink for p in (circle, bent)]
+    kinks = [collect(p, *flat, p[[0, -1]], 1.0, NO_RIVAL, 60.0, 2.0).kink for p in (circle, bent)]
     assert kinks[0] == pytest.approx(1.0, abs=0.1)
     assert kinks[1] > 2.5
+
+
+def test_a_loop_lies_over_itself_and_a_bend_does_not():
+    flat = np.full(100, 0.1), np.zeros(100, bool)
+
+    def share(points: np.ndarray) -> float:
+        sketch = points[[0, -1]]
+        return collect(points, *flat, sketch, 1.0, NO_RIVAL, 60.0, 2.0).over_itself
+
+    angle = np.linspace(0, 2.4 * np.pi, 100)  # a fifth of the circle twice
+    turns = 20 * np.column_stack([np.sin(angle), np.cos(angle)])
+    assert share(turns) == pytest.approx(0.4 / 1.2, abs=0.08)
+    assert share(turns[:70]) == 0
 
 
 def test_signs_and_weights_belong_together():

@@ -94,7 +94,14 @@ def _curves(
         near = beside_others(points, [everything[k] for k in others], widths[i])
         sd = standard_error(body, u, misfit, near)
         evidence = doubt.collect(
-            points, sd, near, sketch, body["contrast"], fit.starts[i].margin, usual_length
+            points,
+            sd,
+            near,
+            sketch,
+            body["contrast"],
+            fit.starts[i].margin,
+            usual_length,
+            widths[i],
         )
         reasons += doubt.reasons(evidence)
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial import distance
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Array
@@ -14,11 +15,14 @@ END_SHARE = 0.1
 """Of the points, at either end, may be uncertain."""
 LEAST_SD = 0.03
 """Added to standard errors, px: below, they tell nothing."""
-SIGNS = ("sd", "sd_beside", "astray", "kink", "contrast", "margin", "length")
-WEIGHTS = np.array([2.4, -1.3, 1.5, 2.9, -4.5, 0.54, 1.2])
-USUAL = np.array([-1.5, -1.8, -2.4, 0.83, 0.22, -4.2, 0.056])
+ACROSS, ALONG = 2.3, 8.0
+"""A curve lies over itself where parts of it are nearer than so many half-widths, and so many apart
+along it."""
+SIGNS = ("sd", "sd_beside", "astray", "kink", "contrast", "margin", "length", "over_itself")
+WEIGHTS = np.array([2.1, -0.5, 1.7, 2.2, -4.7, 0.76, 3.6, 6])
+USUAL = np.array([-1.5, -1.8, -2.4, 0.83, 0.22, -4.2, 0.056, -3.9])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 4.4
+THRESHOLD = 4.9
 """Of the weighted sum, above which a curve asks for a look. All three are fitted to generated
 frames by tests/benchmarks/doubt_weights.py."""
 TELLING = 0.8
@@ -46,6 +50,8 @@ class Evidence:
         pixels; NO_RIVAL without any.
     length
         Over the median length of all curves.
+    over_itself
+        Share of the curve that lies over another part of it.
     """
 
     sd: float
@@ -56,6 +62,7 @@ class Evidence:
     contrast: float
     margin: float
     length: float
+    over_itself: float
 
     @property
     def signs(self) -> Float[Array, " S"]:
@@ -69,6 +76,7 @@ class Evidence:
                 np.log(max(self.contrast, 1e-2)),
                 -np.log1p(np.clip(self.margin, 0, NO_RIVAL)),
                 abs(np.log(self.length)),
+                np.log(0.02 + self.over_itself),
             ]
         )
 
@@ -81,6 +89,7 @@ def collect(
     contrast: float,
     margin: float,
     usual_length: float,
+    half_width: float,
 ) -> Evidence:
     """The evidence about one curve.
 
@@ -95,6 +104,8 @@ def collect(
         See `Evidence`.
     usual_length
         Median length of all curves, px.
+    half_width
+        Of the body, px.
     """
     end = int(END_SHARE * len(points))
     middle = slice(end, -end)
@@ -109,6 +120,7 @@ def collect(
         contrast=contrast,
         margin=margin,
         length=max(length, 1e-3) / max(usual_length, 1e-3),
+        over_itself=_over_itself(points, half_width),
     )
 
 
@@ -125,8 +137,17 @@ def reasons(evidence: Evidence) -> list[str]:
         "contrast": "little of it can be seen",
         "margin": "another path explains the image about as well",
         "length": f"it is {evidence.length:.1f} times as long as most curves here",
+        "over_itself": "it lies over itself",
     }
     return [text for sign, text in words.items() if sign in told] or [words["sd"]]
+
+
+def _over_itself(points: Float[Array, "P 2"], half_width: float) -> float:
+    """Share of the points that have a part of the curve near which is not near along it."""
+    apart = distance.cdist(points, points)
+    along = spline.arc_length(points)
+    apart[np.abs(along[:, None] - along) < ALONG * half_width] = np.inf
+    return float((apart.min(1) < ACROSS * half_width).mean())
 
 
 def _kink(points: Float[Array, "P 2"]) -> float:

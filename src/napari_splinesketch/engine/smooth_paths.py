@@ -24,6 +24,8 @@ SAMPLES = 20
 END_CAP = 25.0
 BENDING = 16.0
 KINK = 30.0
+FINEST = 1.0
+"""Half-widths over which a body turns, at least; within less, the skeleton's pixels do."""
 SHORT = 0.5
 UNCOVERED = 1.0
 UNSKETCHED = 30.0
@@ -286,7 +288,7 @@ def _bending(
     step = np.diff(smooth, axis=1)
     heading = np.arctan2(step[..., 1], step[..., 0])
     turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = np.maximum(total / (SAMPLES - 1), 1e-6)[:, None]
+    spacing = np.maximum(total / (SAMPLES - 1), FINEST * half_width)[:, None]
     bend = turn * half_width / spacing
     bending = (bend**2 * spacing / half_width).sum(1)
     return BENDING * bending + KINK * np.maximum(bend.max(1) - 0.45, 0)
