@@ -63,3 +63,16 @@ def test_width_is_drawn_against_arc_length() -> None:
     assert np.mean(np.asarray(y)[middle]) == pytest.approx(
         scene.half_widths[0][middle].mean(), rel=0.15
     )
+
+
+def test_each_body_is_rendered_alone() -> None:
+    scene = SCENES[0]
+    sign = 1 if scene.look.polarity == "bright" else -1
+    normal = sign * (scene.image - np.median(scene.image)) / scene.look.contrast
+    names: dict = {"normal": normal, "sketches": list(scene.centrelines)}
+    exec(block("render_bodies"), names)
+    (body,) = names["bodies"]
+    assert body.shape == normal.shape
+    row, col = np.round(scene.centrelines[0][10:-10]).astype(int).T
+    assert np.median(body[row, col]) == pytest.approx(np.median(normal[row, col]), rel=0.25)
+    assert abs(np.median(body)) < 0.01
