@@ -1,7 +1,7 @@
 """The paper's method, as here and as in splender: losses, accuracy and seconds, frame by frame.
 
     python tests/benchmarks/compare_paper.py [--frames 1] [--bodies 1 2 3] [--minutes 30]
-        [--sketches spoilt straight long] [--methods METHOD...] [--only METHOD]
+        [--first 8] [--sketches spoilt straight long] [--methods METHOD...] [--only METHOD]
 
 Frames that none of the settings was chosen on, the same for all methods: the cells of Tables 1
 and 2, and sketches that are too long. Each method runs in a process of its own, on one core, with
@@ -112,14 +112,14 @@ COMPILES_IN_EVERY_CALL = {"splender"}
 BENCHMARKED = {"splender-phases": "splender"}
 
 
-def run(method: str, count: int, cells: Sequence[frames.Cell], deadline: float) -> None:
+def run(method: str, start: int, count: int, cells: Sequence[frames.Cell], deadline: float) -> None:
     """Run one method over the frames that have no row yet."""
     timed, compiles = METHODS[method]
     done = {row.place for row in read() if row.method == method}
     cost: dict[int, float] = {}
     same = methods.make(BENCHMARKED[method]) if method in BENCHMARKED else None
     store = Store(same.name, same.version) if same else None
-    for index in range(FIRST, FIRST + count):
+    for index in range(start, start + count):
         for cell in cells:
             if (cell, index) in done or time.monotonic() > deadline:
                 continue
@@ -165,6 +165,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1, help="of each cell")
     parser.add_argument("--bodies", type=int, nargs="+", default=frames.COUNTS)
     parser.add_argument("--minutes", type=float, default=30.0, help="for each method")
+    parser.add_argument("--first", type=int, default=FIRST, help="frame of each cell")
     parser.add_argument("--sketches", nargs="+", default=list(CELLS), choices=CELLS)
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--only", choices=METHODS, help="one method, in this process")
@@ -173,13 +174,13 @@ def main() -> None:
         pin_to_one_core()
         deadline = time.monotonic() + 60 * given.minutes
         cells = [c for name in given.sketches for c in CELLS[name] if c.bodies in given.bodies]
-        run(given.only, given.frames, cells, deadline)
+        run(given.only, given.first, given.frames, cells, deadline)
         return
     for method in given.methods:
         command = [sys.executable, __file__, "--only", method, "--frames", str(given.frames)]
         fresh = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
         command += ["--minutes", str(given.minutes), "--bodies", *map(str, given.bodies)]
-        command += ["--sketches", *given.sketches]
+        command += ["--sketches", *given.sketches, "--first", str(given.first)]
         subprocess.run(command, check=True, env=fresh)
     for name, text in (("side_by_side", side_by_side(read())), ("compare_paper", table(read()))):
         insert(name, text)
