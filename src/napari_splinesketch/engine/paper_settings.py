@@ -34,7 +34,7 @@ class PaperSettings:
     """
 
     knots: int = 12
-    spacing: float = 0.6
+    spacing: float = 0.8
     background_steps: int = 100
     splines_steps: int = 600
     everything_steps: int = 100
