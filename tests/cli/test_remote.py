@@ -139,7 +139,6 @@ def test_an_object_store_is_read_like_a_server(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To who reads without signing in, an S3 bucket is a folder on a web server."""
-    pytest.importorskip("s3fs")
     monkeypatch.setenv("AWS_ENDPOINT_URL", server.url)
     monkeypatch.setitem(fsspec.config.conf, "s3", {"anon": True})  # as FSSPEC_S3_ANON=true does
     with open_frames("s3://film.zarr/0") as images:
