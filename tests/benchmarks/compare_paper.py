@@ -28,12 +28,12 @@ import numpy as np
 import reference
 from compare_paper_rows import CELLS, FIRST, Row, append, read, side_by_side, table
 from insert import insert
+from paper_score import refined
 from rows import Store
 from runner import measured, pin_to_one_core
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import phases, spline
-from napari_splinesketch.engine.scene import read_scene
 from napari_splinesketch.metrics import average_dtw
 
 Outcome = tuple[Sequence[np.ndarray], float]
@@ -47,15 +47,7 @@ def unexplained(image: np.ndarray, reconstruction: np.ndarray) -> float:
 
 def paper(frame: frames.Frame, settings: phases.PaperSettings) -> Outcome:
     """Our implementation, from the image as `refine` normalises it."""
-    seen = read_scene(frame.image, np.ones(frame.image.shape, bool), "auto", None)
-    found = phases.refine_paper(
-        seen.normal,
-        list(frame.sketches),
-        half_width=seen.half_width,
-        seed=0,
-        report=lambda *_: True,
-        settings=settings,
-    )
+    seen, found = refined(frame, settings)
     curves = [spline.sample(knots, 100)[:, :2] for knots in found.knots]
     return curves, unexplained(seen.normal, found.reconstruction)
 

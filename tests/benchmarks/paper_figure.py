@@ -16,25 +16,10 @@ import paper_score
 from matplotlib.axes import Axes
 
 from napari_splinesketch.engine import phases, spline
-from napari_splinesketch.engine.scene import read_scene
 
 FIGURE = Path(__file__).parents[2] / "docs" / "images" / "paper_outputs.svg"
 CELL, INDEX = frames.Cell(2, "displacement", 10.0), 8
 COLOURS = ("#0072b2", "#d55e00")
-
-
-def refined() -> tuple[frames.Frame, np.ndarray, phases.PaperFit]:
-    """A frame, its image as the method sees it, and what was found."""
-    frame = frames.frame(CELL, INDEX)
-    seen = read_scene(frame.image, np.ones(frame.image.shape, bool), "auto", None)
-    found = phases.refine_paper(
-        seen.normal,
-        list(frame.sketches),
-        half_width=seen.half_width,
-        seed=0,
-        report=lambda *_: True,
-    )
-    return frame, seen.normal, found
 
 
 def _show(axes: Axes, image: np.ndarray, title: str) -> None:
@@ -43,8 +28,9 @@ def _show(axes: Axes, image: np.ndarray, title: str) -> None:
 
 
 def _draw_bodies(panels: np.ndarray) -> None:
-    frame, image, found = refined()
-    _show(panels[0], image, "image, sketches, splines")
+    frame = frames.frame(CELL, INDEX)
+    seen, found = paper_score.refined(frame)
+    _show(panels[0], seen.normal, "image, sketches, splines")
     for knots, sketch, colour in zip(found.knots, frame.sketches, COLOURS, strict=True):
         row, col, half_width = spline.sample(knots, 100).T
         panels[0].plot(*sketch.T[::-1], "--", color=colour, lw=1)

@@ -19,7 +19,7 @@ from insert import insert
 from scipy.stats import rankdata
 
 from napari_splinesketch.engine import phases, spline
-from napari_splinesketch.engine.scene import read_scene
+from napari_splinesketch.engine.scene import Scene, read_scene
 from napari_splinesketch.metrics import average_dtw
 
 ROWS = Path(__file__).parents[2] / "docs" / "benchmarks" / "paper_score.csv"
@@ -28,9 +28,10 @@ KINDS = (("rotation", 45.0), ("displacement", 20.0), ("pca", 2.0), ("chord", 0.0
 FAR = 2.0
 
 
-def measure(cell: frames.Cell, index: int) -> tuple[float, float, float]:
-    """Average DTW of the worst body, px; loss; noise variance, both by squared contrast."""
-    frame = frames.frame(cell, index)
+def refined(
+    frame: frames.Frame, settings: phases.PaperSettings | None = None
+) -> tuple[Scene, phases.PaperFit]:
+    """The image as `refine` normalises it, and what the paper's method finds in it."""
     seen = read_scene(frame.image, np.ones(frame.image.shape, bool), "auto", None)
     found = phases.refine_paper(
         seen.normal,
@@ -38,7 +39,15 @@ def measure(cell: frames.Cell, index: int) -> tuple[float, float, float]:
         half_width=seen.half_width,
         seed=0,
         report=lambda *_: True,
+        settings=settings or phases.PaperSettings(),
     )
+    return seen, found
+
+
+def measure(cell: frames.Cell, index: int) -> tuple[float, float, float]:
+    """Average DTW of the worst body, px; loss; noise variance, both by squared contrast."""
+    frame = frames.frame(cell, index)
+    seen, found = refined(frame)
     curves = [spline.sample(knots, 100)[:, :2] for knots in found.knots]
     worst = max(average_dtw(c, t) for c, t in zip(curves, frame.truths, strict=True))
     return worst, found.score, seen.noise**2

@@ -6,6 +6,7 @@ from stability_cases import CASES
 from stability_rows import FAR
 
 from napari_splinesketch import refine
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import average_dtw
 
 from .test_refine import assert_whole
@@ -73,20 +74,23 @@ def test_a_half_width_that_no_body_has_is_told_of(results):
     assert any("No body here" in note for note in found.model.notes)
 
 
+def only_body(name: str, seed: int) -> tuple[Curve, float]:
+    """The curve of a trial of one body, and how far it is from the truth, px."""
+    trial = CASES[name].make(seed)
+    (truth,) = trial.truths
+    assert truth is not None
+    (curve,) = refine(trial.image, trial.sketches).curves
+    return curve, average_dtw(curve.points, truth)
+
+
 @pytest.mark.parametrize("seed", [1, 11])
 def test_the_rim_of_a_plate_does_not_draw_a_curve_away(seed):
-    trial = CASES["plate_edge"].make(seed)
-    truth = trial.truths[0]
-    assert truth is not None
-    curve = refine(trial.image, trial.sketches).curves[0]
-    assert average_dtw(curve.points, truth) < 0.5
+    _, apart = only_body("plate_edge", seed)
+    assert apart < 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 1, 11])
 def test_a_body_that_is_cut_off_is_followed_to_the_border(seed):
-    trial = CASES["leaving"].make(seed)
-    truth = trial.truths[0]
-    assert truth is not None
-    curve = refine(trial.image, trial.sketches).curves[0]
-    assert average_dtw(curve.points, truth) < 0.6
+    curve, apart = only_body("leaving", seed)
+    assert apart < 0.6
     assert "it reaches the border of the image" in curve.reasons

@@ -256,8 +256,8 @@ def warm_up(_: OnProgress) -> None:
 def tidy() -> None:
     """Let Python collect garbage, once all is imported; to be called in the window's thread.
 
-    It looks through all that there is whenever there is a quarter more, which takes 0.15 s: to do
-    it now puts it off for long, where it would fall into the first refinement.
+    It looks through all that there is whenever there is a quarter more: to do it now puts it off
+    for long, where it would fall into the first refinement.
     """
     gc.collect()
 
