@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from napari_splinesketch.engine.find.suggest import suggest
     from napari_splinesketch.engine.refine import refine
     from napari_splinesketch.engine.settings import Settings
-    from napari_splinesketch.engine.suggest import suggest
     from napari_splinesketch.engine.types import Curve, Progress, Refinement
     from napari_splinesketch.labels import read_labels, write_labels
 
@@ -30,7 +30,7 @@ _HOME = {
     "Settings": "engine.settings",
     "read_labels": "labels",
     "refine": "engine.refine",
-    "suggest": "engine.suggest",
+    "suggest": "engine.find.suggest",
     "write_labels": "labels",
 }
 

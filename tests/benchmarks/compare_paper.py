@@ -33,8 +33,9 @@ from rows import Store
 from runner import measured, pin_to_one_core
 
 from napari_splinesketch import refine
-from napari_splinesketch.engine import phases, spline
+from napari_splinesketch.engine import spline
 from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.paper import phases
 
 Outcome = tuple[Sequence[np.ndarray], float]
 Run = Callable[[frames.Frame], Outcome]

@@ -21,8 +21,10 @@ from result_tables import markdown
 from rows import FOLDER
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine import bands, fitting, scene, solver, spline
-from napari_splinesketch.engine.tube import brightness
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands, fitting, solver
+from napari_splinesketch.engine.fit.tube import brightness
+from napari_splinesketch.engine.look import scene
 
 KNOTS = 8
 STEPS = 30

@@ -19,7 +19,7 @@ from stability_cases import CASES
 from stability_rows import FAR
 
 from napari_splinesketch import refine
-from napari_splinesketch.engine import doubt
+from napari_splinesketch.engine.judge import doubt
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.metrics import average_dtw
 

@@ -100,11 +100,11 @@ def _ours(preset: str) -> Method:
         result = napari_splinesketch.refine(frame.image, frame.sketches, preset=preset)  # pyright: ignore[reportArgumentType]
         return Answer([c.points for c in result.curves], [c.status for c in result.curves])
 
-    return Method(preset, source_digest(without="paper_result"), run)
+    return Method(preset, source_digest(without="paper.result"), run)
 
 
 def _paper() -> Method:
-    decides = source_digest("phases", "scene")
+    decides = source_digest("paper.phases", "engine.look.scene")
     return replace(_ours("paper"), version=decides, frames=8, parts=DRAWN)
 
 
@@ -162,30 +162,35 @@ def _digest(text: str) -> str:
 
 
 def source_digest(*first: str, without: str = "") -> str:
-    """Digest of the programs of engine modules, and of all that they import from the engine.
+    """Digest of the programs of engine modules, and of all that they import from this package.
 
-    Comments, docstrings and layout do not count, nor what only the module `without` imports.
+    Modules are named as below the package: "engine.refine". Comments, docstrings and layout do not
+    count, nor what only the module `without` imports.
     """
-    folder = Path(napari_splinesketch.__file__).parent / "engine"
+    folder = Path(napari_splinesketch.__file__).parent
     trees: dict[str, ast.Module] = {}
-    names = list(first or ("refine",))
+    names = list(first or ("engine.refine",))
     while names:
         name = names.pop()
         if name not in trees and name != without:
-            trees[name] = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
-            names.extend(_engine_imports(trees[name], folder))
+            trees[name] = ast.parse(_source(folder, name).read_text(encoding="utf-8"))
+            names.extend(_package_imports(trees[name], folder))
     return _digest("".join(ast.dump(_without_texts(trees[name])) for name in sorted(trees)))
 
 
-def _engine_imports(tree: ast.Module, folder: Path) -> set[str]:
-    """Names of the engine's modules that a module imports, wherever in it."""
-    package = f"{napari_splinesketch.__name__}.{folder.name}"
+def _source(folder: Path, name: str) -> Path:
+    return folder / f"{name.replace('.', '/')}.py"
+
+
+def _package_imports(tree: ast.Module, folder: Path) -> set[str]:
+    """Names of the package's modules that a module imports, wherever in it."""
+    package = f"{napari_splinesketch.__name__}."
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package):
-            parent = (node.module or "").removeprefix(package).removeprefix(".")
-            found |= {parent} if parent else {alias.name for alias in node.names}
-    return {name for name in found if (folder / f"{name}.py").is_file()}
+            parent = (node.module or "").removeprefix(package)
+            found |= {parent} | {f"{parent}.{alias.name}" for alias in node.names}
+    return {name for name in found if _source(folder, name).is_file()}
 
 
 def _without_texts(tree: ast.Module) -> ast.Module:

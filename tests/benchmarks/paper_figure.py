@@ -15,7 +15,8 @@ import numpy as np
 import paper_score
 from matplotlib.axes import Axes
 
-from napari_splinesketch.engine import phases, spline
+from napari_splinesketch.engine import spline
+from napari_splinesketch.paper import phases
 
 FIGURE = Path(__file__).parents[2] / "docs" / "images" / "paper_outputs.svg"
 CELL, INDEX = frames.Cell(2, "displacement", 10.0), 8

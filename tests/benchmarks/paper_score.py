@@ -18,9 +18,10 @@ import numpy as np
 from insert import insert
 from scipy.stats import rankdata
 
-from napari_splinesketch.engine import phases, spline
-from napari_splinesketch.engine.scene import Scene, read_scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.look.scene import Scene, read_scene
 from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.paper import phases
 
 ROWS = Path(__file__).parents[2] / "docs" / "benchmarks" / "paper_score.csv"
 COLUMNS = ("bodies", "kind", "index", "worst", "loss", "noise")

@@ -12,7 +12,8 @@ import numpy as np
 from stability_cases import CASES
 from stability_rows import FAR, FOLDER, measure
 
-from napari_splinesketch.engine import bands, choice, judging, smooth_paths
+from napari_splinesketch.engine.find import choice, judging, smooth_paths
+from napari_splinesketch.engine.fit import bands
 
 FACTORS = (0.1, 10.0)
 CASE = "plain"

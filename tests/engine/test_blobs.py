@@ -10,7 +10,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import correlate
 
-from napari_splinesketch.engine import blobs, spline
+from napari_splinesketch.engine import spline
+from napari_splinesketch.paper import blobs
 
 CANVAS = blobs.Canvas(frame=(64, 96), tile=(64, 64), patch=17, points=40)
 UNIT = 20.0

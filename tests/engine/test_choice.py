@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine import choice, smooth_paths, tracing
+from napari_splinesketch.engine.find import choice, smooth_paths, tracing
 
 HALF_WIDTH = 3.0
 CENTRE = np.array([45.0, 60.0])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from napari_splinesketch.engine import doubt
-from napari_splinesketch.engine.doubt import NO_RIVAL, Evidence, collect, reasons
+from napari_splinesketch.engine.judge import doubt
+from napari_splinesketch.engine.judge.doubt import NO_RIVAL, Evidence, collect, reasons
 
 SURE = Evidence(
     sd=0.1,

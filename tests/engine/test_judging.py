@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine.doubt import NO_RIVAL
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.judging import best_starts
-from napari_splinesketch.engine.trials import Comparison, Start, Trial
-from napari_splinesketch.engine.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.find.judging import best_starts
+from napari_splinesketch.engine.find.trials import Comparison, Start, Trial
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.judge.doubt import NO_RIVAL
 
 SHAPE = (60, 80)
 WIDTH = 2.0

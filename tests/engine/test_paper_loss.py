@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine import blobs, paper_loss
-from napari_splinesketch.engine.paper_loss import Target, Weights
+from napari_splinesketch.paper import blobs
+from napari_splinesketch.paper import loss as paper_loss
+from napari_splinesketch.paper.loss import Target, Weights
 
 UNIT = 10.0
 

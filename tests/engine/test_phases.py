@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import phases, spline
-from napari_splinesketch.engine.blobs import spline_knots
-from napari_splinesketch.engine.paper_fit import draw
-from napari_splinesketch.engine.phases import PaperFit, PaperSettings
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.paper import phases
+from napari_splinesketch.paper.blobs import spline_knots
+from napari_splinesketch.paper.fit import draw
+from napari_splinesketch.paper.phases import PaperFit, PaperSettings
 
 SETTINGS = PaperSettings(splines_steps=250, everything_steps=40, seeds=1)
 HALF_WIDTH = 3.0

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine import profile
+from napari_splinesketch.engine.fit import profile
 
 FLAT = {"log_blur": np.log(0.5), "shade": 0.0, "log_power": -30.0, "log_extent": np.log(0.25)}
 """No shading, no taper."""

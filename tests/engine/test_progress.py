@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import Progress, refine, synthetic
-from napari_splinesketch.engine import fitting, solver
+from napari_splinesketch.engine.fit import fitting, solver
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import CANCELLED
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine import background, scene
+from napari_splinesketch.engine.look import background, scene
 from napari_splinesketch.engine.types import Polarity
 
 SHAPE = (140, 100)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import metrics, synthetic
-from napari_splinesketch.engine import bands, fitting, scene, solver, spline
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands, fitting, solver
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import LevelSettings
-from napari_splinesketch.engine.tube import GLOBALS, INDEX
 
 KNOTS = 8
 SHAPE = (110, 128)

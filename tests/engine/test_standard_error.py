@@ -5,11 +5,15 @@ import pytest
 from scipy import ndimage
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import standard_error as module
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.scene import Scene
-from napari_splinesketch.engine.standard_error import beside_others, standard_error, unexplained
-from napari_splinesketch.engine.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.judge import standard_error as module
+from napari_splinesketch.engine.judge.standard_error import (
+    beside_others,
+    standard_error,
+    unexplained,
+)
+from napari_splinesketch.engine.look.scene import Scene
 
 SHAPE = (90, 120)
 U = np.linspace(0, 1, 100)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from napari_splinesketch.engine import tracing
+from napari_splinesketch.engine.find import tracing
 
 SHAPE = (90, 120)
 HALF_WIDTH = 3.0

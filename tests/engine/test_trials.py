@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine import trials
-from napari_splinesketch.engine.trials import Comparison, Start, Trial, fitted
+from napari_splinesketch.engine.find import trials
+from napari_splinesketch.engine.find.trials import Comparison, Start, Trial, fitted
 
 FIXED = [np.array([[0.0, 5.0], [0.0, 15.0]]), np.array([[900.0, 5.0], [900.0, 15.0]])]
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from napari_splinesketch.engine import bands, spline, tube
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands, tube
 
 SHAPE = (64, 110)
 PIXELS = np.indices(SHAPE).reshape(2, -1).astype(np.float32)

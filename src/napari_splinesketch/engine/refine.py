@@ -7,9 +7,11 @@ from typing import get_args
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
-from napari_splinesketch.engine import bands, fitting, scene, spline
-from napari_splinesketch.engine.assemble import assemble, nothing
-from napari_splinesketch.engine.fit_scene import Centrelines, fit_scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands, fitting
+from napari_splinesketch.engine.fit.fit_scene import Centrelines, fit_scene
+from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.report.assemble import assemble, nothing
 from napari_splinesketch.engine.settings import PRESETS, SETTINGS, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
@@ -90,7 +92,7 @@ def refine(
         seen = scene.read_scene(image[window], near, polarity, half_width)
         usable = [u - corner for u in usable]
         if preset == "paper":
-            from napari_splinesketch.engine.paper_result import assemble_paper, fit_paper
+            from napari_splinesketch.paper.result import assemble_paper, fit_paper
 
             paper = fit_paper(seen, usable, fixed, corner, seed, reporter)
             return assemble_paper(image, lines, faults, window, seen, paper, began)

@@ -164,7 +164,7 @@ class SuggestTask:
 
 def suggest(task: SuggestTask, on_progress: OnProgress) -> tuple[Float[np.ndarray, "N 2"], ...]:
     """Read the pixels and suggest lines, px of the image; to be called in a thread."""
-    from napari_splinesketch.engine.suggest import suggest
+    from napari_splinesketch.engine.find.suggest import suggest
 
     on_progress(Progress("reading the image", 0.0))
     pixels = task.block.read()

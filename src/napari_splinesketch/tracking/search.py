@@ -122,7 +122,7 @@ class Search:
 
     def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
         """What the image itself suggests for bodies in doubt."""
-        from napari_splinesketch.engine.suggest import suggest
+        from napari_splinesketch.engine.find.suggest import suggest
 
         polarity: Polarity = self.refinement.model.polarity if self.refinement else "auto"
         to_image = self._view.place.to_image

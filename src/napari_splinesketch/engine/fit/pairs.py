@@ -6,9 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import assess, fitting, smooth_paths, spline
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import smooth_paths
+from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.judge import assess
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
 NEXT_TO = 3.0

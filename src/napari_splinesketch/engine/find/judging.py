@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import distance
 
-from napari_splinesketch.engine import fitting, smooth_paths
-from napari_splinesketch.engine.doubt import NO_RIVAL
-from napari_splinesketch.engine.trials import Comparison, Start, Trial
+from napari_splinesketch.engine.find import smooth_paths
+from napari_splinesketch.engine.find.trials import Comparison, Start, Trial
+from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.judge.doubt import NO_RIVAL
 from napari_splinesketch.engine.types import Array
 
 PATH_WEIGHT = 1.0

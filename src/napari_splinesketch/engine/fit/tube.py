@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from napari_splinesketch.engine.profile import WIDTH_MODES, coverage_partials, modes
+from napari_splinesketch.engine.fit.profile import WIDTH_MODES, coverage_partials, modes
 from napari_splinesketch.engine.types import AnyArray as Array
 
 # Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).

@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import choice, smooth_paths, spline, tracing
-from napari_splinesketch.engine.judging import best_starts
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import choice, smooth_paths, tracing
+from napari_splinesketch.engine.find.judging import best_starts
+from napari_splinesketch.engine.find.trials import Comparison, Start, Trial, fitted
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.trials import Comparison, Start, Trial, fitted
 from napari_splinesketch.engine.types import Array
 
 SMOOTH = 1.5

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from napari_splinesketch.engine.blobs import Blobs, Place
 from napari_splinesketch.engine.spline import bending_matrix
+from napari_splinesketch.paper.blobs import Blobs, Place
 
 
 class Weights(NamedTuple):

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import distance
 
+from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.spline import arc_length, resample
-from napari_splinesketch.engine.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
 UNIT = 3.0

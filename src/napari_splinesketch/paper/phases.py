@@ -12,7 +12,8 @@ import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from napari_splinesketch.engine.blobs import (
+from napari_splinesketch.engine.compile_cache import use_cache
+from napari_splinesketch.paper.blobs import (
     Blobs,
     Canvas,
     Place,
@@ -20,8 +21,7 @@ from napari_splinesketch.engine.blobs import (
     convolve,
     keep_in_frame,
 )
-from napari_splinesketch.engine.compile_cache import use_cache
-from napari_splinesketch.engine.paper_fit import (
+from napari_splinesketch.paper.fit import (
     PaperFit,
     Problem,
     bucket,
@@ -31,8 +31,8 @@ from napari_splinesketch.engine.paper_fit import (
     prepare,
     render_bodies,
 )
-from napari_splinesketch.engine.paper_loss import Weights, reconstruction_loss, regularization
-from napari_splinesketch.engine.paper_settings import PaperSettings, PhaseName, Plan
+from napari_splinesketch.paper.loss import Weights, reconstruction_loss, regularization
+from napari_splinesketch.paper.settings import PaperSettings, PhaseName, Plan
 
 __all__ = ["PaperFit", "PaperSettings", "refine_paper", "render_bodies"]
 

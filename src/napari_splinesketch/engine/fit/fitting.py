@@ -8,11 +8,12 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from napari_splinesketch.engine import bands as pad
-from napari_splinesketch.engine import solver, spline
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands as pad
+from napari_splinesketch.engine.fit import solver
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import LevelSettings
-from napari_splinesketch.engine.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.types import Array
 
 GAIN = 1.0

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.solver import TILE, Bands
-from napari_splinesketch.engine.tube import GLOBALS, INDEX, Basis
+from napari_splinesketch.engine.fit.solver import TILE, Bands
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, Basis
 from napari_splinesketch.engine.types import Array
 
 SAMPLES = 64

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
-from napari_splinesketch.engine.background import estimate_background
-from napari_splinesketch.engine.cover import BODY, explain
-from napari_splinesketch.engine.scene import pixel_noise, read_scene
+from napari_splinesketch.engine.find.cover import BODY, explain
+from napari_splinesketch.engine.find.tracing import THRESHOLD, TraceGraph, body_mask, trace
+from napari_splinesketch.engine.look.background import estimate_background
+from napari_splinesketch.engine.look.scene import pixel_noise, read_scene
 from napari_splinesketch.engine.spline import arc_length, fit_knots
-from napari_splinesketch.engine.tracing import THRESHOLD, TraceGraph, body_mask, trace
 from napari_splinesketch.engine.types import Array, Polarity
 
 THRESHOLDS = (0.65, 0.25)

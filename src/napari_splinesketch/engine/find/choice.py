@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from napari_splinesketch.engine import smooth_paths
+from napari_splinesketch.engine.find import smooth_paths
+from napari_splinesketch.engine.find.smooth_paths import Paths
+from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.smooth_paths import Paths
-from napari_splinesketch.engine.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
 SHARED = 0.5

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from jaxtyping import Array, Float, Int
 
-from napari_splinesketch.engine.paper_loss import DEFAULT_WEIGHTS, Weights
+from napari_splinesketch.paper.loss import DEFAULT_WEIGHTS, Weights
 
 PhaseName = Literal["background", "splines", "everything"]
 

@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int, Real
 
-from napari_splinesketch.engine import assess, spline
-from napari_splinesketch.engine.assemble import frames, full_list
-from napari_splinesketch.engine.fit_scene import Reporter
-from napari_splinesketch.engine.fitting import Stopped
-from napari_splinesketch.engine.paper_fit import PaperFit
-from napari_splinesketch.engine.phases import refine_paper
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit.fit_scene import Reporter
+from napari_splinesketch.engine.fit.fitting import Stopped
+from napari_splinesketch.engine.judge import assess
+from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.report.assemble import frames, full_list
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, SceneModel
+from napari_splinesketch.paper.fit import PaperFit
+from napari_splinesketch.paper.phases import refine_paper
 
 Lines = list[Float[Array, "N 2"]]
 

@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.blobs import (
+from napari_splinesketch.engine.spline import arc_length, basis, fit_knots, sample
+from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.paper.blobs import (
     REACH,
     Blobs,
     Canvas,
@@ -24,9 +26,7 @@ from napari_splinesketch.engine.blobs import (
     initial_profile,
     spline_knots,
 )
-from napari_splinesketch.engine.paper_loss import Target
-from napari_splinesketch.engine.spline import arc_length, basis, fit_knots, sample
-from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.paper.loss import Target
 
 _HALF_WIDTHS_PER_UNIT = 40.0
 _START_WIDTH = 0.8

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine.compile_cache import use_cache
-from napari_splinesketch.engine.tube import INDEX, Basis, brightness
+from napari_splinesketch.engine.fit.tube import INDEX, Basis, brightness
 from napari_splinesketch.engine.types import AnyArray as Array
 
 use_cache()

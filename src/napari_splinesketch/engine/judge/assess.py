@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.profile import WIDTH_MODES, modes, tapered_width
-from napari_splinesketch.engine.tube import INDEX
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.profile import WIDTH_MODES, modes, tapered_width
+from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 LARGE_RESIDUAL = 3.0

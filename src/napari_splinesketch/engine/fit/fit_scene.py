@@ -9,9 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from napari_splinesketch.engine import bands, finding, fitting, model, pairs, spline, trials
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import finding, trials
+from napari_splinesketch.engine.fit import bands, fitting, model, pairs
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import LevelSettings, Settings
 from napari_splinesketch.engine.types import Array, Curve
 

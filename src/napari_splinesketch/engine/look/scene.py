@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
-from napari_splinesketch.engine.background import Kind, estimate_background
-from napari_splinesketch.engine.tracing import body_mask
+from napari_splinesketch.engine.find.tracing import body_mask
+from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.types import Array, Polarity
 
 MISSING = 1.5

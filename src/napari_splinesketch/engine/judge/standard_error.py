@@ -5,8 +5,8 @@ from jaxtyping import Bool, Float
 from scipy import ndimage, spatial
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.scene import Scene
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
 GRAIN = 0.35

@@ -9,8 +9,8 @@ from scipy.optimize import LinearConstraint, milp
 from scipy.sparse import csc_array, csr_array, eye_array, hstack
 from scipy.sparse.csgraph import connected_components
 
+from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.spline import arc_length, resample
-from napari_splinesketch.engine.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
 TURN = np.cos(np.deg2rad(75))

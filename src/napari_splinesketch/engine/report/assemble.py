@@ -8,18 +8,21 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
-from napari_splinesketch.engine import assess, doubt, fitting, scene, spline
-from napari_splinesketch.engine.background import estimate_background
-from napari_splinesketch.engine.fit_scene import SceneFit
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.scene import Scene
-from napari_splinesketch.engine.solver import SLOPE_UNIT
-from napari_splinesketch.engine.standard_error import (
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.fit.fit_scene import SceneFit
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.solver import SLOPE_UNIT
+from napari_splinesketch.engine.judge import assess, doubt
+from napari_splinesketch.engine.judge.standard_error import (
     BESIDE,
     beside_others,
     standard_error,
     unexplained,
 )
+from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.look.background import estimate_background
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine import fitting
-from napari_splinesketch.engine.doubt import NO_RIVAL
+from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.judge.doubt import NO_RIVAL
 from napari_splinesketch.engine.types import Array
 
 TOGETHER = 128

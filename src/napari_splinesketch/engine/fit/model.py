@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from napari_splinesketch.engine.bands import Priors
-from napari_splinesketch.engine.fitting import Body
-from napari_splinesketch.engine.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.fit.bands import Priors
+from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 
 PARTS = {
     "width": ("log_width_1", "log_width_2", "log_width_3"),

@@ -1,0 +1,1 @@
+"""Find the path that each sketch means."""

@@ -1,0 +1,1 @@
+"""Fit splines to the image by differentiable rendering."""

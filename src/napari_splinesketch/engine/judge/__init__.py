@@ -1,0 +1,1 @@
+"""Say how far each fitted curve can be trusted."""

@@ -1,0 +1,1 @@
+"""Read the image: background, contrast, noise, width."""

@@ -1,0 +1,1 @@
+"""Turn fitted bodies into the result that the user gets."""

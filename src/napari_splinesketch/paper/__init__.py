@@ -1,0 +1,1 @@
+"""The paper's method, as the paper has it."""
