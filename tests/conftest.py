@@ -21,7 +21,8 @@ GUI = ("make_napari_viewer", "make_napari_viewer_proxy", "qtbot", "qapp")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Keep what JAX compiles from one run to the next, beside pytest's own cache."""
-    folder = config.cache.mkdir("jax") if config.cache else _HOME
+    cache = getattr(config, "cache", None)  # none with -p no:cacheprovider
+    folder = cache.mkdir("jax") if cache else _HOME
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
 
 
