@@ -1,0 +1,152 @@
+"""The benchmark of images of other kinds: how many bodies are found, lost, marked and spoilt.
+
+python tests/benchmarks/real.py [--methods ...] [--split tune|held|all] [--jitter]
+    [--folder DIR ...] [--cases NAME ...] [--rows FILE] [--fresh]
+
+Stops and goes on case by case: rows of the same version of a method are kept.
+"""
+
+import argparse
+import csv
+import os
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, astuple, fields
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import real_methods
+from real_cases import FOLDERS, RIGHT, ROOT, Case, in_folders, jittered
+from real_judge import Row, shares, summary, verdict
+
+ROWS = ROOT / "docs" / "benchmarks" / "real.csv"
+
+
+def main() -> None:
+    """Run what has not been run yet, then print the summary."""
+    options = _options()
+    warnings.simplefilter("ignore")  # of the other methods
+    cases = [case for case in in_folders(options.folder) if _wanted(case, options)]
+    if not cases:
+        raise SystemExit(f"No cases in {', '.join(map(str, options.folder))}.")
+    if options.jitter:
+        cases = [jittered(case) for case in cases]
+    kept = [] if options.fresh else list(read(options.rows))
+    versions = {name: real_methods.version(name) for name in options.methods}
+    kept = [row for row in kept if row.version == versions.get(row.method, row.version)]
+    done = {(row.method, row.case, row.sketches) for row in kept}
+    for name in options.methods:
+        for case in cases:
+            for drawn in case.sketches:
+                if (name, case.name, drawn) not in done:
+                    kept += measure(name, versions[name], case, drawn)
+                    write(options.rows, kept)
+    names = {case.name for case in cases}
+    show(
+        [
+            row
+            for row in kept
+            if row.case in names
+            and row.method in options.methods
+            and (row.sketches == RIGHT) == options.jitter
+        ]
+    )
+
+
+def _wanted(case: Case, options: argparse.Namespace) -> bool:
+    return options.split in (case.split, "all") and (
+        not options.cases or case.name in options.cases
+    )
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser("python tests/benchmarks/real.py", description=__doc__)
+    known = list(real_methods.RUNS)
+    parser.add_argument("--methods", nargs="+", default=["balanced"], choices=known)
+    parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
+    parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
+    parser.add_argument("--folder", nargs="+", type=Path, default=FOLDERS, help="of cases")
+    parser.add_argument("--cases", nargs="+", default=[], help="only these")
+    parser.add_argument("--rows", type=Path, default=ROWS, help="where results are kept")
+    parser.add_argument("--fresh", action="store_true", help="forget what was run before")
+    return parser.parse_args()
+
+
+def measure(method: str, version: str, case: Case, drawn: str) -> list[Row]:
+    """Run one method on one set of sketches of a case."""
+    sketches = case.sketches[drawn]
+    began = time.perf_counter()
+    found = real_methods.RUNS[method](case, sketches)
+    seconds = time.perf_counter() - began
+    rows = []
+    for body, (sketch, reference, one) in enumerate(
+        zip(sketches, case.references, found, strict=True)
+    ):
+        near = shares(one.curve, reference, one.half_width)
+        rows.append(
+            Row(
+                method=method,
+                version=version,
+                case=case.name,
+                kind=case.kind,
+                split=case.split,
+                sketches=drawn,
+                body=body,
+                drawn=verdict(*shares(sketch, reference, case.half_width)),
+                verdict=verdict(*near),
+                curve_share=near[0],
+                reference_share=near[1],
+                half_width=one.half_width,
+                status=one.status,
+                reasons=one.reasons,
+                seconds=seconds,
+            )
+        )
+    return rows
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print a table for each method: a line a case, and one for all."""
+    for method in dict.fromkeys(row.method for row in rows):
+        mine = [row for row in rows if row.method == method]
+        groups = {name: [r for r in mine if r.case == name] for name in {r.case for r in mine}}
+        seconds = sum({(r.case, r.sketches): r.seconds for r in mine}.values())
+        print(f"\n{real_methods.LABELS[method]} ({seconds:.0f} s)")
+        print(f"{'%':28}bodies  good  lost | marked: bad  good | right sketches spoilt, silently")
+        for name, some in [*sorted(groups.items()), ("all", mine)]:
+            s = summary(some)
+            print(
+                f"{name:28}{s.bodies:6}{s.good:6.0f}{s.lost:6.0f}{s.bad_marked:14.0f}"
+                f"{s.good_marked:6.0f}{s.spoilt:25.0f}{s.spoilt_silently:10.0f}"
+            )
+
+
+def read(path: Path) -> Iterable[Row]:
+    """Read rows from a file that may not exist."""
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            for record in csv.DictReader(file):
+                yield Row(**{f.name: _PARSE[str(f.type)](record[f.name]) for f in fields(Row)})
+
+
+_PARSE = {"str": str, "int": int, "float": float, str(str): str, str(int): int, str(float): float}
+
+
+def write(path: Path, rows: Sequence[Row]) -> None:
+    """Write all rows; three digits are enough for every number."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.with_suffix(".new")
+    with fresh.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(asdict(rows[0]) if rows else [f.name for f in fields(Row)])
+        for row in rows:
+            writer.writerow([f"{v:.3g}" if isinstance(v, float) else v for v in astuple(row)])
+    fresh.replace(path)
+
+
+if __name__ == "__main__":
+    main()

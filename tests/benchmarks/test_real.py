@@ -1,0 +1,94 @@
+"""The judge of the benchmark of other images, and how its cases are read."""
+
+import json
+
+import numpy as np
+import pytest
+import real
+import real_judge
+import skimage.io
+from real_cases import FOLDERS, RIGHT, Case, by_arc, in_folders, jittered, length_of, read, split_of
+
+LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
+
+
+def _beside(distance: float) -> np.ndarray:
+    return LINE + np.array([distance, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("curve", "half_width", "expected"),
+    [
+        (LINE, 3.0, "good"),
+        (LINE[::-1], 3.0, "good"),
+        (_beside(2.9), 1.0, "good"),
+        (_beside(3.1), 1.0, "lost"),
+        (_beside(4.9), 20.0, "good"),
+        (_beside(5.1), 20.0, "lost"),
+        (np.array([[50.0, 10.0], [50.0, 75.0]]), 3.0, "short/long"),
+        (np.array([[50.0, -70.0], [50.0, 110.0]]), 3.0, "short/long"),
+        (np.array([[50.0, 10.0], [50.0, 40.0]]), 3.0, "lost"),
+        (np.array([[50.0, 10.0], [50.0, 75.0], [85.0, 75.0]]), 3.0, "partly"),
+    ],
+)
+def test_verdicts_by_hand(curve, half_width, expected):
+    assert real_judge.verdict(*real_judge.shares(curve, LINE, half_width)) == expected
+
+
+def _row(verdict: real_judge.Verdict, status: str, drawn: str = "lost") -> real_judge.Row:
+    return real_judge.Row(
+        "m", "1", "c", "k", "tune", "eye", 0, drawn, verdict, 1.0, 1.0, 2.0, status, "", 0.1
+    )
+
+
+def test_shares_by_hand():
+    rows = [_row("good", "good", "good")] * 3 + [_row("good", "check"), _row("partly", "check")]
+    rows += [_row("lost", "good", "good"), _row("lost", "failed", "good"), _row("lost", "failed")]
+    assert real_judge.summary(rows) == real_judge.Summary(8, 50.0, 37.5, 75.0, 25.0, 40.0, 20.0)
+
+
+def test_a_case_is_read_and_its_sketches_made_right(tmp_path):
+    image = np.full((60, 90), 200, np.uint8)
+    image[28:33, 10:80] = 20
+    bent = [[30.0, 10.0], [30.0, 50.0], [30.0, 79.0]]
+    texts = {"sketches": {"eye": [bent[::2]]}, "truth": None, "reference_by_eye": {"eye": [bent]}}
+    texts["source"] = {"source": "drawn", "licence": "MIT", "kind": "bars", "half_width": 2.5}
+    for name, value in texts.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(value))
+    skimage.io.imsave(tmp_path / "image.png", image, check_contrast=False)
+    case = read(tmp_path)
+    assert (case.kind, case.half_width, case.bright(0)) == ("bars", 2.5, False)
+    right = jittered(case)
+    assert np.array_equal(right.sketches[RIGHT][0], jittered(case).sketches[RIGHT][0])
+    rows = [
+        *real.measure("as_drawn", "1", right, RIGHT),
+        *real.measure("minimal_path", "1", case, "eye"),
+    ]
+    assert [row.verdict for row in rows] == ["good", "good"]
+    real.write(tmp_path / "rows.csv", rows)
+    again = list(real.read(tmp_path / "rows.csv"))
+    assert [row.verdict for row in again] == ["good", "good"]
+    assert [row.method for row in again] == ["as_drawn", "minimal_path"]
+
+
+def test_cases_at_hand_are_whole():
+    for case in in_folders(FOLDERS):
+        _check(case)
+
+
+def _check(case: Case) -> None:
+    assert case.image.ndim == 2
+    for line in (*case.references, *(line for lines in case.sketches.values() for line in lines)):
+        assert line.shape[1] == 2
+        assert length_of(line) > 0
+        assert (line > -1).all()
+        assert (line < case.image.shape).all()
+
+
+def test_points_are_uniform_along_a_polyline():
+    points = by_arc(np.array([[0.0, 0.0], [0.0, 3.0], [1.0, 3.0]]), 5)
+    assert np.allclose(points, [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]])
+
+
+def test_about_a_third_is_held_out():
+    assert 80 < sum(split_of(f"case {i}") == "held" for i in range(300)) < 120
