@@ -1,11 +1,12 @@
-"""Whole files or none: atomic writing, and the error of every reader."""
+"""The error of every reader; whole files or none."""
 
-import hashlib
 import os
-import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+
+from napari_splinesketch.files import atomic, checksum_of_file
+
+__all__ = ["LabelsError", "atomic", "blamed", "checksum_of_file"]
 
 
 class LabelsError(ValueError):
@@ -29,53 +30,3 @@ def blamed(error: Callable[[str], LabelsError]) -> Iterator[None]:
         raise
     except ValueError as reason:
         raise error(str(reason)) from None
-
-
-@contextmanager
-def atomic(
-    path: str | os.PathLike[str], *, overwrite: bool = False, durable: bool = True
-) -> Iterator[Path]:
-    """Give the path of a temporary file that becomes `path` when the block ends well.
-
-    The temporary file lies in the same directory. Whatever happens, `path` is either as it was or
-    complete.
-
-    Parameters
-    ----------
-    path
-        The file to write. A symbolic link is followed.
-    overwrite
-        Replace an existing file; otherwise it raises FileExistsError.
-    durable
-        Wait until it is on the disk, so that it is whole after a power cut too; takes milliseconds.
-    """
-    target = Path(path).resolve()
-    _refuse_existing(target, overwrite)
-    # The suffix is kept: some libraries choose the format by it.
-    temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
-    try:
-        yield temporary
-        _refuse_existing(target, overwrite)
-        if durable:
-            _flush(temporary)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _flush(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
-def _refuse_existing(path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
-        raise FileExistsError(
-            f"{path} exists already; choose another name or ask for it to be overwritten"
-        )
-
-
-def checksum_of_file(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal digits."""
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,285 @@
+"""Files and folders written whole or not at all, by one process at a time."""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import socket
+import stat
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+BEYOND = 2**30
+"""Where Windows locks a byte: what it locks cannot be read."""
+SAID_WHEN_FULL = ("No space left", "File too large", "requested and")
+"""What NumPy and HDF5 say of a full disk: their errors have no number."""
+
+
+class BusyError(OSError):
+    """A file that another process is writing: which one, and what to do."""
+
+
+@contextmanager
+def atomic(
+    path: str | os.PathLike[str], *, overwrite: bool = False, durable: bool = True
+) -> Iterator[Path]:
+    """Give the path of a temporary file that becomes `path` when the block ends well.
+
+    The temporary file has the same name, in a folder of its own beside `path` that nobody else can
+    read. Whatever happens, `path` is either as it was or complete. A file that is replaced hands
+    down its mode, and its owner where that is allowed.
+
+    Parameters
+    ----------
+    path
+        The file to write. A symbolic link is followed.
+    overwrite
+        Replace an existing file; otherwise it raises FileExistsError.
+    durable
+        Wait until it is on the disk, so that it is whole after a power cut too; takes milliseconds.
+
+    Raises
+    ------
+    OSError
+        Where the disk is full; it names `path` and what to do.
+    """
+    target = Path(os.path.realpath(path))
+    if not overwrite:
+        _refuse_existing(target)
+    with _beside(target) as folder:
+        temporary = folder / target.name
+        with _full_disk(target):
+            yield temporary
+            if durable:
+                _flush(temporary)
+        _hand_down(target, temporary)
+        _publish(temporary, target, overwrite)
+
+
+@contextmanager
+def atomic_folder(
+    path: str | os.PathLike[str], *, replaces: Callable[[Path], bool] = lambda folder: False
+) -> Iterator[Path]:
+    """Give an empty temporary folder that becomes `path` when the block ends well.
+
+    Parameters
+    ----------
+    path
+        The folder to make.
+    replaces
+        Whether a folder that is there already may be replaced; a file never is.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not (target.is_dir() and replaces(target)):
+        _refuse_existing(target)
+    with _beside(target) as folder:
+        temporary, old = folder / "new", folder / "old"
+        temporary.mkdir()
+        with _full_disk(target):
+            yield temporary
+        _hand_down(target, temporary)
+        if not target.exists():
+            temporary.rename(target)
+        elif replaces(target):
+            target.rename(old)
+            try:
+                temporary.rename(target)
+            except BaseException:
+                old.rename(target)
+                raise
+        else:
+            _refuse_existing(target)
+
+
+@contextmanager
+def owned(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep other processes from writing `path`, a file or a folder, until the block ends.
+
+    A file beside it, .NAME.lock, says who writes. The operating system lets go of it when the
+    process ends, however it ends, so that nothing stale stands in the way.
+
+    Raises
+    ------
+    BusyError
+        Where somebody else owns it: says who.
+    """
+    target = Path(os.path.realpath(path))
+    lock = target.with_name(f".{target.name}.lock")
+    descriptor = _take(lock, target)
+    try:
+        owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.time()}
+        os.truncate(descriptor, 0)
+        os.write(descriptor, json.dumps(owner).encode())
+        yield
+    finally:
+        # Deleted while it is still ours: who waits for it notices, and makes a new one.
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+        with suppress(OSError):
+            if os.name == "nt":  # where an open file cannot be deleted
+                lock.unlink()
+
+
+def check_outputs(
+    outputs: Sequence[Path], is_input: Callable[[Path], bool], *, overwrite: bool
+) -> None:
+    """Refuse outputs that could not be written, or would destroy an input, before any work.
+
+    Parameters
+    ----------
+    outputs
+        The files to write.
+    is_input
+        Whether a file is one that is read.
+    overwrite
+        Whether existing files may be replaced; inputs never are.
+    """
+    for number, path in enumerate(outputs):
+        if any(same_file(path, other) for other in outputs[:number]):
+            raise ValueError(f"two outputs have the same name, {path}; give each its own")
+        if not path.parent.is_dir():
+            raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
+        if is_input(path):
+            raise ValueError(
+                f"{path} is read by this command, and is not replaced; choose another name"
+            )
+        if path.is_symlink() and not path.exists():
+            raise ValueError(f"{path} is a link that leads nowhere; delete it or choose another")
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "no regular file"
+            raise ValueError(f"{path} is {kind}, and is not replaced; choose another name")
+        if path.exists() and not overwrite:
+            raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
+        if not os.access(Path(os.path.realpath(path)).parent, os.W_OK | os.X_OK):
+            raise PermissionError(f"{path.parent} cannot be written to; choose another folder")
+
+
+def same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Tell whether two names are of one file, by a link or a hard link too."""
+    try:
+        return os.path.samefile(path, other)
+    except (OSError, ValueError):  # one of them does not exist
+        return os.path.realpath(path) == os.path.realpath(other)
+
+
+def is_inside(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]]) -> bool:
+    """Tell whether a file lies in one of some folders, however deep."""
+    parents = Path(os.path.realpath(path)).parents
+    return any(Path(os.path.realpath(folder)) in parents for folder in folders)
+
+
+def checksum_of_file(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal digits."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=target.parent))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _full_disk(target: Path) -> Iterator[None]:
+    """Say what to do about a full disk, and which file it is about."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        number = getattr(error, "errno", None)
+        if number in FULL or any(words in str(error) for words in SAID_WHEN_FULL):
+            remedy = "no space left on the disk; make some and repeat the command"
+            raise OSError(number or errno.ENOSPC, remedy, str(target)) from error
+        raise
+
+
+def _flush(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _hand_down(target: Path, temporary: Path) -> None:
+    """Give a new file or folder the owner and the mode of the one that it replaces."""
+    with suppress(OSError, AttributeError):  # nothing is replaced, or not ours, or Windows
+        old = target.stat()
+        if (old.st_uid, old.st_gid) != (temporary.stat().st_uid, temporary.stat().st_gid):
+            with suppress(OSError):
+                os.chown(temporary, old.st_uid, old.st_gid)
+        temporary.chmod(stat.S_IMODE(old.st_mode))
+
+
+def _publish(temporary: Path, target: Path, overwrite: bool) -> None:
+    if overwrite:
+        os.replace(temporary, target)
+        return
+    try:
+        os.link(temporary, target)  # unlike a rename, never in place of another file
+    except FileExistsError:
+        _refuse_existing(target)
+    except OSError:  # a file system without hard links
+        _refuse_existing(target)
+        os.replace(temporary, target)
+
+
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(
+            f"{path} exists already; choose another name or ask for it to be overwritten"
+        )
+
+
+def _take(lock: Path, target: Path) -> int:
+    """Open a lock file and own it; BusyError where somebody else does."""
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+        try:
+            if not _lock(descriptor):
+                raise BusyError(f"{target} is being written by {_owner(descriptor)}")
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), lock.stat()):
+                    return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # its owner has deleted it in the meantime
+
+
+def _lock(descriptor: int) -> bool:
+    """Own an open file, for as long as it is open; False where another process does."""
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            os.lseek(descriptor, BEYOND, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # pyright: ignore
+            os.lseek(descriptor, 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
+            return False
+        raise
+    return True
+
+
+def _owner(descriptor: int) -> str:
+    """Say who owns a lock file, and what to do."""
+    try:
+        with open(descriptor, encoding="utf-8", closefd=False) as file:
+            owner = json.load(file)
+        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(owner["since"]))
+        who = f"process {owner['pid']} on {owner['host']}, since {since}"
+    except (ValueError, KeyError, TypeError):  # it has only just begun
+        who = "another process"
+    return f"{who}; wait until it is done, stop it, or choose another name"
