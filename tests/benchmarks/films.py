@@ -1,0 +1,178 @@
+"""Films with truth: who is followed, how exactly, through crossings and out of sight.
+
+    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--frame-by-frame]
+        [--write]
+
+Prints a table; with --write, docs/films.md gets it. Without --held-out, films are those that
+settings may be chosen on.
+"""
+
+import argparse
+import os
+import time
+from dataclasses import dataclass, fields
+from typing import Any
+
+os.environ["JAX_PLATFORMS"] = "cpu"
+
+import numpy as np
+
+from napari_splinesketch import refine
+from napari_splinesketch.metrics import average_dtw, normal_distances
+from napari_splinesketch.synthetic.bodies import crosses
+from napari_splinesketch.synthetic.films import Film, film
+from napari_splinesketch.tracking import Body, View, follow
+
+HELD_OUT = 7_000
+MOTIONS = ("crawl", "swim", "glide")
+CASES: dict[str, dict[str, Any]] = {
+    "crossing": {},
+    "hiding": {"hidden": True},
+    "covered": {"cover": 12.0},
+    "drifting": {"drift": True},
+    "apart": {"crossing": False},
+    "faint": {"crossing": False, "snr": 3.0},
+    "fast": {"crossing": False, "speed": 4.0, "frames": 30, "bodies": 2, "length": 50.0},
+}
+BEYOND, SAME = 2.0, 4.0
+"""Average DTW, px: beyond which a curve is wrong, and within which it lies on a body."""
+SEEN = 0.95
+"""Share of a body that is seen where its curve is compared with all of it."""
+
+
+@dataclass
+class Counts:
+    """What is counted over films."""
+
+    bodies: int = 0
+    frames: int = 0
+    beyond: int = 0
+    crossings: int = 0
+    lost: int = 0
+    swapped: int = 0
+    hidden: int = 0
+    found: int = 0
+    marked: int = 0
+    normal: tuple[float, ...] = ()
+    ratio: tuple[float, ...] = ()
+    seconds: float = 0.0
+
+    def __add__(self, other: "Counts") -> "Counts":
+        names = [f.name for f in fields(self)]
+        return Counts(**{name: getattr(self, name) + getattr(other, name) for name in names})
+
+
+def made(case: str, index: int, held_out: bool) -> Film:
+    """Give a film of a case."""
+    options = dict(CASES[case])
+    if options.get("hidden"):
+        options["hidden"] = 1 + index % 10
+    motion = MOTIONS[index % len(MOTIONS)]
+    return film(index + HELD_OUT * held_out, motion=motion, **options)
+
+
+def tracked(shown: Film, **options: Any) -> tuple[list[dict[int, Any]], float]:
+    """Curves by body for each frame, and the seconds that it took."""
+    sketches = [line[::20] for line in shown.centrelines[0]]
+    first = refine(shown.images[0], sketches, polarity=shown.look.polarity)
+    curves = [dict(enumerate(first.curves))]
+    bodies = [Body(i, ((0, c),)) for i, c in enumerate(first.curves) if c.status != "failed"]
+    began = time.process_time()
+    frames = range(1, len(shown.images))
+    for result in follow(frames, bodies, lambda t, _: View(shown.images[t]), **options):
+        curves.append(dict(zip(result.ids, result.curves, strict=True)))
+    return curves, time.process_time() - began
+
+
+def counted(shown: Film, curves: list[dict[int, Any]], seconds: float) -> Counts:
+    """Compare curves with the truth."""
+    frames, bodies = shown.visible.shape[:2]
+    counts = Counts(bodies=bodies, seconds=seconds)
+    for frame in range(1, frames):
+        for body in range(bodies):
+            counts += _one(shown, frame, body, curves[frame].get(body))
+    for a in range(bodies):
+        for b in range(a):
+            lines = shown.centrelines
+            met = [crosses(lines[t, a], lines[t, b]) for t in range(frames)]
+            counts.crossings += int(np.diff(np.array(met, int)).clip(0).sum())
+    for body in range(bodies):
+        there = [t for t in range(frames) if shown.visible[t, body].mean() > SEEN]
+        last = there[-1]
+        curve = curves[last].get(body)
+        apart = [
+            average_dtw(curve.points, line) if curve else np.inf for line in shown.centrelines[last]
+        ]
+        counts.swapped += min(apart) < SAME and int(np.argmin(apart)) != body
+        counts.lost += min(apart) >= SAME
+    return counts
+
+
+def _one(shown: Film, frame: int, body: int, curve: Any) -> Counts:
+    truth, visible = shown.centrelines[frame, body], shown.visible[frame, body]
+    half_width = shown.half_widths[body].max()
+    if visible.mean() <= SEEN:
+        hidden = truth[~visible]
+        if curve is None:
+            return Counts(hidden=len(hidden))
+        apart = np.linalg.norm(hidden[:, None] - curve.points[None], axis=2).min(1)
+        marked = any("inferred" in reason for reason in curve.reasons)
+        found = int((apart < 2 * half_width).sum())
+        return Counts(hidden=len(hidden), found=found, marked=marked * len(hidden))
+    if curve is None:
+        return Counts(frames=1, beyond=1)
+    wrong = average_dtw(curve.points, truth) > BEYOND
+    if wrong:
+        return Counts(frames=1, beyond=1)
+    normal = normal_distances(curve.points, truth)
+    here = np.isfinite(normal) & np.isfinite(curve.sd)
+    ratio = float(np.sqrt(np.mean((normal[here] / curve.sd[here]) ** 2)))
+    return Counts(frames=1, normal=(float(normal[here].mean()),), ratio=(ratio,))
+
+
+def row(name: str, c: Counts) -> str:
+    """One row of the table."""
+    share = 100 / max(c.hidden, 1)
+    hidden = f"{share * c.found:.0f} % ({share * c.marked:.0f} %)"
+    cells = (
+        name,
+        f"{100 * c.beyond / c.frames:.1f} %",
+        f"{c.lost} of {c.bodies}",
+        f"{c.swapped} ({c.crossings})",
+        f"{np.mean(c.normal):.3f}",
+        f"{np.median(c.ratio):.2f}",
+        hidden if c.hidden else "–",
+        f"{1e3 * c.seconds / c.frames:.0f}",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+HEAD = (
+    "| films | body-frames beyond 2 px | lost | swapped (crossings) | normal error, px "
+    "| error / sd | hidden points within 2 half-widths (marked) | ms a body and frame |\n"
+    "|---|---|---|---|---|---|---|---|"
+)
+
+
+def main() -> None:
+    """Track the films asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--films", type=int, default=6)
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--held-out", action="store_true")
+    parser.add_argument("--verbose", action="store_true")
+    options = parser.parse_args()
+    print(HEAD)
+    for case in options.cases:
+        total = Counts()
+        for index in range(options.films):
+            shown = made(case, index, options.held_out)
+            one = counted(shown, *tracked(shown))
+            total += one
+            if options.verbose:
+                print(row(f"{case} {index}", one), flush=True)
+        print(row(case, total), flush=True)
+
+
+if __name__ == "__main__":
+    main()
