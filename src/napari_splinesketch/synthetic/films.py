@@ -203,12 +203,13 @@ def _drawn(
     lines: Float[np.ndarray, "T n 100 2"],
     widths: Float[np.ndarray, "n 100"],
     lit: Float[np.ndarray, "T n"],
-    cover: tuple[Points, float],
+    cover: tuple[Float[np.ndarray, "2"], float],
     drift: bool,
 ) -> Float[np.ndarray, "T H W"]:
     finishes = [Finish.draw(rng, look) for _ in widths]
     texture = texture_of(rng, look, shape)
-    apart = np.linalg.norm(np.stack(np.indices(shape), 2) - cover[0], axis=2)
+    rows, columns = np.indices(shape)
+    apart = np.hypot(rows - cover[0][0], columns - cover[0][1])
     texture = texture * (apart >= cover[1])
     sign = 1 if look.polarity == "bright" else -1
     phases = 2 * np.pi * rng.uniform(0, 1, 2)
