@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 
 import pytest
+from hypothesis import settings
 
 _HOME = tempfile.mkdtemp(prefix="splinesketch-tests-")
 for _name in ("CONFIG", "CACHE", "DATA", "STATE"):
@@ -19,11 +20,23 @@ GUI = ("make_napari_viewer", "make_napari_viewer_proxy", "qtbot", "qapp")
 """Fixtures that open windows."""
 
 
+settings.register_profile("usual", max_examples=25, deadline=None, derandomize=True)
+settings.register_profile("nightly", max_examples=500, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "usual"))
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Take the processors that this process may use; more than a few windows fill the memory."""
+    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2, 8)
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep what JAX compiles from one run to the next, beside pytest's own cache."""
+    """Keep what JAX compiles, all of it, for other workers and runs, beside pytest's own cache."""
     cache = getattr(config, "cache", None)  # none with -p no:cacheprovider
     folder = cache.mkdir("jax") if cache else _HOME
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -96,9 +96,7 @@ def damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", VALID)
-@settings(
-    max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(spoil=damage())
 def test_damaged_files_are_read_or_refused_but_never_crash(
     name: str, tmp_path: Path, spoil: Callable[[bytes], bytes]

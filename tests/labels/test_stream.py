@@ -53,9 +53,7 @@ def streamed(labels: Labels) -> ByFrame:
 
 
 @pytest.mark.parametrize("writer", STREAMED, ids=lambda writer: writer.name)
-@settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(labels=films())
 def test_the_files_are_those_of_labels_in_memory(
     tmp_path: Path, writer: Writer, labels: Labels

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_splinesketch import read_labels, write_labels
@@ -59,7 +59,6 @@ def assert_same(one: Labels, other: Labels) -> None:
             assert a_bits.tobytes() == b_bits.tobytes(), name
 
 
-@settings(max_examples=150, deadline=None)
 @given(labels=labels_strategy())
 def test_what_is_written_is_read_back_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, labels: Labels

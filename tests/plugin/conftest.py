@@ -1,11 +1,13 @@
 """A real window with the dock."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from napari import Viewer
+from napari.components import ViewerModel
 from npe2 import PluginManifest
+from qtpy.QtCore import QEvent
+from qtpy.QtWidgets import QApplication
 
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -32,9 +34,22 @@ def own_data_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: Any) 
 
 
 @pytest.fixture
-def viewer(make_napari_viewer: Callable[..., Viewer], plugin_settings: None) -> Viewer:
-    """A window with a canvas that draws, and settings of its own."""
-    return make_napari_viewer(show=True)
+def viewer(
+    request: pytest.FixtureRequest, qapp: QApplication, plugin_settings: None
+) -> Iterator[Any]:
+    """What a window keeps, and settings of its own; with mark "window", a window that draws.
+
+    A window costs ten times as much: it is for tests of mouse, keys, layout and what is painted.
+    """
+    if request.node.get_closest_marker("window"):
+        yield request.getfixturevalue("make_napari_viewer")(show=True)
+        return
+    yield ViewerModel()
+    for widget in qapp.topLevelWidgets():
+        if isinstance(widget, SplinesketchDock):
+            widget.close()
+            widget.deleteLater()
+    qapp.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from napari import Viewer
 from napari.layers import Layer, Shapes
 from qtpy import QtTest
 from qtpy.QtCore import QPoint, Qt
@@ -20,7 +21,10 @@ LEFT, NO_KEY = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
 def add_dock(viewer: Any) -> SplinesketchDock:
     """Dock the widget as the menu does."""
     made = SplinesketchDock(viewer)
-    viewer.window.add_dock_widget(made, name="Splinesketch", area="right")
+    if isinstance(viewer, Viewer):
+        viewer.window.add_dock_widget(made, name="Splinesketch", area="right")
+    else:
+        made.show()
     QTest.qWait(20)
     return made
 

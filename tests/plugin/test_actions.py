@@ -65,6 +65,7 @@ def test_a_second_table_takes_the_keys_over(table: Actions, heard: list[str]) ->
     assert heard == ["again"]
 
 
+@pytest.mark.window
 def test_keys_of_the_dock(viewer: Any, dock: SplinesketchDock) -> None:
     actions = list(dock.controller.actions)
     text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")

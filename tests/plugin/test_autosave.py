@@ -20,6 +20,7 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from .fakes import FakeEngine
 from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, until
 
+pytestmark = pytest.mark.window
 SCRIPT = Path(__file__).with_name("work_until_killed.py")
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
 SOON = 20.0

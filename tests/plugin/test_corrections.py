@@ -70,6 +70,7 @@ def settled(dock: SplinesketchDock, number: int) -> None:
     until(lambda: len(shapes.selected_data) == len(dock.controller.selection), 20)
 
 
+@pytest.mark.window
 def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) -> None:
     controller = dock.controller
     hand.click(60, 50)
@@ -101,6 +102,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     assert viewer.layers.selection.active.mode == "add_line"
 
 
+@pytest.mark.window
 def test_splitting_joining_and_deleting(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
 ) -> None:
@@ -137,6 +139,7 @@ def test_splitting_joining_and_deleting(
     assert controller.work and controller.work.history.done == "Refine 2 curves"
 
 
+@pytest.mark.window
 def test_an_end_is_extended_and_refined(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
 ) -> None:
@@ -148,6 +151,7 @@ def test_an_end_is_extended_and_refined(
     assert dock.controller.work and dock.controller.work.history.done == "Refine curve 2"
 
 
+@pytest.mark.window
 def test_knots_lead_a_curve(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
 ) -> None:
@@ -187,6 +191,7 @@ def test_knots_lead_a_curve(
     assert viewer.layers.selection.active.name == "film curves"
 
 
+@pytest.mark.window
 def test_knots_that_are_taken_back_or_kept(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
 ) -> None:

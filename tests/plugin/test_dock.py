@@ -38,6 +38,7 @@ def sketched(viewer: Any, **how: Any) -> Any:
     return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches", **how)
 
 
+@pytest.mark.window
 def test_drawing_with_the_mouse_then_refine(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -328,6 +329,7 @@ def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDoc
     assert [b.isChecked() for b in buttons] == [False, True, True]
 
 
+@pytest.mark.window
 def test_every_control_has_a_tooltip_and_fits_250_pixels(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -378,6 +380,7 @@ def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> Non
     assert not dock.sketches.isEnabled()
 
 
+@pytest.mark.window
 def test_a_dock_that_is_opened_again_knows_the_results(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.engine import refine as engine_refine
@@ -22,6 +23,7 @@ def sketched(viewer: Any) -> Any:
     return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches")
 
 
+@pytest.mark.window
 def test_new_lines_join_the_finished_ones(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -53,6 +55,7 @@ def test_new_lines_join_the_finished_ones(
     assert [len(call["lines"]) for call in fake.calls] == [2, 1, 2, 1]
 
 
+@pytest.mark.window
 def test_lines_are_refined_as_they_are_drawn(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -50,6 +50,7 @@ def centre(viewer: Any) -> np.ndarray:
     return np.array(viewer.scene.camera.center)[-2:]
 
 
+@pytest.mark.window
 def test_a_row_and_its_curve_find_each_other(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_row_and_its_curve_find_each_other(
     assert panel.plots.profile.name == "curve 3"
 
 
+@pytest.mark.window
 def test_one_hand_reviews_the_worst_first(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -126,6 +128,7 @@ def test_one_hand_reviews_the_worst_first(
     assert len(ids(panel)) == 2
 
 
+@pytest.mark.window
 def test_the_table_goes_elsewhere(
     viewer: Any,
     dock: SplinesketchDock,
@@ -149,6 +152,7 @@ def test_the_table_goes_elsewhere(
     assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,failed,open,40.0")
 
 
+@pytest.mark.window
 def test_the_panel_closes_and_comes_back(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -172,6 +176,7 @@ def test_the_panel_closes_and_comes_back(
     until(lambda: dock.panel.panel is None, 5)
 
 
+@pytest.mark.window
 def test_a_row_of_another_frame_goes_there(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -50,6 +50,7 @@ def test_the_manifest_has_every_key_and_default(
     assert {a.id: a.key for a in dock.controller.actions} == settings.load().keys
 
 
+@pytest.mark.window
 def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:
     dock = add_dock(viewer)
     viewer.add_image(np.random.default_rng(0).normal(100, 5, (64, 96)), name="x",
@@ -105,6 +106,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert again.settings_box.half_width.text() == "1.500 µm"
 
 
+@pytest.mark.window
 def test_napari_makes_a_page_of_them(viewer: Any, npe2pm_installed: None) -> None:
     from napari._qt.dialogs.preferences_dialog import PreferencesDialog
 

@@ -48,6 +48,7 @@ def test_suggested_lines_are_lines_like_any_other(
     assert len(dock.controller.records()) == len(wanted)
 
 
+@pytest.mark.window
 def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
     viewer: Any, dock: SplinesketchDock, film: np.ndarray
 ) -> None:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -24,6 +25,7 @@ def press(viewer: Any, key: Any, modifiers: Any = Qt.KeyboardModifier.NoModifier
     QTest.keyClick(canvas(viewer), key, modifiers)
 
 
+@pytest.mark.window
 def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: SplinesketchDock) -> None:
     sketches = sketched(viewer)
     refine(dock)
@@ -60,6 +62,7 @@ def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: Splinesketc
     until(lambda: "cells reconstruction" in viewer.layers)
 
 
+@pytest.mark.window
 def test_other_layers_keep_their_own_undo(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     refine(dock)
@@ -77,6 +80,7 @@ def test_other_layers_keep_their_own_undo(viewer: Any, dock: SplinesketchDock) -
     assert len(dock.controller.records()) == 2, "a dock that is closed hears no keys"
 
 
+@pytest.mark.window
 def test_the_selection_is_the_same_everywhere(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
