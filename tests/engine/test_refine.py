@@ -251,7 +251,6 @@ SENSELESS = {
     "text": ((np.full((3, 3), "a"), [SKETCH]), "image has dtype <U1"),
     "nothing finite": ((IMAGE * np.nan, [SKETCH]), "no finite pixel"),
     "3-D sketch": ((IMAGE, [SKETCH, np.zeros((4, 3))]), r"sketch 1 has shape \(4, 3\).*\(N, 2\)"),
-    "one point": ((IMAGE, [np.zeros((1, 2))]), r"sketch 0 has shape \(1, 2\).*N ≥ 2"),
     "no points": ((IMAGE, [np.zeros((0, 2))]), r"sketch 0 has shape \(0, 2\)"),
     "flat sketch": ((IMAGE, [np.zeros(4)]), r"sketch 0 has shape \(4,\)"),
     "preset": ((IMAGE, [SKETCH], "best"), "preset is 'best'; choose one of fast, balanced"),
@@ -267,9 +266,11 @@ def test_senseless_calls_say_what_is_wrong(case):
 
 OPTIONS = {
     "polarity": ({"polarity": "grey"}, "polarity is 'grey'.*bright"),
-    "no width": ({"half_width": 0.0}, "half_width is 0.*positive"),
-    "negative": ({"half_width": -2.0}, "half_width is -2.*positive"),
+    "no width": ({"half_width": 0.0}, "half_width is 0.*give 0.2 to 20 px"),
+    "negative": ({"half_width": -2.0}, "half_width is -2.*give 0.2"),
     "missing": ({"half_width": np.nan}, "half_width is nan"),
+    "thinner than pixels": ({"half_width": 1e-6}, "half_width is 1e-06.*measured"),
+    "wider than the image": ({"half_width": 1e9}, "half_width is 1000000000.0.*30 x 40 px"),
     "endless": ({"half_width": np.inf}, "half_width is inf"),
 }
 

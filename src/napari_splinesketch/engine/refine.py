@@ -2,16 +2,17 @@
 
 import time
 from collections.abc import Sequence
-from typing import get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Float, Real
 
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit import bands, fitting
-from napari_splinesketch.engine.fit.fit_scene import Centrelines, fit_scene
+from napari_splinesketch.engine import checks, islands
+from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
+from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.report.assemble import assemble, nothing
+from napari_splinesketch.engine.report import assemble
+from napari_splinesketch.engine.report.assemble import Part
 from napari_splinesketch.engine.settings import PRESETS, SETTINGS, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
@@ -23,11 +24,6 @@ from napari_splinesketch.engine.types import (
     Refinement,
     Sketches,
 )
-
-MARGIN = 40
-"""Image kept around the sketches, px, beside half of the longest sketch."""
-FARTHEST = 200.0
-"""Bodies are expected within half of a sketch's length of it, but no farther, px."""
 
 
 def refine(
@@ -42,6 +38,8 @@ def refine(
     seed: int = 0,
 ) -> Refinement:
     """Fit all sketched bodies of one image together.
+
+    Time and memory follow the sketches' surroundings, whatever the size of the image.
 
     Parameters
     ----------
@@ -71,114 +69,80 @@ def refine(
     ------
     ValueError
         Where the call makes no sense at all: no image, no finite pixel, a sketch that is not
-        (N, 2), an unknown preset or polarity, a half-width that is not positive.
+        (N, 2), an unknown preset or polarity, a half-width that no body of the image can have.
     """
     began = time.perf_counter()
-    image, lines = _checked(image, sketches, preset, polarity, half_width)
-    reporter = _Reporter(on_progress)
-    faults = [_fault(line, image.shape) for line in lines]
-    usable = [line for line, fault in zip(lines, faults, strict=True) if not fault]
-    try:
-        reporter("looking at the image", 0.0)
-        if not usable:
-            return nothing(image, lines, faults, began)
-        fixed = [c for c in fixed if c.status != "failed"]
-        window = _window(usable, fixed, image.shape)
-        corner = np.array([s.start for s in window])
-        near = _near(usable, image[window].shape, corner)
-        blank = _blank(image[window][near])
-        if blank:
-            return nothing(image, lines, [fault or blank for fault in faults], began)
-        seen = scene.read_scene(image[window], near, polarity, half_width)
-        usable = [u - corner for u in usable]
-        if preset == "paper":
-            from napari_splinesketch.paper.result import assemble_paper, fit_paper
-
-            paper = fit_paper(seen, usable, fixed, corner, seed, reporter)
-            return assemble_paper(image, lines, faults, window, seen, paper, began)
-        settings = SETTINGS[preset] if isinstance(preset, str) else preset
-        fit = fit_scene(seen, usable, fixed, corner, settings, reporter)
-    except fitting.Stopped:
-        return nothing(image, lines, [CANCELLED] * len(lines), began)
-    return assemble(image, lines, faults, window, seen, fit, began)
-
-
-def _checked(image, sketches, preset, polarity, half_width):
-    """The image as an array and the sketches as float arrays."""
-    image = np.asarray(image)
-    if image.ndim != 2 or not image.size:
-        raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
-    if image.dtype.kind not in "biuf":
-        raise ValueError(f"image has dtype {image.dtype}; give real numbers.")
-    if not np.isfinite(image).any():
-        raise ValueError("image has no finite pixel; give an image with data in it.")
+    image, lines = checks.checked_image(image), checks.checked_sketches(sketches)
     if isinstance(preset, str) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
-    if polarity not in get_args(Polarity):
-        raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
-    if half_width is not None and not 0 < half_width < np.inf:
-        raise ValueError(f"half_width is {half_width}; give a positive number of px, or None.")
-    lines = [np.asarray(s, dtype=np.float64) for s in sketches]
-    for i, line in enumerate(lines):
-        if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2:
-            raise ValueError(
-                f"sketch {i} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
-            )
-    return image, lines
+    checks.check_options(image.shape, polarity, half_width)
+    faults = [checks.fault(line, image.shape) for line in lines]
+    usable = [i for i, fault in enumerate(faults) if not fault]
+    fixed = [c for c in fixed if c.status != "failed"]
+    parts: list[Part] = []
+    progress = _Progress(on_progress, lines, len(usable))
+    try:
+        progress("looking at the image", 0.0)
+        for island in islands.split(lines, usable, fixed, image.shape):
+            pixels = image[island.window]
+            blank = checks.blank(pixels[island.near])
+            if blank:
+                faults = [blank if i in island.members else f for i, f in enumerate(faults)]
+                continue
+            seen = scene.read_scene(pixels, island.near, polarity, half_width)
+            report = progress.of(island)
+            parts.append(_fitted(island, seen, preset, seed, report))
+            progress.done(parts[-1])
+    except fitting.Stopped:
+        parts, faults = [], [CANCELLED] * len(lines)
+    return assemble.assemble(image, lines, faults, parts, began)
 
 
-def _fault(line: Float[Array, "N 2"], shape: tuple[int, ...]) -> str:
-    """Why a sketch cannot be refined, or nothing."""
-    if not np.isfinite(line).all():
-        return "the sketch has points that are not finite"
-    if (np.abs(line) > 10 * max(*shape, 100)).any():
-        return "the sketch reaches far beyond the image"
-    if spline.arc_length(line)[-1] < 2:
-        return "the sketch is shorter than 2 px"
-    if not ((line > -1) & (line < np.array(shape))).all(axis=1).any():
-        return "the sketch lies outside the image"
-    return ""
+def _fitted(
+    island: Island, seen: scene.Scene, preset: PresetName | Settings, seed: int, report: Reporter
+) -> Part:
+    if preset == "paper":
+        from napari_splinesketch.paper.result import fit_paper
+
+        return fit_paper(island, seen, seed, report)
+    settings = SETTINGS[preset] if isinstance(preset, str) else preset
+    found = fit_scene(seen, island.sketches, island.fixed, island.corner, settings, report)
+    return assemble.describe(island, seen, found)
 
 
-def _blank(pixels: Real[Array, " P"]) -> str:
-    """Why nothing can be seen around the sketches, or nothing."""
-    there = pixels[np.isfinite(pixels)]
-    if not len(there):
-        return "no pixel around the sketch is finite"
-    if there.min() == there.max():
-        return "the image has one and the same value around the sketch"
-    return ""
-
-
-class _Reporter:
+class _Progress:
     """Passes progress on; never falls; raises `Stopped` when told to stop."""
 
-    def __init__(self, on_progress: OnProgress | None):
+    def __init__(self, on_progress: OnProgress | None, lines: list[Array], total: int):
         self._call, self._fraction = on_progress, 0.0
+        self._lines, self._total, self._before = list(lines), total, 0
 
-    def __call__(self, stage: str, fraction: float, centrelines: Centrelines | None = None):
+    def __call__(self, stage: str, fraction: float, lines: list[Array] | None = None) -> None:
         if self._call is None:
             return
         self._fraction = max(self._fraction, min(fraction, 1.0))
-        lines = tuple(centrelines()) if centrelines else None
-        if self._call(Progress(stage, self._fraction, lines)) is False:
+        if self._call(Progress(stage, self._fraction, tuple(lines) if lines else None)) is False:
             raise fitting.Stopped
 
+    def of(self, island: Island) -> Reporter:
+        """What reports on one island, as its share of everything."""
 
-def _window(usable, fixed, shape) -> tuple[slice, slice]:
-    """The part of the image that matters."""
-    margin = MARGIN + max(spline.arc_length(u)[-1] for u in usable) / 2
-    points = np.concatenate(usable)
-    low = np.maximum(np.floor(points.min(0) - margin), 0).astype(int)
-    high = np.minimum(np.ceil(points.max(0) + margin), shape).astype(int)
-    return slice(low[0], high[0]), slice(low[1], high[1])
+        def report(stage: str, fraction: float, centrelines: Centrelines | None = None) -> None:
+            if self._call is None:
+                return
+            lines: list[Float[Array, "P 2"]] | None = None
+            if centrelines or self._before:
+                lines = list(self._lines)
+                now = [line + island.corner for line in centrelines()] if centrelines else []
+                for i, line in zip(island.members, now, strict=False):
+                    lines[i] = line
+            done = self._before + fraction * len(island.members)
+            self(stage, done / self._total, lines)
 
+        return report
 
-def _near(usable, shape, corner) -> Bool[Array, "H W"]:
-    """Where the bodies are expected: within half of a sketch's length of it."""
-    near = np.zeros(shape, dtype=bool)
-    for line in usable:
-        radius = np.clip(spline.arc_length(line)[-1] / 2, 20.0, FARTHEST)
-        rows, columns, mask = bands.band(line - corner, radius, shape)
-        near[rows, columns] |= mask
-    return near
+    def done(self, part: Part) -> None:
+        """Remember the curves of an island."""
+        self._before += len(part.members)
+        for i, curve in zip(part.members, part.curves, strict=True):
+            self._lines[i] = np.asarray(curve.points)

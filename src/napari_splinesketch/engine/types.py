@@ -106,6 +106,9 @@ class SceneModel:
 class Refinement:
     """The result of `refine`.
 
+    The two pictures are as large as the image; `refine` leaves them to be made from it when they
+    are first read.
+
     Attributes
     ----------
     curves
@@ -126,6 +129,25 @@ class Refinement:
     background: Float[Array, "H W"]
     model: SceneModel
     seconds: float
+
+    def __post_init__(self) -> None:
+        for name in ("reconstruction", "background"):
+            if callable(make := getattr(self, name)):
+                self.__dict__[f"_{name}"] = make
+                del self.__dict__[name]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the image, px; no picture is made to tell."""
+        made = self.__dict__.get("reconstruction")
+        return (self.__dict__["_reconstruction"] if made is None else made).shape
+
+    def __getattr__(self, name: str) -> Any:
+        """Make a picture that is read for the first time."""
+        make = self.__dict__.get(f"_{name}")
+        if make is None:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return self.__dict__.setdefault(name, make())
 
 
 @dataclass(frozen=True, eq=False)

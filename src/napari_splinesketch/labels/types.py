@@ -193,7 +193,7 @@ class Labels:
             ids=ids,
             scale=scale,
             units=units,
-            shape=result.reconstruction.shape,
+            shape=result.shape,
             provenance=provenance,
         )
 

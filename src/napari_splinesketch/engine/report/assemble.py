@@ -1,9 +1,8 @@
-"""From a fitted scene to the result that the user gets."""
+"""From fitted islands to the result that the user gets."""
 
 import time
-from collections.abc import Iterator
-from dataclasses import replace
-from typing import Literal
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
@@ -13,6 +12,7 @@ from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.fit.solver import SLOPE_UNIT
+from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt
 from napari_splinesketch.engine.judge.standard_error import (
     BESIDE,
@@ -21,21 +21,62 @@ from napari_splinesketch.engine.judge.standard_error import (
     unexplained,
 )
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.look.background import estimate_background
 from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.report import needed
+from napari_splinesketch.engine.report.pictures import Background, Reconstruction
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What was found on one island.
+
+    Attributes
+    ----------
+    members
+        Numbers of its sketches.
+    curves
+        One for each of them, in the image's pixels.
+    window, drawn
+        Its part of the image, and the bodies there in the image's units.
+    model
+        What it needed.
+    """
+
+    members: tuple[int, ...]
+    curves: list[Curve]
+    window: tuple[slice, slice]
+    drawn: Float[Array, "h w"]
+    model: SceneModel
+
+
+def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
+    """The curves of an island with their status, and what they are drawn as."""
+    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
+    residual = seen.normal - drawn
+    rests = [_rest(body, residual) for body in fit.bodies]
+    curves = [
+        in_image(c, island)
+        for c in _curves(seen, fit, island.sketches, island.members, residual, rests)
+    ]
+    bodies = (drawn * seen.contrast).astype(np.float32)
+    return Part(island.members, curves, island.window, bodies, needed.model(seen, fit, rests))
+
+
+def in_image(curve: Curve, island: Island) -> Curve:
+    """A curve of an island's window in the pixels of the image."""
+    corner = island.corner
+    return replace(curve, knots=curve.knots + np.append(corner, 0), points=curve.points + corner)
 
 
 def assemble(
     image: Real[Array, "H W"],
     sketches: list[Float[Array, "N 2"]],
     faults: list[str],
-    window: tuple[slice, slice],
-    seen: Scene,
-    fit: SceneFit,
+    parts: list[Part],
     began: float,
 ) -> Refinement:
-    """Curves with status, reconstruction in the image's units, and what the scene needed.
+    """Everything that was found, in the order of the sketches.
 
     Parameters
     ----------
@@ -43,28 +84,24 @@ def assemble(
         As given to `refine`.
     faults
         Why each sketch could not be refined, or nothing.
-    window, seen, fit
-        The part of the image that was fitted, what it is made of, and the bodies in it.
+    parts
+        What was found for the others.
     began
         When the call began, by `time.perf_counter`.
     """
-    corner = np.array([s.start for s in window])
-    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
-    numbers = [i for i, fault in enumerate(faults) if not fault]
-    residual = seen.normal - drawn
-    rests = [_rest(body, residual) for body in fit.bodies]
-    drawings = [sketches[i] - corner for i in numbers]
-    made = [
-        replace(c, knots=c.knots + np.append(corner, 0), points=c.points + corner)
-        for c in _curves(seen, fit, drawings, numbers, residual, rests)
-    ]
-    curves = full_list(made, sketches, faults)
-    background, reconstruction = frames(image, window, seen, drawn * seen.contrast)
+    made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
+    curves = tuple(
+        assess.as_drawn(line, fault) if fault else made[i]
+        for i, (line, fault) in enumerate(zip(sketches, faults, strict=True))
+    )
+    model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
+    drawn = [(part.window, part.drawn) for part in parts]
+    background = Background(image, drawn, model.background if parts else None)
     return Refinement(
         curves,
-        reconstruction,
-        background,
-        _model(seen, fit, rests, faults),
+        Reconstruction(background),  # pyright: ignore[reportArgumentType]
+        background,  # pyright: ignore[reportArgumentType]
+        model,
         time.perf_counter() - began,
     )
 
@@ -73,7 +110,7 @@ def _curves(
     seen: Scene,
     fit: SceneFit,
     sketches: list[Float[Array, "N 2"]],
-    numbers: list[int],
+    numbers: Sequence[int],
     residual: Float[Array, "H W"],
     rests: list[Float[Array, " m"]],
 ) -> Iterator[Curve]:
@@ -110,17 +147,6 @@ def _curves(
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
 
 
-def full_list(
-    made: list[Curve], sketches: list[Float[Array, "N 2"]], faults: list[str]
-) -> tuple[Curve, ...]:
-    """The curves made, with the sketches that have a fault in between, as drawn."""
-    curves = iter(made)
-    return tuple(
-        assess.as_drawn(line, fault) if fault else next(curves)
-        for line, fault in zip(sketches, faults, strict=True)
-    )
-
-
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
     """All bodies, as a share of the contrast; guessed where the image has no value."""
     flat = np.zeros(valid.size)
@@ -136,111 +162,3 @@ def _rest(body: Body, residual: Float[Array, "H W"]) -> Float[Array, " m"]:
     away = (at - body.knots.mean(0)) / SLOPE_UNIT
     local = body["offset"] + away @ [body["slope_row"], body["slope_col"]]
     return residual.ravel()[body.pixels] - local
-
-
-def frames(
-    image: Real[Array, "H W"],
-    window: tuple[slice, slice],
-    seen: Scene,
-    bodies: Float[Array, "h w"],
-) -> tuple[Float[Array, "H W"], Float[Array, "H W"]]:
-    """Background and reconstruction of the whole image, in its own units."""
-    drawn = np.zeros(image.shape)
-    drawn[window] = bodies
-    bare = _filled(image) - drawn
-    background, _ = estimate_background(bare, scene.pixel_noise(bare), seen.background_kind)
-    return background, background + drawn
-
-
-def _filled(image: Real[Array, "H W"]) -> Float[Array, "H W"]:
-    finite = np.isfinite(image)
-    return np.where(finite, image, np.median(image[finite])).astype(np.float64)
-
-
-def _model(seen: Scene, fit: SceneFit, rests, faults) -> SceneModel:
-    def typical(name: str) -> float:
-        return float(np.median([b[name] for b in fit.bodies]))
-
-    def along(part: str) -> Literal["constant", "profile"]:
-        return "constant" if part in fit.parts and not fit.parts[part].on else "profile"
-
-    knots = iter([len(b.knots) for b in fit.bodies])
-    contrast = abs(seen.contrast)
-    overlap = typical("overlap") if _overlapping(fit.bodies) else None
-    return SceneModel(
-        polarity=seen.polarity,
-        knots=tuple(0 if fault else next(knots) for fault in faults),
-        half_width=float(np.exp(typical("log_width_0"))),
-        width=along("width"),
-        brightness=along("brightness"),
-        background=seen.background_kind,
-        overlap=overlap,
-        contrast=contrast * typical("contrast"),
-        noise=contrast * float(np.sqrt(np.mean(np.concatenate(rests) ** 2))),
-        blur=float(np.exp(typical("log_blur"))),
-        notes=_notes(seen, fit, overlap),
-    )
-
-
-def _overlapping(bodies: list[Body]) -> bool:
-    """Whether any pixel is well inside two bodies."""
-    inside = [b.pixels[b.own > 0.5 * b["contrast"]] for b in bodies]
-    _, count = np.unique(np.concatenate(inside), return_counts=True)
-    return bool((count > 1).any())
-
-
-def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]:
-    """What was chosen and why, in words for the user."""
-    background = {
-        "constant": "The background is the same everywhere.",
-        "linear": "The background rises evenly from one side to the other.",
-        "textured": "The background varies, so it was followed block by block.",
-    }
-    notes = [background[seen.background_kind]]
-    if seen.contradicted is not None:
-        notes.append(
-            f"No body here has a half-width of {seen.contradicted:.1f} px, so it was measured:"
-            f" {seen.half_width:.1f} px."
-        )
-    words = {"width": "half-width", "brightness": "brightness"}
-    for part, weighed in fit.parts.items():
-        if weighed.on:
-            notes.append(f"The bodies' {words[part]} changes along them, so it has a profile.")
-        else:
-            notes.append(f"One {words[part]} for each body is enough (apart from its ends).")
-    most = max(len(b.knots) for b in fit.bodies)
-    if most > 8:
-        notes.append(f"Some bodies bend so much that their curves have {most} knots.")
-    if fit.beside:
-        some = "A body" if len(fit.beside) == 1 else f"{len(fit.beside)} bodies"
-        notes.append(f"{some} without a sketch lay across others, and took part in the model.")
-    if overlap is not None:
-        how = "hide each other" if overlap > 0.5 else "add up"
-        notes.append(f"Where bodies overlap, they mostly {how}.")
-    return tuple(notes)
-
-
-def nothing(
-    image: Real[Array, "H W"],
-    sketches: list[Float[Array, "N 2"]],
-    faults: list[str],
-    began: float,
-) -> Refinement:
-    """Every curve as drawn, for the reasons given."""
-    filled = _filled(image)
-    noise = scene.pixel_noise(filled)
-    background, kind = estimate_background(filled, noise)
-    curves = tuple(assess.as_drawn(s, f) for s, f in zip(sketches, faults, strict=True))
-    model = SceneModel(
-        polarity="bright",
-        knots=(0,) * len(sketches),
-        half_width=float("nan"),
-        width="constant",
-        brightness="constant",
-        background=kind,
-        overlap=None,
-        contrast=0.0,
-        noise=noise,
-        blur=float("nan"),
-    )
-    return Refinement(curves, background, background, model, time.perf_counter() - began)

@@ -1,0 +1,77 @@
+"""What `refine` and `suggest` are given: refused with a ValueError where it makes no sense."""
+
+from collections.abc import Sequence
+from typing import get_args
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.types import Array, Polarity, Sketches
+
+THINNEST = 0.2
+"""Smallest half-width that may be told, px: half of a pixel's width is 0.5."""
+FAR_OUTSIDE = 10.0
+"""A sketch may reach so many times the image's longer side beyond it."""
+SHORTEST = 2.0
+"""Shorter sketches say nothing, px."""
+
+
+def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
+    """The image as an array, if it is one 2-D grey image with data in it."""
+    image = np.asarray(image)
+    if image.ndim != 2 or not image.size:
+        raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
+    if image.dtype.kind not in "biuf":
+        raise ValueError(f"image has dtype {image.dtype}; give real numbers.")
+    if image.dtype.kind == "f" and not any(np.isfinite(row).any() for row in image):
+        raise ValueError("image has no finite pixel; give an image with data in it.")
+    return image
+
+
+def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float | None) -> None:
+    """Refuse an unknown polarity, and a half-width that no body of the image can have."""
+    if polarity not in get_args(Polarity):
+        raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
+    widest = max(*shape, 4) / 2
+    if half_width is not None and not THINNEST <= half_width <= widest:
+        raise ValueError(
+            f"half_width is {half_width}; give {THINNEST} to {widest:g} px in an image of"
+            f" {shape[0]} x {shape[1]} px, or None to have it measured."
+        )
+
+
+def checked_sketches(sketches: Sketches) -> list[Float[Array, "N 2"]]:
+    """The sketches as float arrays, if they are (N, 2) with a point at least."""
+    lines = [np.asarray(s, dtype=np.float64) for s in sketches]
+    for i, line in enumerate(lines):
+        if line.ndim != 2 or line.shape[1] != 2 or not len(line):
+            raise ValueError(
+                f"sketch {i} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
+            )
+    return lines
+
+
+def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:
+    """Why a sketch cannot be refined, or nothing."""
+    if len(line) < 2:
+        return "the sketch has only one point; draw a line of two or more"
+    if not np.isfinite(line).all():
+        return "the sketch has points that are not finite"
+    if (np.abs(line) > FAR_OUTSIDE * max(*shape, 100)).any():
+        return "the sketch reaches far beyond the image"
+    if spline.arc_length(line)[-1] < SHORTEST:
+        return "the sketch is shorter than 2 px"
+    if not ((line > -1) & (line < np.array(shape))).all(axis=1).any():
+        return "the sketch lies outside the image"
+    return ""
+
+
+def blank(pixels: Real[Array, " P"]) -> str:
+    """Why nothing can be seen around the sketches, or nothing."""
+    there = pixels[np.isfinite(pixels)]
+    if not len(there):
+        return "no pixel around the sketch is finite"
+    if there.min() == there.max():
+        return "the image has one and the same value around the sketch"
+    return ""

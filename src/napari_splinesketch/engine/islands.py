@@ -1,0 +1,100 @@
+"""Sketches far from each other have nothing to do with each other: the image in pieces."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import bands
+from napari_splinesketch.engine.types import Array, Curve
+
+MARGIN = 40
+"""Image kept around a sketch, px, beside half of its length."""
+NEAREST, FARTHEST = 20.0, 200.0
+"""Bodies are expected within half of a sketch's length of it: at least, and at most, px."""
+
+Line = Float[Array, "N 2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Island:
+    """Sketches whose surroundings overlap, and the part of the image around them.
+
+    Attributes
+    ----------
+    members
+        Numbers of the sketches.
+    sketches
+        (N, 2) polylines in the window's pixels.
+    fixed
+        Curves that take part but do not move, in the image's pixels.
+    window
+        Rows and columns of the image.
+    """
+
+    members: tuple[int, ...]
+    sketches: list[Line]
+    fixed: list[Curve]
+    window: tuple[slice, slice]
+
+    @property
+    def corner(self) -> Int[Array, "2"]:
+        """(2,) the window's first pixel in the image."""
+        return np.array([s.start for s in self.window])
+
+    @cached_property
+    def near(self) -> Bool[Array, "h w"]:
+        """(h, w) where the bodies are expected: within half of a sketch's length of it."""
+        near = np.zeros([s.stop - s.start for s in self.window], dtype=bool)
+        for line in self.sketches:
+            radius = np.clip(spline.arc_length(line)[-1] / 2, NEAREST, FARTHEST)
+            rows, columns, mask = bands.band(line, radius, near.shape)
+            near[rows, columns] |= mask
+        return near
+
+
+def split(
+    lines: Sequence[Line], usable: Sequence[int], fixed: Sequence[Curve], shape: tuple[int, ...]
+) -> list[Island]:
+    """The islands of the usable sketches, the largest first; their windows do not overlap."""
+    boxes = [_surroundings(lines[i], shape) for i in usable]
+    groups = [[i] for i in usable]
+    joined = True
+    while joined:
+        joined = False
+        for a in range(len(boxes)):
+            touching = [b for b in range(a + 1, len(boxes)) if _overlap(boxes[a], boxes[b])]
+            for b in reversed(touching):
+                other, joined = boxes.pop(b), True
+                groups[a] += groups.pop(b)
+                boxes[a] = (np.minimum(boxes[a][0], other[0]), np.maximum(boxes[a][1], other[1]))
+            if touching:
+                break
+    found = []
+    for (low, high), members in zip(boxes, groups, strict=True):
+        members = tuple(sorted(members))
+        beside = [c for c in fixed if _within(c, low, high)]
+        window = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+        found.append(Island(members, [lines[i] - low for i in members], beside, window))
+    return sorted(found, key=lambda island: -len(island.members))
+
+
+def _surroundings(line: Line, shape: tuple[int, ...]):
+    margin = MARGIN + spline.arc_length(line)[-1] / 2
+    low = np.clip(np.floor(line.min(0) - margin), 0, np.array(shape) - 1).astype(int)
+    high = np.clip(np.ceil(line.max(0) + margin), low + 1, shape).astype(int)
+    return low, high
+
+
+def _overlap(a, b) -> bool:
+    return bool((a[0] < b[1]).all() and (b[0] < a[1]).all())
+
+
+def _within(curve: Curve, low: Int[Array, "2"], high: Int[Array, "2"]) -> bool:
+    width = np.nan_to_num(curve.half_width.max())
+    return bool(
+        (curve.points.max(0) + width > low).all() and (curve.points.min(0) - width < high).all()
+    )
