@@ -179,6 +179,19 @@ def test_of_curves_that_do_not_move_the_look_is_fitted(problem):
     assert held[1].own.max() > 0.5
 
 
+def test_an_anchor_holds_the_knots_as_much_as_it_weighs(problem):
+    knots = problem.theta[:, : 2 * KNOTS]
+    moved = []
+    for weight in (0.0, 1.0, 1e6):
+        anchor = bands.Anchor(knots, np.full_like(knots, weight))
+        found = fitting.fit_level(
+            problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, anchor=anchor
+        )
+        ends = np.array([body.theta[: 2 * KNOTS] for body in found])
+        moved.append(np.abs(ends - knots).max())
+    assert moved[0] > moved[1] > 0.1 > moved[2]
+
+
 def test_the_report_rises_and_its_exception_stops():
     problem, shares = Problem(), []
 

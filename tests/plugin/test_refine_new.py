@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from qtpy.QtCore import Qt
 
-from napari_splinesketch.engine import refine as engine_refine
+from napari_splinesketch.engine import islands
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
@@ -84,4 +84,4 @@ def test_lines_are_refined_as_they_are_drawn(
 
 
 def test_the_part_that_the_engine_explains_is_known() -> None:
-    assert engine.MARGIN == engine_refine.MARGIN
+    assert engine.MARGIN == islands.MARGIN

@@ -55,6 +55,22 @@ class Priors:
         return replace(self, mean=self.mean[curves], sd=self.sd[curves])
 
 
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """Where the knots of curves are expected.
+
+    Attributes
+    ----------
+    mean
+        (n, 2K) rows and columns of the knots, px.
+    weight
+        (n, 2K) 1 / variance of each, px⁻²; 0 where nothing is known.
+    """
+
+    mean: Float[Array, "n 2K"]
+    weight: Float[Array, "n 2K"]
+
+
 def default_priors(count: int, half_width: float) -> Priors:
     """Priors of `count` curves before anything is known, in units of a normalised scene."""
     w = np.log(half_width)
@@ -128,11 +144,12 @@ def make_bands(
     half_width: float,
     priors: Priors,
     pinned: Bool[Array, " n"],
+    anchor: Anchor | None = None,
 ) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
     """Pad everything, and move every curve to its own centre.
 
     Curves see each other when they are of the same `replica` of the scene; `pinned` ones stay
-    where they are.
+    where they are; an `anchor` says where the knots are expected.
 
     Returns
     -------
@@ -170,7 +187,11 @@ def make_bands(
     mean[:count, 2 * knots :] = priors.mean
     precision[:count, 2 * knots :] = priors.sd**-2.0
     mean[:count, : 2 * knots] = begin[:count, : 2 * knots]
-    precision[:count, : 2 * knots] = np.where(pinned, PIN**-2.0, 0.0)[:, None]
+    if anchor is not None:
+        mean[:count, : 2 * knots] = anchor.mean - shift[:, : 2 * knots]
+        precision[:count, : 2 * knots] = anchor.weight
+    mean[:count][pinned, : 2 * knots] = begin[:count][pinned, : 2 * knots]
+    precision[:count][pinned, : 2 * knots] = PIN**-2.0
     bands = Bands(
         position,
         image.ravel()[index].astype(np.float32),

@@ -94,6 +94,7 @@ def fit_level(
     replica: Int[Array, " n"] | None = None,
     moving: int | None = None,
     report: Report | None = None,
+    anchor: pad.Anchor | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves.
 
@@ -115,6 +116,8 @@ def fit_level(
         The first so many curves move; of the others only the look is fitted.
     report
         See `Report`.
+    anchor
+        Where the knots of the n curves are expected; None where nothing is known.
     """
     n, d = theta.shape
     k = (d - len(GLOBALS)) // 2
@@ -126,7 +129,7 @@ def fit_level(
         for line, width in zip(lines_of(theta), _widths(theta, seen.half_width), strict=True)
     ]
     bands, shift, begin = pad.make_bands(
-        image, pixels, replica, theta, seen.half_width, priors, pinned
+        image, pixels, replica, theta, seen.half_width, priors, pinned, anchor
     )
     basis, bend = pad.spline_basis(k)
     shared = solver.Level(
