@@ -216,7 +216,7 @@ def test_a_terminal_shows_a_bar_and_the_output_stays_clean(folder: Path) -> None
     shown = os.read(ours, 65_536).decode()
     os.close(ours)
     assert run.returncode == 0, shown
-    assert "frame 3.0 of 3" in shown
+    assert "3.0 of 3 frames, " in shown
     assert json.loads(run.stdout)["counts"]["good"] == 4
 
 

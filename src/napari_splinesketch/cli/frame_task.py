@@ -15,6 +15,7 @@ from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.threads import limit_threads
 from napari_splinesketch.cli.frame_source import UnreachableError
 from napari_splinesketch.cli.report import CurveReport, FrameReport, words
+from napari_splinesketch.cli.terminal import was_interrupted
 from napari_splinesketch.labels import Label, Labels, table
 from napari_splinesketch.labels.provenance import checksum
 
@@ -115,6 +116,8 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     except ConnectionError:  # where the image is: other frames would fail too
         raise
     except Exception as error:  # one bad frame must not stop the others
+        if was_interrupted():
+            raise KeyboardInterrupt from None
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
     report = FrameReport(task.frame, found.reports, None, seconds, digest)

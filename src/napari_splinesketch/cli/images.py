@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Real
 
+from napari_splinesketch.files import is_inside, same_file
+
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
 STILLS = (".png", ".jpg", ".jpeg", ".bmp")
@@ -93,6 +95,23 @@ def open_frames(
 def is_url(pattern: str) -> bool:
     """Tell an address on the network from a name here."""
     return "://" in pattern
+
+
+def is_part_of(path: Path, pattern: str) -> bool:
+    """Tell whether a file is, or would become, a part of the image of this name."""
+    if is_url(pattern):
+        return False
+    image = Path(pattern)
+    if image.is_file() or _is_zarr(image):
+        return same_file(path, image) or is_inside(path, [image])
+    if path.suffix.lower() not in TIFFS + STILLS:
+        return False
+    if image.is_dir():
+        found = [*image.iterdir(), image / path.name]
+    else:
+        beside = Path(pattern).parent / path.name
+        found = [*map(Path, glob(pattern)), *([beside] if beside.match(pattern) else [])]
+    return any(same_file(path, one) for one in found)
 
 
 def _is_zarr(path: Path) -> bool:

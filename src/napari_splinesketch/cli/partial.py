@@ -1,6 +1,7 @@
 """A run's finished frames, kept beside its output until the run is complete."""
 
 import json
+import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -40,6 +41,11 @@ class Partial:
         self._note = self.folder / "run.json"
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():
+            if os.path.lexists(self.folder) and not _is_empty(self.folder):
+                raise ResumeError(
+                    f"{self.folder} is in the way: finished frames are kept in a folder of this "
+                    "name; move it, or choose another name for the output"
+                )
             return
         if not resume:
             raise ResumeError(
@@ -68,6 +74,16 @@ class Partial:
         except (FileNotFoundError, ValueError):  # the latter after a power cut
             return None
         return FrameReport.from_json(kept["report"]) if whole else None
+
+    def finished(self, frame: int) -> FrameReport:
+        """Give the report of a frame that was finished; ResumeError where it is not there."""
+        done = self.done(frame)
+        if done is None:
+            raise ResumeError(
+                f"frame {frame} was finished, and is not in {self.folder} any more; "
+                "repeat the command with --resume"
+            )
+        return done
 
     def save(
         self, report: FrameReport, rows: str, reconstruction: Float[np.ndarray, "H W"] | None
@@ -111,6 +127,13 @@ class Partial:
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
+
+
+def _is_empty(folder: Path) -> bool:
+    """Tell whether a folder holds nothing, or what was left when a run was killed at its start."""
+    if not folder.is_dir() or folder.is_symlink():
+        return False
+    return all(path.name.endswith(".part") for path in folder.iterdir())
 
 
 def _json(values: object) -> bytes:

@@ -35,6 +35,10 @@ class Job(SharedJob):
     masks: Path | None = None
     overlay: Path | None = None
 
+    def inputs(self) -> tuple[Path, ...]:
+        """Give every file that the job reads, beside the image."""
+        return (self.sketches,)
+
     def outputs(self) -> tuple[Path, ...]:
         """Give every file that the job writes."""
         more = (self.reconstruction, self.masks, self.overlay)

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from napari_splinesketch.cli.terminal import plain
 from napari_splinesketch.engine.types import Curve
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
@@ -98,6 +99,8 @@ class FrameReport:
 def words(error: Exception) -> str:
     """Say why a frame could not be worked on, in one line."""
     text = " ".join(str(error).split())
+    if isinstance(error, np.linalg.LinAlgError):
+        return f"the fit has no solution ({text}); change the sketches, --half-width or --preset"
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 
 
@@ -142,29 +145,29 @@ def exit_code(frames: Reports) -> int:
 
 
 def as_json(frames: Reports, **more: object) -> Iterator[str]:
-    """Give the report as JSON, piece by piece."""
-    head = json.dumps({**more, "counts": _total(frames)}, ensure_ascii=False, indent=2)
+    """Give the report as JSON, line by line."""
+    head = json.dumps({**more, "counts": _total(frames)}, indent=2)
     yield head.removesuffix("\n}") + ',\n  "frames": ['
+    last = len(frames) - 1
     for number, frame in enumerate(frames):
-        yield (",\n    " if number else "\n    ") + json.dumps(asdict(frame), ensure_ascii=False)
-    yield "\n  ]\n}\n"
+        yield f"    {json.dumps(asdict(frame))}{',' if number < last else ''}"
+    yield "  ]\n}"
 
 
 def as_text(frames: Reports) -> Iterator[str]:
     """Give a table with one line a curve, then what went wrong, then the counts."""
-    yield "frame curve  length  half-width      sd  status\n"
+    yield "frame curve  length  half-width      sd  status"
     for frame in frames:
         for curve in frame.curves:
-            yield (
+            why = f": {'; '.join(curve.reasons)}" if curve.reasons else ""
+            yield plain(
                 f"{frame.frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
-                f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}"
-                + (f": {'; '.join(curve.reasons)}" if curve.reasons else "")
-                + "\n"
+                f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}{why}"
             )
     for frame in frames:
         if frame.error:
-            yield f"frame {frame.frame}: {frame.error}\n"
-    yield summary(frames) + "\n"
+            yield plain(f"frame {frame.frame}: {frame.error}")
+    yield summary(frames)
 
 
 def summary(frames: Reports) -> str:

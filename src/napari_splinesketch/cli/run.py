@@ -1,7 +1,7 @@
 """A run over the frames of an image: what the commands that make one have in common."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial as bind
 from pathlib import Path
@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.cli.images import Frames, open_frames
+from napari_splinesketch.cli.images import Frames, is_part_of, open_frames
 from napari_splinesketch.cli.partial import Partial
 from napari_splinesketch.cli.report import Reports, Spool
 from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.labels import Labels, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.json_tree import Members
@@ -39,19 +40,17 @@ class FrameJob:
         """Give every file that the job writes."""
         return (self.output,)
 
+    def inputs(self) -> tuple[Path, ...]:
+        """Give every file that the job reads, beside the image."""
+        return ()
+
     def check(self) -> None:
         """Refuse a job whose outputs could not be written, before it has cost any time."""
         writer_of(self.output)
-        outputs = self.outputs()
-        for path in outputs:
-            if not path.parent.is_dir():
-                raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
-            if path.exists() and not self.overwrite:
-                raise FileExistsError(
-                    f"{path} exists already; choose another name or add --overwrite"
-                )
-        if len({path.resolve() for path in outputs}) < len(outputs):
-            raise ValueError("two outputs have the same name; give each its own")
+        check_outputs(self.outputs(), self._reads, overwrite=self.overwrite)
+
+    def _reads(self, path: Path) -> bool:
+        return is_part_of(path, self.image) or any(same_file(path, own) for own in self.inputs())
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +90,7 @@ class Run:
         -------
         The reports, the labels, and what their format cannot hold.
         """
-        reports = Spool(filter(None, map(self.partial.done, frames)))
+        reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports, preset, options)
         output, overwrite = self.job.output, self.job.overwrite
         writer = writer_of(output)
@@ -158,7 +157,11 @@ def open_run(job: FrameJob, drawn: Labels | None = None, /, **settings: object) 
     settings
         What the results depend on, beside what all jobs have.
     """
-    with open_frames(job.image, channel=job.channel, z=job.z) as images:
+    with ExitStack() as inside:
+        for path in job.outputs():
+            inside.enter_context(owned(path))
+        job.check()  # once more: another run may have ended just before it was ours
+        images = inside.enter_context(open_frames(job.image, channel=job.channel, z=job.z))
         head = Labels()
         for known in (drawn, images, job):  # the last word is the user's
             if known and known.scale:
@@ -175,4 +178,4 @@ def open_run(job: FrameJob, drawn: Labels | None = None, /, **settings: object) 
         }
         partial = Partial(job.output, depends, resume=job.resume)
         yield Run(job, images, partial, head)
-    partial.remove()
+        partial.remove()

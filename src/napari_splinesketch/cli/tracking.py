@@ -12,6 +12,7 @@ import napari_splinesketch
 from napari_splinesketch.cli.images import Frames, ImageError
 from napari_splinesketch.cli.report import CurveReport, FrameReport, words
 from napari_splinesketch.cli.run import FrameJob, Outcome, Run, open_run
+from napari_splinesketch.cli.terminal import was_interrupted
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, Progress, Refinement
 from napari_splinesketch.labels import Label, Labels, read_labels, table
@@ -30,6 +31,10 @@ class TrackJob(FrameJob):
     sketches: Path
     preset: PresetName = "balanced"
     last: int | None = None
+
+    def inputs(self) -> tuple[Path, ...]:
+        """Give every file that the job reads, beside the image."""
+        return (self.sketches,)
 
 
 def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
@@ -114,6 +119,8 @@ def _track_frame(
     except ConnectionError:  # where the film is: other frames would fail too
         raise
     except Exception as reason:  # one bad frame must not stop the others
+        if was_interrupted():
+            raise KeyboardInterrupt from None
         error = words(reason)
     curves |= dict(zip(tracked.ids, tracked.curves, strict=True))
     seconds = round(time.perf_counter() - began, 3)

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from napari_splinesketch.cli.images import open_frames
+from napari_splinesketch.cli.terminal import plain
+from napari_splinesketch.files import is_inside
 
 TEXT = """\
 Write the frames of a film that have accepted curves as a training set: images, splines, masks,
@@ -77,6 +79,10 @@ def training_job(job: TrainingJob) -> Mapping[str, Any]:
     """Write the training set; gives its manifest."""
     from napari_splinesketch.training import Split, export_training
 
+    if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
+        raise ValueError(
+            f"{job.output} holds what this command reads, and is not replaced; choose another name"
+        )
     train, val, test = job.split
     split = Split((train, val, test), job.block, job.gap, job.seed)
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
@@ -100,4 +106,4 @@ def as_text(folder: Path, manifest: Mapping[str, Any]) -> str:
     left_out = len(manifest["split"]["left_out"])
     if left_out:
         lines.append(f"{left_out} frames between the parts are left out")
-    return "\n".join([*lines, f"written to {folder}"])
+    return "\n".join([*lines, f"written to {plain(folder)}"])

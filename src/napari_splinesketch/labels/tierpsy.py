@@ -1,5 +1,6 @@
 """Tierpsy Tracker's skeletons: HDF5, 49 points a body, (x, y) in pixels."""
 
+import io
 import os
 from typing import Any
 
@@ -48,10 +49,9 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
     if any(max(label.frame, label.curve) > MAX_INTEGER for label in ordered):
         raise ValueError(f"Tierpsy files hold frames and identities up to {MAX_INTEGER}")
     bodies = [_Body(resampled(label, POINTS)) for label in ordered]
-    with (
-        atomic(path, overwrite=overwrite) as temporary,
-        h5py.File(temporary, "x") as file,
-    ):
+    # In memory: where the disk is full, HDF5 ends the process.
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
         # PyTables, by which Tierpsy reads, takes arrays for its own only where they can grow.
         table = file.create_dataset("trajectories_data", data=_rows(bodies), maxshape=(None,))
         table.attrs.update(_attributes(labels))
@@ -59,6 +59,8 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
             values = np.array([getattr(body, name) for body in bodies], np.float32)
             values = values.reshape(len(bodies), *shape)
             file.create_dataset(name, data=values, maxshape=(None, *shape))
+    with atomic(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes(image.getbuffer())
 
 
 def losses(labels: AnyLabels) -> tuple[str, ...]:

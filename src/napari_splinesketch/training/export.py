@@ -21,11 +21,17 @@ from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.labels.stream import ByFrame, in_frames
 from napari_splinesketch.labels.types import Label, Labels
 from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
-from napari_splinesketch.training.folder import FORMAT, FRAMES, MANIFEST, VERSION, whole_folder
+from napari_splinesketch.training.folder import (
+    FOLDERS,
+    FORMAT,
+    FRAMES,
+    MANIFEST,
+    VERSION,
+    whole_folder,
+)
 from napari_splinesketch.training.split import LEFT_OUT, PARTS, Part, Split
 
 COLUMNS = ("frame", "split", "bodies", "ignored", "sha256")
-FOLDERS = ("images", "splines", "masks", "ignore")
 
 
 class Images(Protocol):

@@ -2,14 +2,15 @@
 
 import json
 import os
-import secrets
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from napari_splinesketch.files import atomic_folder, owned
+
 MANIFEST = "manifest.json"
 FRAMES = "frames.csv"
+FOLDERS = ("images", "splines", "masks", "ignore")
 FORMAT = "napari-splinesketch training set"
 VERSION = 1
 
@@ -21,42 +22,37 @@ def whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[P
     Parameters
     ----------
     path
-        The folder to make.
+        The folder to make; no other process makes it meanwhile.
     overwrite
-        Replace a training set of this name; another folder is never replaced.
+        Replace a training set of this name; a folder with anything else in it is never replaced.
     """
-    target = Path(path).resolve()
+    target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder; make it first")
-    _refuse(target, overwrite)
-    temporary = target.with_name(f".{secrets.token_hex(6)}.part")
-    temporary.mkdir()
-    try:
+    if os.path.lexists(target):
+        if not overwrite:
+            raise FileExistsError(
+                f"{target} exists already; choose another name or add --overwrite"
+            )
+        if not _is_set(target):
+            raise FileExistsError(
+                f"{target} is no training set, or has other files in it, and is not replaced"
+            )
+    with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
         yield temporary
-        _refuse(target, overwrite)
-        if target.exists():
-            old = target.with_name(f".{secrets.token_hex(6)}.old")
-            target.rename(old)
-            temporary.rename(target)
-            shutil.rmtree(old)
-        else:
-            temporary.rename(target)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _refuse(target: Path, overwrite: bool) -> None:
-    if not target.exists():
-        return
-    if not overwrite:
-        raise FileExistsError(f"{target} exists already; choose another name or add --overwrite")
-    if not _is_set(target):
-        raise FileExistsError(f"{target} is no training set, and is not replaced")
 
 
 def _is_set(folder: Path) -> bool:
+    """Tell whether a folder is a training set, and nothing else."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        foreign = {path.name for path in folder.iterdir()} - {MANIFEST, FRAMES, *FOLDERS}
+        foreign |= {
+            path.name
+            for part in FOLDERS
+            for path in (folder / part).iterdir()
+            if not path.name.startswith("frame-")
+        }
     except (OSError, ValueError):
         return False
-    return isinstance(manifest, dict) and manifest.get("format") == FORMAT
+    return isinstance(manifest, dict) and manifest.get("format") == FORMAT and not foreign

@@ -1,0 +1,100 @@
+"""The terminal: what is said, whatever it is made of, and Ctrl-C at any moment."""
+
+import logging
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+BAR = "{percentage:3.0f}% |{bar}| {n:.1f} of {total:.0f} frames, {rate_fmt}, {remaining} left"
+_interrupted = False
+
+
+def plain(text: object) -> str:
+    """Give a text in which nothing moves the cursor: control characters are spelt out.
+
+    Names and messages come from files, and files come from anywhere.
+    """
+    said = str(text)
+    if said.isprintable():
+        return said
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in said)
+
+
+def say(text: object) -> None:
+    """Print a line on the standard error."""
+    print(plain(text), file=sys.stderr)
+
+
+def tell(lines: Iterable[str]) -> bool:
+    """Print lines on the standard output; False where they cannot be written.
+
+    Where nobody reads any further, as with `| head`, the rest is dropped in silence.
+    """
+    try:
+        sys.stdout.writelines(f"{line}\n" for line in lines)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _drop_output()
+    except OSError as error:
+        _drop_output()
+        say(f"standard output: {error.strerror}; files are written, the report is not whole")
+        return False
+    return True
+
+
+def _drop_output() -> None:
+    """Let what is still to be written to the standard output go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[float, int], None]]:
+    """Show a bar on a terminal, and nothing where a program reads the output."""
+    from tqdm import tqdm
+
+    with tqdm(disable=None, total=1, bar_format=BAR, unit=" frames") as bar:
+
+        def show(done: float, total: int) -> None:
+            bar.total, bar.n = total, round(done, 2)
+            bar.refresh()
+
+        yield show
+
+
+def take_over() -> None:
+    """Say what libraries warn of as we say things, and remember whether Ctrl-C was pressed.
+
+    Only for a process that is the command: signals and warnings belong to the whole process.
+    """
+    warnings.showwarning = lambda message, *where, **more: say(message)
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Plain())
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
+
+
+def was_interrupted() -> bool:
+    """Tell whether Ctrl-C was pressed: a library in the middle of it may raise anything."""
+    return _interrupted
+
+
+def ignore_interrupts() -> None:
+    """Come to an end without being interrupted once more."""
+    if signal.getsignal(signal.SIGINT) is _interrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    global _interrupted
+    _interrupted = True
+    raise KeyboardInterrupt
+
+
+class _Plain(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return plain(super().format(record))
