@@ -22,6 +22,10 @@ class ImageError(ValueError):
     """An image that cannot be read: which, and what to do."""
 
 
+class SilentServerError(ConnectionError):
+    """A server that does not send what it was asked for."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frames:
     """The frames of one image or film.

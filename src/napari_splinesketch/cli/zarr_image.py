@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.cli.images import Frames, ImageError, choose_planes, is_url
+from napari_splinesketch.cli.images import (
+    Frames,
+    ImageError,
+    SilentServerError,
+    choose_planes,
+    is_url,
+)
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
 PAUSES = (1.0, 5.0)
@@ -31,7 +37,7 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
     except ImportError:
         raise ImageError(f"{address}: Zarr needs a library; pip install zarr") from None
     try:
-        node: Any = zarr.open(address, mode="r")
+        node: Any = _open(address)
         scale = units = None
         axes = "TCZYX"
         if isinstance(node, zarr.Group):
@@ -40,6 +46,10 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
             axes = "".join(axis["name"] for axis in image["axes"]).upper()
             scale, units = _scale(image["axes"], level)
             node = node[level["path"]]
+        if is_url(address):
+            from napari_splinesketch.cli.remote import bound
+
+            bound(node)
         shape, leading = tuple(node.shape), len(node.shape) - 2
         axes = axes if len(axes) == len(shape) else "T" * leading + "YX"
     except ImportError as error:  # fsspec says which one
@@ -58,8 +68,18 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
     def read(index: int) -> np.ndarray:
         return np.asarray(node[place(index)])
 
-    patient = _patient(read, address, lambda: zarr.open(address, mode="r"))
+    patient = _patient(read, address, lambda: _open(address))
     yield Frames(name, count, patient if is_url(address) else read, scale, units)
+
+
+def _open(address: str) -> Any:
+    import zarr
+
+    if not is_url(address):
+        return zarr.open(address, mode="r")
+    from napari_splinesketch.cli.remote import open_remote
+
+    return open_remote(address)
 
 
 def _patient(
@@ -71,6 +91,8 @@ def _patient(
         for pause in PAUSES:
             try:
                 return read(index)
+            except SilentServerError:  # it has waited long enough
+                raise
             except Exception:  # every kind of store has its own
                 time.sleep(pause)
         try:

@@ -1,0 +1,155 @@
+"""Stores behind a URL: no wait is endless, and nothing is larger than the metadata promise."""
+
+import asyncio
+import bz2
+import lzma
+import zlib
+from contextvars import ContextVar
+from typing import Any
+
+import zarr
+from zarr.abc.store import ByteRequest
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import FsspecStore
+
+from napari_splinesketch.cli.images import SilentServerError
+
+PATIENCE = 30.0
+"""How long a server may take to connect, and how long it may then send nothing, s."""
+SLOWEST = 100_000
+"""The slowest rate at which a chunk may come, on the whole, bytes a second."""
+METADATA = 2**24
+"""Most bytes of a file of metadata, and what a chunk may have beyond twice its pixels."""
+_limit = ContextVar("limit", default=METADATA)
+
+
+class TooMuchError(ValueError):
+    """A file on a server that holds more than the metadata promise."""
+
+
+class RemoteStore(FsspecStore):
+    """A store that gives up on servers that stall, drip, or never end."""
+
+    chunk_bytes = 0
+    """Of a chunk's pixels; known once the array is open."""
+
+    async def get(
+        self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """Read a file, or a part of one; SilentServerError and TooMuchError as they say."""
+        limit = METADATA + 2 * self.chunk_bytes
+        _limit.set(limit)
+        patience = PATIENCE + self.chunk_bytes / SLOWEST
+        try:
+            found = await asyncio.wait_for(super().get(key, prototype, byte_range), patience)
+        except TimeoutError:
+            raise SilentServerError(
+                f"the server sends nothing, or next to nothing, of {key}; try again later, or "
+                "copy the image to this machine"
+            ) from None
+        if found is not None and self.chunk_bytes:
+            data = found.to_bytes()
+            if len(data) > limit or unpacked_size(data, limit) > limit:
+                raise too_much(limit, key)
+        return found
+
+
+def too_much(limit: int, key: str = "a file") -> TooMuchError:
+    """Say that a file holds more than it may."""
+    return TooMuchError(
+        f"{key} holds more than {limit} bytes, which is more than the metadata promise; the image "
+        "is damaged, or its server is wrong"
+    )
+
+
+def open_remote(address: str) -> Any:
+    """Open a group or an array of Zarr behind a URL."""
+    options: dict[str, Any] = {}
+    if address.startswith(("http://", "https://")):
+        options["get_client"] = _client
+    return zarr.open(RemoteStore.from_url(address, options, read_only=True), mode="r")
+
+
+def bound(array: zarr.Array[Any]) -> None:
+    """Let the chunks of an array be no larger than their pixels need."""
+    store = array.store
+    if isinstance(store, RemoteStore):
+        whole = array.shards or array.chunks
+        pixels = 1
+        for size in whole:
+            pixels *= size
+        store.chunk_bytes = pixels * array.dtype.itemsize
+
+
+async def _client(**options: Any) -> Any:
+    """Make the session in which fsspec asks a web server."""
+    import aiohttp
+
+    class Bounded(aiohttp.ClientResponse):
+        async def read(self) -> bytes:
+            if self._body is None:
+                parts: list[bytes] = []
+                size = 0
+                async for part in self.content.iter_any():
+                    parts.append(part)
+                    size += len(part)
+                    if size > _limit.get():
+                        self.close()
+                        raise too_much(_limit.get(), self.url.path)
+                self._body = b"".join(parts)
+            return self._body
+
+    waits = aiohttp.ClientTimeout(total=None, sock_connect=PATIENCE, sock_read=PATIENCE)
+    return aiohttp.ClientSession(**{"timeout": waits, "response_class": Bounded, **options})
+
+
+def unpacked_size(data: bytes, limit: int) -> int:
+    """Say how large a chunk is unpacked, at most, or at least beyond the limit.
+
+    The header says so, or the chunk is unpacked piece by piece; 0 where it is not packed, or in a
+    way that cannot swell much.
+    """
+    if data[:4] == b"\x28\xb5\x2f\xfd":
+        return _zstd_size(data)
+    if len(data) >= 16 and data[0] <= 4 and int.from_bytes(data[12:16], "little") == len(data):
+        return int.from_bytes(data[4:8], "little")  # Blosc
+    for magic, make in (
+        (b"\x1f\x8b", lambda: zlib.decompressobj(31)),
+        (b"\x78", zlib.decompressobj),
+        (b"BZh", bz2.BZ2Decompressor),
+        (b"\xfd7zXZ", lzma.LZMADecompressor),
+    ):
+        if data.startswith(magic):
+            return _streamed_size(make(), data, limit)
+    return 0
+
+
+def _streamed_size(unpacker: Any, data: bytes, limit: int) -> int:
+    size, rest = 0, data
+    try:
+        while size <= limit and not unpacker.eof:
+            piece = len(unpacker.decompress(rest, 2**20))
+            rest = getattr(unpacker, "unconsumed_tail", b"")
+            size += piece
+            if not piece and not rest:
+                break
+    except (OSError, zlib.error, lzma.LZMAError, EOFError):  # not packed after all, or damaged
+        pass
+    return size
+
+
+def _zstd_size(data: bytes) -> int:
+    """Add up the blocks of a Zstandard frame: none unpacks to more than 128 KiB."""
+    flags = data[4] if len(data) > 4 else 0
+    single = flags >> 5 & 1
+    content = (single, 2, 4, 8)[flags >> 6]
+    at = 5 + (1 - single) + (0, 1, 2, 4)[flags & 3] + content
+    size = 0
+    while at + 3 <= len(data):
+        header = int.from_bytes(data[at : at + 3], "little")
+        length, kind = header >> 3, header >> 1 & 3
+        size += 2**17 if kind == 2 else length
+        at += 3 + (1 if kind == 1 else length)
+        if header & 1:
+            break
+    return size
