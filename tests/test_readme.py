@@ -28,10 +28,3 @@ def test_ci_runs_the_readme_s_two_commands() -> None:
             ["grep", "-c", pattern, "README.md"], cwd=ROOT, capture_output=True, text=True
         )
         assert run.stdout == "1\n", pattern
-
-
-def test_local_links_lead_somewhere() -> None:
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    for page in pages:
-        for link in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
-            assert (page.parent / link).exists(), f"{page.name}: {link}"

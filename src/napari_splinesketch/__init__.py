@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.engine.types import Curve, Progress, Refinement
     from napari_splinesketch.labels import read_labels, write_labels
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Curve",

@@ -1,0 +1,88 @@
+"""The documentation: every link leads somewhere, every page is in the site, its Python runs."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from npe2 import PluginManifest
+
+from napari_splinesketch import __version__, synthetic, write_labels
+from napari_splinesketch.labels import Label, Labels
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path for path in [ROOT / "README.md", *DOCS.glob("*.md")]
+}
+TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
+PYTHON = re.compile(r"```python\n(.*?)```", re.S)
+RUN_ELSEWHERE = {"README.md", "docs/active_contours.md", "docs/batch.md", "docs/method.md"}
+"""Pages whose blocks have tests of their own, which also look at what comes out."""
+
+
+def anchors(text: str) -> set[str]:
+    """The fragments of a page, as the site makes them of its headings."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
+    headings = re.findall(r"^#+ +(.*?) *#*$", prose, re.M)
+    plain = (re.sub(r"\[(.*?)\]\(.*?\)|[`*]", r"\1", heading) for heading in headings)
+    return {re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", h).strip().lower()) for h in plain}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_and_pictures_lead_somewhere(name: str) -> None:
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", TEXTS[name], flags=re.S)
+    for link in re.findall(r"\]\((?!\w+:)([^)\s]+)", text):
+        path, _, fragment = link.partition("#")
+        target = (PAGES[name].parent / path).resolve() if path else PAGES[name]
+        assert target.exists(), link
+        if fragment and target.suffix == ".md":
+            assert fragment in anchors(target.read_text(encoding="utf-8")), link
+
+
+def test_every_page_is_in_the_site_once() -> None:
+    site = yaml.safe_load((DOCS / "mkdocs.yml").read_text(encoding="utf-8"))
+    pages = re.findall(r"[\w/]+\.md", str(site["nav"]))
+    assert sorted(pages) == sorted(path.name for path in DOCS.glob("*.md"))
+
+
+def test_files_of_the_code_are_where_the_pages_say() -> None:
+    named = re.compile(
+        r"`((?:engine|paper|labels|plugin|cli|tracking|batch|training|tests)/[\w/]+\.py)`"
+    )
+    for name, text in TEXTS.items():
+        for path in named.findall(text) if name != "docs/CHANGELOG.md" else ():
+            package = ROOT / "src" / "napari_splinesketch"
+            assert (package / path).exists() or (ROOT / path).exists(), f"{name}: {path}"
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in TEXTS if PYTHON.search(TEXTS[name]) and name not in RUN_ELSEWHERE]
+)
+def test_the_python_of_a_page_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = synthetic.scene(0, shape=(90, 100), length=50)
+    sketches = [line[[0, 49, -1]] for line in scene.centrelines]
+    write_labels("labels.csv", Labels((Label.from_sketch(scene.centrelines[0]),)))
+    given: dict[str, object] = {"image": scene.image, "sketches": sketches, "np": np}
+    for code in PYTHON.findall(TEXTS[name]):
+        exec(compile(code, name, "exec"), given)
+
+
+def test_there_is_one_version_and_the_hub_finds_what_it_shows() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    place = ROOT / settings["tool"]["hatch"]["version"]["path"]
+    assert f'__version__ = "{__version__}"' in place.read_text(encoding="utf-8")
+    assert settings["project"]["readme"] == "README.md"
+    assert "Framework :: napari" in settings["project"]["classifiers"]
+    assert PluginManifest.from_distribution("napari-splinesketch").categories
+
+
+def test_the_citation_is_complete() -> None:
+    cited = yaml.safe_load((DOCS / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors", "license"} <= set(cited)
+    assert all(author.get("name") or author.get("family-names") for author in cited["authors"])
