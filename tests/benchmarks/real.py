@@ -1,7 +1,7 @@
 """The benchmark of images of other kinds: how many bodies are found, lost, marked and spoilt.
 
-python tests/benchmarks/real.py [--methods ...] [--split tune|held|all] [--jitter]
-    [--folder DIR ...] [--cases NAME ...] [--rows FILE] [--fresh]
+python tests/benchmarks/real.py [--methods ...] [--images real|generated|all]
+    [--split tune|held|all] [--jitter] [--folder DIR ...] [--cases NAME ...] [--rows FILE] [--fresh]
 
 Stops and goes on case by case: rows of the same version of a method are kept.
 """
@@ -11,7 +11,7 @@ import csv
 import os
 import time
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, fields
 from pathlib import Path
 
@@ -19,8 +19,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
+import real_foreign
 import real_methods
-from real_cases import FOLDERS, RIGHT, ROOT, Case, in_folders, jittered
+from real_cases import FOLDERS, RIGHT, ROOT, Case, in_folders, jittered, split_of
 from real_judge import Row, shares, summary, verdict
 
 ROWS = ROOT / "docs" / "benchmarks" / "real.csv"
@@ -30,11 +31,9 @@ def main() -> None:
     """Run what has not been run yet, then print the summary."""
     options = _options()
     warnings.simplefilter("ignore")  # of the other methods
-    cases = [case for case in in_folders(options.folder) if _wanted(case, options)]
+    cases = list(_chosen(options))
     if not cases:
-        raise SystemExit(f"No cases in {', '.join(map(str, options.folder))}.")
-    if options.jitter:
-        cases = [jittered(case) for case in cases]
+        raise SystemExit(f"No such cases in {', '.join(map(str, options.folder))}.")
     kept = [] if options.fresh else list(read(options.rows))
     versions = {name: real_methods.version(name) for name in options.methods}
     kept = [row for row in kept if row.version == versions.get(row.method, row.version)]
@@ -57,16 +56,26 @@ def main() -> None:
     )
 
 
-def _wanted(case: Case, options: argparse.Namespace) -> bool:
-    return options.split in (case.split, "all") and (
-        not options.cases or case.name in options.cases
-    )
+def _chosen(options: argparse.Namespace) -> Iterator[Case]:
+    """Cases that the options ask for, with right sketches if they ask for those."""
+
+    def wanted(name: str) -> bool:
+        in_split = options.split in (split_of(name), "all")
+        return in_split and (not options.cases or name in options.cases)
+
+    cases: list[Case] = []
+    if options.images != "generated":
+        cases += [case for case in in_folders(options.folder) if wanted(case.name)]
+    if options.images != "real":
+        cases += real_foreign.cases(wanted)
+    return map(jittered, cases) if options.jitter else iter(cases)
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser("python tests/benchmarks/real.py", description=__doc__)
     known = list(real_methods.RUNS)
     parser.add_argument("--methods", nargs="+", default=["balanced"], choices=known)
+    parser.add_argument("--images", default="real", choices=("real", "generated", "all"))
     parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
     parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
     parser.add_argument("--folder", nargs="+", type=Path, default=FOLDERS, help="of cases")

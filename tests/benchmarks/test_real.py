@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 import real
+import real_foreign
 import real_judge
+import real_modes
 import skimage.io
 from real_cases import FOLDERS, RIGHT, Case, by_arc, in_folders, jittered, length_of, read, split_of
 
@@ -72,8 +74,42 @@ def test_a_case_is_read_and_its_sketches_made_right(tmp_path):
 
 
 def test_cases_at_hand_are_whole():
-    for case in in_folders(FOLDERS):
+    cases = {case.name: case for case in in_folders(FOLDERS)}
+    assert {"neurites", "retina", "tripod", "whiskers"} <= set(cases)
+    for case in cases.values():
         _check(case)
+
+
+def test_generated_cases_are_whole_and_always_the_same():
+    one = next(real_foreign.cases(lambda name: name == "foreign_mixed_0"))
+    again = real_foreign.scene(one.name, "mixed", real_foreign.LOOKS["mixed"])
+    assert np.array_equal(one.image, again.image)
+    _check(one)
+    assert {one.bright(body) for body in range(len(one.references))} == {True, False}
+    rows = real.measure("as_drawn", "1", jittered(one), RIGHT)
+    assert {row.verdict for row in rows} == {"good"}
+
+
+@pytest.mark.parametrize("taper", real_foreign.TAPERS.values(), ids=real_foreign.TAPERS)
+def test_tapers_end_at_the_tips(taper):
+    half = taper(np.array([0.0, 50.0, 100.0]), 100.0, 3.0)
+    assert np.allclose(half[[0, 2]], 0)
+    assert 1.5 < half[1] <= 3
+
+
+def test_points_turn_with_their_image():
+    image = np.zeros((30, 40))
+    image[4, 9] = 1
+    for turn, forth, back in real_modes.TURNS:
+        (there,) = np.argwhere(turn(image))
+        assert np.array_equal(forth(np.array([[4, 9]]), image.shape), [there])
+        assert np.array_equal(back(there[None], image.shape), [[4, 9]])
+
+
+def test_ends_beyond_and_short_of_the_tips():
+    truth = by_arc(LINE, 100)
+    curve = np.array([[51.0, 8.0], [49.0, 107.0]])
+    assert np.allclose(real_modes._beyond(curve, truth), (2, -3))
 
 
 def _check(case: Case) -> None:

@@ -1,0 +1,258 @@
+"""Measurements of one thing each: crowd, order, ends, sizes, contrast and suggest.
+
+python tests/benchmarks/real_modes.py [modes...] [--preset balanced] [--frames N]
+
+Prints a line for each, and writes all figures to docs/benchmarks/real_modes.csv.
+"""
+
+import argparse
+import csv
+import os
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import numpy as np
+from frames import spoil
+from real_cases import FOLDERS, ROOT, Case, Line, in_folders
+from real_foreign import SET, TAPERS, single
+from real_judge import shares, verdict
+
+from napari_splinesketch import Curve, refine, suggest, synthetic
+from napari_splinesketch.metrics import average_dtw
+
+FIGURES = ROOT / "docs" / "benchmarks" / "real_modes.csv"
+LOST = 2.0
+"""A curve farther than this from its body is lost, px of average DTW, as in the other tables."""
+TURNED = 20.0
+"""Sketches are turned by so many degrees, either way."""
+MOVED, FAR = 0.1, 0.5
+"""A curve has moved; a curve has moved far and must be marked: largest distance, px."""
+SEED = 910_000
+SIZES = (
+    *((1.2, n) for n in (30, 100, 400, 1000, 2000)),
+    *((2.0, n) for n in (40, 200, 1000, 2000)),
+    *((3.0, n) for n in (60, 200, 600, 2000)),
+    *((6.0, n) for n in (100, 400, 1500)),
+    *((12.0, n) for n in (200, 800, 2000)),
+    *((24.0, n) for n in (400, 1500)),
+    (36.0, 500),
+)
+"""Half-widths and lengths, px."""
+
+Figures = dict[str, float]
+Refine = Callable[[np.ndarray, Sequence[Line]], tuple[Curve, ...]]
+
+
+def crowd(run: Refine, frames: int) -> Figures:
+    """Three bodies that cross, of which one or two have a sketch."""
+    lost, marked = [], []
+    for seed in range(frames):
+        scene = synthetic.scene(SEED + seed, bodies=3)
+        for count in (1, 2):
+            pairs = _judged(run, scene.image, _turned(scene, seed)[:count], scene.centrelines)
+            lost += [far for far, _ in pairs]
+            marked += [mark for far, mark in pairs if far]
+    return {"bodies": len(lost), "lost, %": _percent(lost), "lost ones marked, %": _percent(marked)}
+
+
+def contrast(run: Refine, frames: int) -> Figures:
+    """Two bodies that cross, at twice the usual noise."""
+    lost, marked = [], []
+    for seed in range(frames):
+        snr = float(np.random.default_rng(seed).uniform(5, 7.5))
+        scene = synthetic.scene(SEED + 1000 + seed, bodies=2, snr=snr)
+        pairs = _judged(run, scene.image, _turned(scene, seed), scene.centrelines)
+        lost += [far for far, _ in pairs]
+        marked += [mark for far, mark in pairs if far]
+    return {"bodies": len(lost), "lost, %": _percent(lost), "lost ones marked, %": _percent(marked)}
+
+
+def _turned(scene: synthetic.Scene, seed: int) -> list[Line]:
+    rng = np.random.default_rng([SEED, seed])
+    return [spoil(line, "rotation", TURNED, rng) for line in scene.centrelines]
+
+
+def _judged(run: Refine, image, sketches, truths) -> list[tuple[bool, bool]]:
+    """Whether each curve is lost, and whether it is marked."""
+    curves = run(image, sketches)
+    pairs = zip(curves, truths, strict=False)
+    return [(average_dtw(c.points, t) > LOST, c.status != "good") for c, t in pairs]
+
+
+def _transposed(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    del shape
+    return points[:, ::-1]
+
+
+def _flipped(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.stack([shape[0] - 1 - points[:, 0], points[:, 1]], axis=1)
+
+
+def _quarter(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.stack([shape[1] - 1 - points[:, 1], points[:, 0]], axis=1)
+
+
+def _back(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Turn a quarter back; `shape` is that of the frame before it was turned."""
+    return np.stack([points[:, 1], shape[1] - 1 - points[:, 0]], axis=1)
+
+
+TURNS = (
+    (np.transpose, _transposed, _transposed),
+    (np.flipud, _flipped, _flipped),
+    (np.rot90, _quarter, _back),
+)
+"""How an image and points are turned, and points back."""
+
+
+def order(run: Refine, frames: int) -> Figures:
+    """The same scene with its sketches in another order, transposed, flipped, turned."""
+    mean, most, unmarked = [], [], []
+    for seed in range(frames):
+        scene = synthetic.scene(SEED + 2000 + seed, bodies=2 + seed % 2, shape=(128, 140))
+        image, sketches = scene.image, _turned(scene, seed)
+        first = run(image, sketches)
+        others = [run(image, sketches[::-1])[::-1]]
+        moved = [[c.points for c in others[0]]]
+        for turn, forth, back in TURNS:
+            curves = run(
+                np.ascontiguousarray(turn(image)), [forth(s, image.shape) for s in sketches]
+            )
+            others.append(curves)
+            moved.append([back(c.points, image.shape) for c in curves])
+        for curves, lines in zip(others, moved, strict=True):
+            for one, other, line in zip(first, curves, lines, strict=True):
+                mean.append(average_dtw(one.points, line))
+                most.append(float(np.linalg.norm(one.points - line, axis=1).max()))
+                if one.status == other.status == "good":
+                    unmarked.append(most[-1])
+    return {
+        "curves": len(most),
+        "moved over 0.1 px, %": _percent([m > MOVED for m in most]),
+        "moved over 0.1 px on average, %": _percent([m > MOVED for m in mean]),
+        "median of the average, px": float(np.median(mean)),
+        "over 0.5 px unmarked, %": 100 * sum(m > FAR for m in unmarked) / len(most),
+        "largest unmarked, px": max(unmarked, default=0.0),
+    }
+
+
+def ends(run: Refine, frames: int) -> Figures:
+    """How far single bodies of three tapers end beyond (+) or short of (-) their tips."""
+    figures: Figures = {}
+    for name, taper in TAPERS.items():
+        biases = []
+        for seed in range(frames):
+            case = single(SEED + seed, 3.0, 100.0, taper=taper)
+            curve = run(case.image, case.sketches[SET])[0].points
+            biases.append(_beyond(curve, case.references[0]))
+        both = np.array(biases)
+        figures[f"{name}: first end, px"] = float(np.median(both[:, 0]))
+        figures[f"{name}: last end, px"] = float(np.median(both[:, 1]))
+    return figures
+
+
+def _beyond(curve: Line, truth: Line) -> tuple[float, float]:
+    """How far a curve's ends lie beyond the truth's, along the truth; sketches keep direction."""
+    first = (truth[0] - truth[3]) / np.linalg.norm(truth[0] - truth[3])
+    last = (truth[-1] - truth[-4]) / np.linalg.norm(truth[-1] - truth[-4])
+    return float((curve[0] - truth[0]) @ first), float((curve[-1] - truth[-1]) @ last)
+
+
+def sizes(run: Refine, frames: int) -> Figures:
+    """Bodies of 22 half-widths and lengths from five points, a few more where long."""
+    del frames
+    figures: Figures = {}
+    for half_width, length in SIZES:
+        case = single(SEED, half_width, length)
+        began = time.perf_counter()
+        curve = run(case.image, case.sketches[SET])[0]
+        seconds = time.perf_counter() - began
+        width = float(np.median(curve.half_width))
+        good = verdict(*shares(curve.points, case.references[0], width)) == "good"
+        figures[case.name] = float(good)
+        print(f"  {case.name}: {'good' if good else 'not good'}, {curve.status}, {seconds:.1f} s")
+    return {"good": sum(figures.values()), "of": len(figures), **figures}
+
+
+def suggested(run: Refine, frames: int) -> Figures:
+    """Share of the reference bodies of the real images that are among the suggested sketches."""
+    del run, frames
+    found, seconds = [], []
+    for case in in_folders(FOLDERS):
+        began = time.perf_counter()
+        lines = [line for line in suggest(case.image) if len(line) > 1]
+        seconds.append(time.perf_counter() - began)
+        found += [_among(case, reference, lines) for reference in case.references]
+    return {
+        "bodies": len(found),
+        "found, %": _percent(found),
+        "slowest image, s": max(seconds),
+    }
+
+
+def _among(case: Case, reference: Line, lines: Sequence[Line]) -> bool:
+    return any(verdict(*shares(np.asarray(n), reference, case.half_width)) == "good" for n in lines)
+
+
+def _percent(flags: Sequence[bool]) -> float:
+    return 100 * float(np.mean(flags)) if flags else float("nan")
+
+
+MODES = {
+    "crowd": crowd,
+    "order": order,
+    "ends": ends,
+    "sizes": sizes,
+    "contrast": contrast,
+    "suggest": suggested,
+}
+
+
+def main() -> None:
+    """Run the modes asked for."""
+    parser = argparse.ArgumentParser("python tests/benchmarks/real_modes.py", description=__doc__)
+    parser.add_argument("modes", nargs="*", default=list(MODES), help=", ".join(MODES))
+    parser.add_argument("--preset", default="balanced")
+    parser.add_argument("--frames", type=int, default=24, help="frames of each kind")
+    options = parser.parse_args()
+    unknown = set(options.modes) - set(MODES)
+    if unknown:
+        parser.error(f"unknown modes {', '.join(sorted(unknown))}; known are {', '.join(MODES)}")
+    warnings.simplefilter("ignore")
+    kept = {row[:2]: row[2] for row in read()}
+    for mode in options.modes:
+        figures = MODES[mode](partial(_refine, preset=options.preset), options.frames)
+        kept = {key: value for key, value in kept.items() if key[0] != mode}
+        kept |= {(mode, what): f"{value:.4g}" for what, value in figures.items()}
+        print(f"{mode}: " + "; ".join(f"{k} {v:.3g}" for k, v in figures.items()), flush=True)
+        write(kept)
+
+
+def _refine(image: np.ndarray, sketches: Sequence[Line], preset: str) -> tuple[Curve, ...]:
+    return tuple(refine(image, sketches, preset=preset).curves)  # pyright: ignore[reportArgumentType]
+
+
+def read() -> list[tuple[str, str, str]]:
+    """Mode, figure and value of the last runs."""
+    if not FIGURES.exists():
+        return []
+    with FIGURES.open(newline="", encoding="utf-8") as file:
+        return [(row["mode"], row["figure"], row["value"]) for row in csv.DictReader(file)]
+
+
+def write(figures: dict[tuple[str, str], str]) -> None:
+    """Write all figures."""
+    with FIGURES.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["mode", "figure", "value"])
+        writer.writerows([*key, value] for key, value in figures.items())
+
+
+if __name__ == "__main__":
+    main()
