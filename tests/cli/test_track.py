@@ -70,7 +70,7 @@ def test_bodies_are_carried_and_newcomers_join(
     assert numbers() == {1: [4, 9], 2: [4, 9], 3: [2, 4, 9], 4: [2, 4, 9], 5: [2, 4, 9]}
     assert "5 frames: 13 good" in capsys.readouterr().out
     fixed = [len(options["fixed"]) for _, options in engine]
-    assert fixed == [0, 0, 0, 1, 0, 0]
+    assert fixed == [0, 0, 0, 1, 0, 2, 0, 2], "what is known well goes first"
     assert not Path("labels.csv.partial").exists()
 
 
@@ -116,7 +116,7 @@ def test_what_is_lost_is_reported(
 
     monkeypatch.setattr(napari_splinesketch, "refine", upper_half_only, raising=False)
     write_labels("lines.csv", Labels(read_labels("lines.csv").labels[:2]), overwrite=True)
-    assert track() == 1
+    assert track("--smooth", "off") == 1
     assert numbers() == {1: [4, 9], 2: [4], 3: [4], 4: [4], 5: [4]}
     said = capsys.readouterr().out
     assert "2 missing, 1 lost" in said
@@ -132,6 +132,7 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
     assert track() == 0
     wanted = Path("labels.csv").read_text(encoding="utf-8")
     Path("labels.csv").unlink()
+    calls = len(engine)
     whole: Callable[..., Any] = napari_splinesketch.refine
     left = [4]
 
@@ -148,7 +149,7 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
     assert track() == 2
     assert track("--preset", "fast", "--resume") == 2
     assert track("--resume") == 0
-    assert len(engine) < 5
+    assert len(engine) < calls
     assert Path("labels.csv").read_text(encoding="utf-8") == wanted
 
 

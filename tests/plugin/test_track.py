@@ -1,5 +1,6 @@
 """Next frame and Track to the end in the window: carried, flagged, never over what was accepted."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -106,8 +107,9 @@ def test_cancelling_keeps_what_is_done(
 
 
 def test_drift_is_flagged_and_lost_bodies_are_named(
-    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(import_module("napari_splinesketch.tracking.follow"), "PATIENCE", 2)
     fake.changes = {0: {"half_width": np.full(100, 9.0)}}
     click(film.track.track)
     over(film)

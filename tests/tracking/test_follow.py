@@ -139,7 +139,7 @@ def test_a_body_in_doubt_is_looked_for_where_it_was_and_then_lost() -> None:
         return curve(line if line[0, 0] > 25 else line[0] + (line - line[0]) * 0.5)
 
     refine = FakeRefine((0, 0), shrinks)
-    results = run(refine, range(1, 6))
+    results = run(refine, range(1, 6), smooth=False)
     assert [7 in result.drifting for result in results] == [True, True, False, False, False]
     assert [sorted(result.lost) for result in results] == [[], [], [7], [], []]
     assert "length jumped" in results[2].missing[7]
@@ -150,7 +150,7 @@ def test_a_body_in_doubt_is_looked_for_where_it_was_and_then_lost() -> None:
 def test_where_nothing_is_there_is_no_curve() -> None:
     half = BRIGHT.copy()
     half[:25] = 0
-    results = run(FakeRefine((0, 0)), read=lambda frame, lines: View(half))
+    results = run(FakeRefine((0, 0)), read=lambda frame, lines: View(half), smooth=False)
     assert [result.ids for result in results] == [(3,)] * 3
     assert "nothing" in results[0].missing[7]
     assert results[2].lost == {7}

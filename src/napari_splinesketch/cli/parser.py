@@ -181,6 +181,12 @@ def _add_track(parser: argparse.ArgumentParser) -> None:
     )
     add("--preset", choices=PRESETS, default="balanced", help="speed or accuracy (%(default)s)")
     add("--last", type=int, metavar="N", help="stop after this frame, from 0")
+    add(
+        "--smooth",
+        choices=("on", "off"),
+        default="on",
+        help="learn from the frames around where one does not tell (%(default)s)",
+    )
     _add_look(parser)
     _add_pixel_size(parser)
     _add_resume(parser)

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial as bind
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -31,6 +32,7 @@ class TrackJob(FrameJob):
     sketches: Path
     preset: PresetName = "balanced"
     last: int | None = None
+    smooth: Literal["on", "off"] = "on"
 
     def inputs(self) -> tuple[Path, ...]:
         """Give every file that the job reads, beside the image."""
@@ -55,18 +57,21 @@ def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
         "sketches": checksum_of_file(job.sketches),
         "preset": job.preset,
         "last": job.last,
+        "smooth": job.smooth,
     }
     with open_run(job, sketches, **settings) as run:
         frames = _frames(job, run.images, min(drawn))
         bodies: dict[int, Body] = {}
-        for count, frame in enumerate(frames):
-            here = drawn.get(frame, [])
-            done = run.partial.done(frame)
-            if done is None:
-                tell = bind(_tell, report, count, len(frames))
-                done = _track_frame(job, run, frame, here, bodies, tell)
-            bodies = _after(bodies, done, run.partial.labels(frame), here)
-            report(count + 1, len(frames))
+        done = 0
+        for frame in frames:
+            finished = run.partial.done(frame)
+            if finished is None:
+                break
+            bodies = _after(bodies, finished, run.partial.labels(frame), drawn.get(frame, []))
+            done += 1
+            report(done, len(frames))
+        _track(job, run, frames[done:], drawn, bodies, bind(_tell, report, done, len(frames)))
+        report(len(frames), len(frames))
         options = {"command": "track", "sketches": job.sketches.name}
         reports, _, losses = run.write(frames, job.preset, **options)
     return Outcome(reports, (*sketches.notes, *losses))
@@ -83,54 +88,88 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
 
 
 def _tell(report: Callable[[float, int], None], done: int, count: int, progress: Progress) -> None:
-    report(done + 0.99 * progress.fraction, count)
+    report(done + 0.99 * progress.fraction * (count - done), count)
 
 
-def _track_frame(
+def _track(
     job: TrackJob,
     run: Run,
-    frame: int,
-    drawn: list[Label],
+    frames: Sequence[int],
+    drawn: Mapping[int, list[Label]],
     bodies: Mapping[int, Body],
     report: Callable[[Progress], None],
-) -> FrameReport:
-    """Refine the frame's sketches, then place the bodies of the frames before; keep both."""
-    began, digest = time.perf_counter(), None
-    curves: dict[int, Curve] = {}
-    tracked = Tracked(frame)
-    try:
-        image = run.images[frame]
-        digest = checksum(image)
-        if drawn:
-            lines = [label.points for label in drawn]
-            result = _refine(job, image, lines, job.preset, fixed=(), on_progress=report)
-            curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
-        good = {number: c for number, c in curves.items() if c.status != "failed"}
-        (tracked,) = follow(
-            [frame],
-            [body for number, body in bodies.items() if number not in curves],
-            lambda _, lines: View(image),
-            refine=bind(_refine, job),
-            preset=job.preset,
-            given=lambda _: Given(good),
-            on_progress=lambda progress: report(progress),
-        )
-        error = tracked.error or None
-    except ConnectionError:  # where the film is: other frames would fail too
-        raise
-    except Exception as reason:  # one bad frame must not stop the others
-        if was_interrupted():
-            raise KeyboardInterrupt from None
-        error = words(reason)
-    curves |= dict(zip(tracked.ids, tracked.curves, strict=True))
-    seconds = round(time.perf_counter() - began, 3)
-    finished = FrameReport(frame, _reports(curves, tracked), error, seconds, digest)
-    scale, units = run.head.scale, run.head.units
-    labels = Labels.from_curves(
-        tuple(curves.values()), frame=frame, ids=curves, scale=scale, units=units
+) -> None:
+    """Refine the sketches of each frame, place the bodies of the frames before; keep both."""
+    reader = _Reader(job, run, drawn)
+    following = follow(
+        frames,
+        bodies.values(),
+        lambda frame, _: View(reader.image(frame)),
+        refine=bind(_refine, job),
+        preset=job.preset,
+        given=reader.given,
+        on_progress=lambda progress: report(progress),
+        smooth=job.smooth == "on",
     )
-    run.partial.save(finished, table.text(labels), None)
-    return finished
+    began = time.perf_counter()
+    for tracked in following:
+        if tracked.error and was_interrupted():
+            raise KeyboardInterrupt
+        seconds = round(time.perf_counter() - began, 3)
+        opened = reader.opened.pop(tracked.frame)
+        curves = opened.curves | dict(zip(tracked.ids, tracked.curves, strict=True))
+        error = opened.error or tracked.error or None
+        reports = _reports(curves, tracked)
+        scale, units = run.head.scale, run.head.units
+        labels = Labels.from_curves(
+            tuple(curves.values()), frame=tracked.frame, ids=curves, scale=scale, units=units
+        )
+        finished = FrameReport(tracked.frame, reports, error, seconds, opened.digest)
+        run.partial.save(finished, table.text(labels), None)
+        began = time.perf_counter()
+
+
+@dataclass
+class _Opened:
+    """A frame until it is decided: its image, its checksum, its sketches' curves, or the error."""
+
+    image: np.ndarray | None = None
+    digest: str | None = None
+    curves: dict[int, Curve] = field(default_factory=dict)
+    error: str = ""
+
+
+class _Reader:
+    """Reads frames, and refines what was drawn in them."""
+
+    def __init__(self, job: TrackJob, run: Run, drawn: Mapping[int, list[Label]]):
+        self.opened: dict[int, _Opened] = {}
+        self._job, self._run, self._drawn = job, run, drawn
+
+    def given(self, frame: int) -> Given:
+        opened = self.opened[frame] = _Opened()
+        drawn = self._drawn.get(frame, [])
+        try:
+            opened.image = self._run.images[frame]
+            opened.digest = checksum(opened.image)
+            if drawn:
+                lines = [label.points for label in drawn]
+                result = _refine(self._job, opened.image, lines, self._job.preset, fixed=())
+                opened.curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
+        except ConnectionError:  # where the film is: other frames would fail too
+            raise
+        except Exception as reason:  # one bad frame must not stop the others
+            if was_interrupted():
+                raise KeyboardInterrupt from None
+            opened.error = words(reason)
+        return Given({n: c for n, c in opened.curves.items() if c.status != "failed"})
+
+    def image(self, frame: int) -> np.ndarray:
+        opened = self.opened[frame]
+        if opened.image is None:
+            raise ValueError(opened.error)
+        image, opened.image = opened.image, None
+        return image
 
 
 def _refine(

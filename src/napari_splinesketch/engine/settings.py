@@ -56,6 +56,9 @@ class Settings:
         Numbers of knots that a curve may have, in rising order.
     everything
         Use every part of the model, whether it pays or not.
+    hold
+        Standard error of the sketches, px, where it is known: nothing is searched for, and curves
+        are held to their sketches by so much. None searches.
     """
 
     weigh: int = 3000
@@ -70,6 +73,7 @@ class Settings:
     polish: LevelSettings = LevelSettings(0.0, (5, 4, 4, 4, 4, 4), 4.0)
     knots: tuple[int, ...] = (8, 12, 16, 24)
     everything: bool = False
+    hold: float | None = None
 
 
 SETTINGS: dict[PresetName, Settings] = {

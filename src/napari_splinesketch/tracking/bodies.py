@@ -7,12 +7,13 @@ import numpy as np
 
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking import motion
 from napari_splinesketch.tracking.types import Line
 
-MEMORY = 5
+MEMORY = 7
 """Frames that tell a body's usual length and width."""
-VELOCITY = 0.5
-"""Share of the last movement that is expected again: swimmers turn round."""
+LENGTHS = 40
+"""Frames that tell its usual length."""
 POINTS = 12
 """Of the line that is carried over."""
 
@@ -29,36 +30,39 @@ class Body:
         (frame, curve) where it could be trusted, the latest last.
     misses
         Frames since.
+    lengths
+        Those of more frames, px.
     """
 
     id: int
     seen: tuple[tuple[int, Curve], ...]
     misses: int = 0
+    lengths: tuple[float, ...] = ()
 
     @property
     def length(self) -> float:
         """Usual length, px."""
-        return median(curve.length for _, curve in self.seen)
+        return median(self.lengths or [curve.length for _, curve in self.seen])
 
     @property
     def half_width(self) -> float:
         """Usual half-width, px; not a number where nothing is known."""
         return median(float(np.median(curve.half_width)) for _, curve in self.seen)
 
+    def foretold(self, frame: int) -> tuple[Line, float]:
+        """Where its points are in a frame, and their standard error: infinite if it is unknown."""
+        line, sd = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
+        return motion.of_length(line, self.length), sd
+
     def expected(self, frame: int) -> Line:
-        """Where it is expected in a frame, with its velocity where two frames tell it."""
-        latest, curve = self.seen[-1]
-        points = curve.points
-        if len(self.seen) > 1:
-            before, older = self.seen[-2]
-            steps = (frame - latest) / (latest - before) if latest != before else 0.0
-            if abs(steps) <= 1:
-                points = points + VELOCITY * steps * (points - older.points)
-        return resample(points, POINTS)
+        """Where to look for it in a frame."""
+        return resample(self.foretold(frame)[0], POINTS)
 
     def with_curve(self, frame: int, curve: Curve) -> "Body":
         """Give the body after a frame in which it can be trusted."""
-        return replace(self, seen=(*self.seen, (frame, curve))[-MEMORY:], misses=0)
+        seen = (*self.seen, (frame, curve))[-MEMORY:]
+        lengths = (*(self.lengths or [c.length for _, c in self.seen]), curve.length)
+        return replace(self, seen=seen, lengths=lengths[-LENGTHS:], misses=0)
 
     def missed(self) -> "Body":
         """Give the body after a frame in which it cannot."""

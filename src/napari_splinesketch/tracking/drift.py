@@ -1,6 +1,6 @@
 """What speaks against a curve being the body that it was carried over from."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +20,10 @@ JUMP = 0.35
 """Mean distance from where it was expected, as a share of the body's length."""
 FAINT = 0.35
 """Brightness along the curve, as a share of the bodies' contrast, below which nothing is there."""
+UNLIKE = 1.6
+"""Factor by which the contrast may change from frame to frame."""
+NEAR = 2.3
+"""Half-widths between curves of which one may be taken for the other."""
 SAME = 0.6
 """Half-widths between curves that lie on one body ..."""
 ALONG = 0.5
@@ -47,15 +51,22 @@ def distance(a: Line, b: Line) -> float:
     return float(np.linalg.norm(resample(a, count) - resample(b, count), axis=1).mean())
 
 
-def nothing_there(curves: Sequence[Curve], view: View, refinement: Refinement) -> list[bool]:
-    """Say of each curve, px of the view, whether the image shows hardly anything along it."""
+def shown(
+    curves: Sequence[Curve], view: View, refinement: Refinement, usual: float | None
+) -> list[float]:
+    """Say of each curve, px of the view, what share of it the image shows.
+
+    `usual` is the contrast of the frames before: one that differs much from it is of nothing.
+    """
     pixels = np.nan_to_num(view.pixels.astype(float) - refinement.background)
     smooth = ndimage.gaussian_filter(pixels, 0.5)
-    contrast = refinement.model.contrast
+    contrast = abs(refinement.model.contrast)
+    if usual:
+        contrast = float(np.clip(contrast, usual / UNLIKE, usual * UNLIKE))
     sign = 1.0 if refinement.model.polarity == "bright" else -1.0
-    scale = sign * max(abs(contrast), 1e-30)
+    scale = sign * max(contrast, 1e-30)
     return [
-        float(np.median(ndimage.map_coordinates(smooth, c.points.T, order=1))) / scale < FAINT
+        float((ndimage.map_coordinates(smooth, c.points.T, order=1) / scale >= FAINT).mean())
         for c in curves
     ]
 
@@ -71,6 +82,23 @@ def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
         for j in np.flatnonzero(meets).tolist():
             if i != j and _share(curve.points, curves[j].points, reach) > ALONG:
                 found[i] = j
+    return found
+
+
+def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:
+    """Say of each curve which others come near it, for more than a share of it, by number."""
+    names = list(curves)
+    low = np.array([c.points.min(0) for c in curves.values()]).reshape(-1, 2)
+    high = np.array([c.points.max(0) for c in curves.values()]).reshape(-1, 2)
+    found: dict[int, set[int]] = {name: set() for name in names}
+    for i, name in enumerate(names):
+        one = curves[name]
+        reach = NEAR * _half_width(one)
+        meets = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        for j in np.flatnonzero(meets).tolist():
+            if i != j and _share(one.points, curves[names[j]].points, reach) > share:
+                found[name].add(names[j])
+                found[names[j]].add(name)
     return found
 
 

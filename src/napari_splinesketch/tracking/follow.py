@@ -19,10 +19,13 @@ from napari_splinesketch.tracking.types import (
     Tracked,
     View,
 )
+from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
-PATIENCE = 2
-"""Frames for which a body that cannot be trusted is looked for where it was last."""
+PATIENCE = 10
+"""Frames for which a body that cannot be trusted is looked for ..."""
+AT_ONCE = 2
+"""... and those without the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""
 
@@ -36,6 +39,7 @@ def follow(
     preset: PresetName = "balanced",
     given: Callable[[int], Given] = lambda frame: NOTHING_GIVEN,
     on_progress: OnProgress | None = None,
+    smooth: bool = True,
 ) -> Iterator[Tracked]:
     """Track bodies through frames, giving each frame as it is done.
 
@@ -56,22 +60,34 @@ def follow(
     on_progress
         Called with a `Progress` now and then; returning False ends the tracking, without the
         frame that is being worked on.
+    smooth
+        Whether frames are held back where only those after them tell what is there; otherwise
+        each frame is given by itself.
 
     Yields
     ------
     A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
     """
     bodies = {body.id: body for body in start}
-    step = _Step(read, refine or _engine(), preset)
+    refine = refine or _engine()
+    step = _Step(read, refine, preset, smooth)
+    window = Window(refine, preset)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
         try:
             report(Progress("reading the image", 0.0))
-            result = step(frame, bodies, given(frame), report)
+            kept = given(frame)
+            result = step(frame, bodies, kept, report)
+            known = window.push(result, kept.curves, bodies) if smooth else {}
         except Cancelled:
+            yield from window.rest(decide=False)
             return
-        bodies = after(bodies, result, given(frame))
-        yield result
+        bodies = after(bodies, result, kept) | known
+        if smooth:
+            yield from window.ready()
+        else:
+            yield result
+    yield from window.rest()
 
 
 def _engine() -> Refine:
@@ -108,8 +124,10 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
 class _Step:
     """Places all bodies in one frame."""
 
-    def __init__(self, read: Read, refine: Refine, preset: PresetName):
+    def __init__(self, read: Read, refine: Refine, preset: PresetName, smooth: bool):
         self._read, self._refine = read, refine
+        self._patience = PATIENCE if smooth else AT_ONCE
+        self.contrast: float | None = None
         self._preset: PresetName = preset
 
     def __call__(
@@ -124,7 +142,10 @@ class _Step:
         try:
             view = self._read(frame, list(expected.values()))
             inside = [body for body in wanted if _inside(view, expected[body.id])]
-            search = Search(view, expected, given.curves, self._refine, self._preset, report)
+            search = Search(
+                frame, view, expected, given.curves, self._refine, self._preset, report,
+                self.contrast,
+            )  # fmt: skip
             found = search(inside) if inside else {}
         except Cancelled:
             raise
@@ -132,9 +153,11 @@ class _Step:
             said = " ".join(str(error).split())
             said = said if isinstance(error, ValueError) else f"{type(error).__name__}: {said}"
             return Tracked(frame, given=kept, error=said)
+        if search.refinement and any(one.trusted for one in found.values()):
+            self.contrast = abs(search.refinement.model.contrast)
         gone = {body.id: "it left the image" for body in wanted if body not in inside}
         return replace(
-            _judged(frame, inside, found, gone),
+            _judged(frame, inside, found, gone, self._patience),
             given=kept,
             refinement=search.refinement,
             view=view,
@@ -142,7 +165,11 @@ class _Step:
 
 
 def _judged(
-    frame: int, bodies: Sequence[Body], found: Mapping[int, Found], gone: Mapping[int, str]
+    frame: int,
+    bodies: Sequence[Body],
+    found: Mapping[int, Found],
+    gone: Mapping[int, str],
+    patience: int,
 ) -> Tracked:
     """Sort what was found into trusted, drifting, missing and lost."""
     missing, lost = dict(gone), set(gone)
@@ -150,7 +177,7 @@ def _judged(
     for body in bodies:
         one = found[body.id]
         why = "; ".join(one.said) or NOTHING
-        given_up = body.misses >= PATIENCE and not one.trusted
+        given_up = body.misses >= patience and not one.trusted
         if given_up:
             lost.add(body.id)
         if given_up or one.empty:

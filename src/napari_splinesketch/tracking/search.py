@@ -16,12 +16,19 @@ from napari_splinesketch.engine.types import (
     Refinement,
 )
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import doubts, nothing_there, on_one_body
+from napari_splinesketch.tracking.drift import doubts, on_one_body, shown
 from napari_splinesketch.tracking.placing import place
 from napari_splinesketch.tracking.types import Line, Refine, View
 
 LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
+SURE = 0.8
+"""Half-widths: where a body is known so well, it is not searched for."""
+HOLD = 1.5
+"""Errors of a prediction go together along a body: so much less is each point's to be believed."""
+LEAST, MOST = 0.5, 0.8
+"""Share of a curve that the image must show, and below which the rest is said to be inferred."""
+INFERRED = "inferred from the frames around it"
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
 
@@ -74,8 +81,8 @@ class Search:
 
     Parameters
     ----------
-    view
-        The frame.
+    frame, view
+        The frame's number, and the frame.
     expected
         Where each body is expected, by number, px of the image.
     given
@@ -84,26 +91,34 @@ class Search:
         How sketches are refined.
     report
         Told of progress; raises `Cancelled`.
+    contrast
+        The usual one of the frames before.
     """
 
     def __init__(
         self,
+        frame: int,
         view: View,
         expected: Mapping[int, Line],
         given: Mapping[int, Curve],
         refine: Refine,
         preset: PresetName,
         report: OnProgress,
+        contrast: float | None = None,
     ):
+        self._contrast = contrast
         self.refinement: Refinement | None = None
-        self._view, self._expected, self._given = view, expected, given
+        self._frame, self._view, self._expected, self._given = frame, view, expected, given
         self._refine, self._report = refine, report
         self._preset: PresetName = preset
 
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
-        found: dict[int, Found] = {}
-        self._attempt(0, bodies, self._expected, self._preset, found)
+        foretold = {body.id: body.foretold(self._frame) for body in bodies}
+        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width]
+        found = self.held(sure, foretold)
+        rest = [body for body in bodies if body.id not in found]
+        self._attempt(0, rest, self._expected, self._preset, found)
         attempts: list[tuple[PresetName | Settings, Callable[[Sequence[Body]], dict[int, Line]]]]
         attempts = [
             (self._preset, self._as_expected),
@@ -115,6 +130,18 @@ class Search:
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or len(doubted) < len(bodies)):
                 self._attempt(number, doubted, choose(doubted), preset, found)
+        return found
+
+    def held(
+        self, bodies: Sequence[Body], foretold: Mapping[int, tuple[Line, float]]
+    ) -> dict[int, Found]:
+        """Fit bodies to where they are foretold, with how surely, without any search."""
+        found: dict[int, Found] = {}
+        if bodies and self._preset != "paper":
+            unit = np.linalg.norm(np.diff(self._view.place.to_block(np.eye(2) * [0, 1]), axis=0))
+            sd = HOLD * float(unit * np.median([foretold[b.id][1] for b in bodies]))
+            lines = {b.id: foretold[b.id][0] for b in bodies}
+            self._attempt(0, bodies, lines, replace(SETTINGS[self._preset], hold=sd), found)
         return found
 
     def _as_expected(self, bodies: Sequence[Body]) -> dict[int, Line]:
@@ -151,14 +178,19 @@ class Search:
         around = {**self._given, **{one.id: one.curve for one in others}}
         shared = on_one_body([*curves, *around.values()])
         names = [body.id for body in bodies] + list(around)
-        empty = nothing_there(refinement.curves, self._view, refinement)
+        there = shown(refinement.curves, self._view, refinement, self._contrast)
+        held = isinstance(preset, Settings) and preset.hold is not None
         better = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
-            if i in shared:
+            if held and LEAST < there[i] < MOST:
+                reasons = (*curve.reasons, f"part of it is {INFERRED}")
+                curve = replace(curve, status="check", reasons=reasons)
+            if i in shared and not held:
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             failed = curve.status == "failed"
-            one = Found(body.id, lines[body.id], curve, tuple(said), empty[i] or failed)
+            empty = failed or there[i] <= LEAST
+            one = Found(body.id, lines[body.id], curve, tuple(said), empty)
             if body.id not in found or one.score < found[body.id].score:
                 found[body.id] = one
                 better = True

@@ -91,12 +91,16 @@ def fit_scene(
     report("tracing bodies", 0.02)
     still = [spline.resample(c.points, 100) - corner for c in fixed]
     comparison = None
-    if settings.judge:
+    if settings.judge and settings.hold is None:
         comparison = _comparison(seen, fixed, corner, settings.judge, report)
-    found = finding.find(
-        seen, sketches, still, settings, comparison,
-        lambda share: report("tracing bodies", 0.02 + 0.03 * share),
-    )  # fmt: skip
+    if settings.hold is None:
+        found = finding.find(
+            seen, sketches, still, settings, comparison,
+            lambda share: report("tracing bodies", 0.02 + 0.03 * share),
+        )  # fmt: skip
+    else:
+        believed = [trials.Start(s, traced=True) for s in sketches]
+        found = finding.Found(believed, [(i,) for i in range(len(sketches))])
     starts, number = _approach(seen, found.starts, settings), len(sketches)
     parts = _weigh(seen, starts, settings)
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
@@ -115,6 +119,8 @@ def fit_scene(
         seen, starts, alone, groups, fixed, corner, settings, priors, on_polish
     )
     sketched, beside = bodies[:number], bodies[number:]
+    if settings.hold is not None:
+        return SceneFit(sketched, others, beside, starts, parts)
     again = partial(_polish_again, seen, settings.polish, settings.knots[0])
     sketched = pairs.settle_pairs(seen, sketches, sketched, [*others, *beside], again)
     return SceneFit(sketched, others, beside, starts[:number], parts)
@@ -254,13 +260,22 @@ def _polish(seen, starts, alone, groups, fixed, corner, settings: Settings, prio
             report((done + share * count) / len(starts), lines)
 
         found = fitting.fit_level(
-            seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level
-        )
+            seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level,
+            anchor=_anchor(theta, knots, settings.hold),
+        )  # fmt: skip
         for i, body in zip(members, found, strict=False):
             bodies[i] = body
         others = found[count:]
         done += count
     return bodies, others
+
+
+def _anchor(theta: Float[Array, "n D"], knots: int, sd: float | None) -> bands.Anchor | None:
+    """Holds curves to where they begin."""
+    if sd is None:
+        return None
+    mean = theta[:, : 2 * knots]
+    return bands.Anchor(mean, np.full(mean.shape, sd**-2.0))
 
 
 def _still(fixed: Sequence[Curve], corner, knots: int, priors: bands.Priors):

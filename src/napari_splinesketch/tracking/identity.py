@@ -1,0 +1,108 @@
+"""Which curve is which body: by what the frames before and after foretell."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking import motion
+from napari_splinesketch.tracking.motion import Known, Points
+
+AGREE = 3.0
+"""Standard errors, beside half of a half-width, within which a curve is where it is expected."""
+SWAP = 8.0
+"""By how much less likely (-2 log) the numbers must be as they are for them to be exchanged."""
+LENGTH_SD = 0.1
+"""By which lengths of one body differ from frame to frame, relative."""
+BAND = 4.0
+"""Background beside a body of which its residual is known, px."""
+FREE = 6.0
+"""Numbers that a body's place and shape come to, about."""
+
+Foretold = tuple[Points, float]
+"""Where a body is expected, and the standard error, px."""
+
+
+def assigned(
+    names: list[int], before: Mapping[int, list[Known]], sides: Mapping[int, list[Known]]
+) -> dict[int, int]:
+    """Whose curves after the stretch are whose, by what both ends foretell."""
+    cost = np.array([[unlikely(before[i], sides[j], i != j) for j in names] for i in names])
+    rows, columns = linear_sum_assignment(cost)
+    same = {i: i for i in names}
+    if np.trace(cost) - cost[rows, columns].sum() < SWAP:
+        return same
+    return {names[i]: names[j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
+
+
+def unlikely(before: list[Known], after: list[Known], turn: bool) -> float:
+    """-2 log likelihood that one body did what is known before and after."""
+    if turn:
+        after = [turned(side, before, True) for side in after]
+    frame, line = after[-1]
+    expected, sd = motion.ahead(before, frame)
+    if not np.isfinite(sd):
+        sd = motion.BEFORE * abs(frame - before[-1][0]) ** motion.GROWTH
+    apart = float(((expected - line) ** 2).sum(1).mean()) / 2
+    lengths = [np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (before[-1][1], line)]
+    return apart / sd**2 + (np.log(lengths[0] / lengths[1]) / LENGTH_SD) ** 2
+
+
+def turned(side: Known, before: list[Known], turn: bool) -> Known:
+    """The side, run through the way that is likelier for the body."""
+    if not turn:
+        return side
+    expected, _ = motion.ahead(before, side[0])
+    ways = (side[1], side[1][::-1])
+    return side[0], min(ways, key=lambda way: float(((way - expected) ** 2).sum()))
+
+
+def run_like(curve: Curve, like: Points) -> Curve:
+    """The curve, run through the way that a line runs."""
+    if ((curve.points - like) ** 2).sum() <= ((curve.points[::-1] - like) ** 2).sum():
+        return curve
+    turned = {name: getattr(curve, name)[::-1] for name in ("knots", "points", "half_width", "sd")}
+    return replace(curve, **turned)
+
+
+def agrees(line: Points, foretold: Foretold, half_width: float) -> bool:
+    """Whether a line is where a body of such a half-width is expected."""
+    return _apart(line, foretold) < AGREE + 0.5 * half_width / foretold[1]
+
+
+def _apart(line: Points, foretold: Foretold) -> float:
+    return float(np.sqrt(((line - foretold[0]) ** 2).sum(1).mean() / 2)) / foretold[1]
+
+
+def matched(
+    foretold: Mapping[int, Foretold],
+    there: Mapping[int, Curve],
+    half_widths: Mapping[int, float],
+) -> dict[int, int]:
+    """Which curves of a frame are where which bodies are expected."""
+    names, curves = list(foretold), list(there)
+    cost = np.array(
+        [
+            [_apart(run_like(there[j], foretold[i][0]).points, foretold[i]) for j in curves]
+            for i in names
+        ]
+    ).reshape(len(names), len(curves))
+    rows, columns = linear_sum_assignment(np.minimum(cost, 1e3))
+    pairs = ((names[r], curves[c]) for r, c in zip(rows.tolist(), columns.tolist(), strict=True))
+    return {
+        i: j
+        for i, j in pairs
+        if agrees(run_like(there[j], foretold[i][0]).points, foretold[i], half_widths[i])
+    }
+
+
+def cost_of(curve: Curve, foretold: Foretold, noise: float) -> float:
+    """-2 log likelihood of a curve: what it leaves of the image, and that it is where it is."""
+    width = float(np.median(curve.half_width))
+    pixels = curve.length * 2 * (width + BAND)
+    return (
+        pixels * (curve.residual / max(noise, 1e-6)) ** 2
+        + FREE * _apart(curve.points, foretold) ** 2
+    )

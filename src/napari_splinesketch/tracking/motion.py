@@ -1,0 +1,156 @@
+"""Where a body is when the image does not say: ahead of what is known of it, or in between.
+
+How well each way of moving foretells a body is measured on its own last frames, so that nothing is
+assumed of how it moves: a worm swims or crawls along its path, a filament glides.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine.spline import arc_length
+from napari_splinesketch.engine.types import Array
+
+BEFORE = 0.5
+"""Error of a prediction by one frame before any was measured, px ..."""
+COUNTED = 1.0
+"""... which counts as much as so many measured ones."""
+GROWTH = 1.2
+"""Power of the number of frames by which errors of predictions grow."""
+FAR, BASE = 1.5, 3
+"""Frames beyond which the movement of several frames together foretells, and of how many."""
+END = 12
+"""Points at either end whose direction a body goes on in."""
+
+Points = Float[Array, "P 2"]
+Known = tuple[float, Points]
+"""A frame, and points of the body there, all the same number and from the same end."""
+Mover = Callable[[Points, Points, float], Points]
+"""Takes the points before, the last ones and how many such steps to go."""
+
+
+def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
+    """Where a body is expected in a frame beyond those known, and how far off that may be.
+
+    Parameters
+    ----------
+    known
+        At least one frame, the nearest to `frame` last; up to four more tell how it moves.
+    frame
+        Where to look.
+
+    Returns
+    -------
+    (P, 2) points, and their standard error, px; infinite where nothing was measured yet.
+    """
+    if len(known) < 2:
+        return known[-1][1], np.inf
+    lag = abs(frame - known[-1][0])
+    base = 1 if lag < FAR else min(BASE, max((len(known) - 1) // 2, 1))
+    mover, error, counted = _best(known, base)
+    older, newer = known[-1 - base], known[-1]
+    line = mover(older[1], newer[1], _steps(older, newer, frame))
+    return line, error * max(lag, 1.0) ** GROWTH if counted else np.inf
+
+
+def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> tuple[Points, float]:
+    """Where a body is in a frame of a gap, and how far off that may be.
+
+    Each side foretells it; where they agree it is between the two, nearer to the nearer one.
+
+    Parameters
+    ----------
+    before, after
+        What is known on either side, the frame nearest to the gap last.
+    frame
+        In the gap.
+    """
+    first, last = before[-1][0], after[-1][0]
+    share = (frame - first) / (last - first)
+    forth, one = ahead(before, frame)
+    back, other = ahead(after, frame)
+    blend = share**2 * (3 - 2 * share)
+    # What each side misses at the far end of the gap is put right in proportion.
+    miss_forth = after[-1][1] - ahead(before, last)[0]
+    miss_back = before[-1][1] - ahead(after, first)[0]
+    forth = forth + share**2 * miss_forth
+    back = back + (1 - share) ** 2 * miss_back
+    sides = [e for e in (one, other) if np.isfinite(e)]
+    sd = float(np.sqrt(1 / sum(e**-2.0 for e in sides))) if sides else BEFORE
+    apart = float(np.sqrt(((forth - back) ** 2).sum(1).mean()))
+    return (1 - blend) * forth + blend * back, max(sd, apart / 2)
+
+
+def of_length(line: Points, length: float) -> Points:
+    """The line, made longer or shorter at both ends alike."""
+    s = arc_length(line)
+    more = (length - s[-1]) / 2
+    at = np.linspace(-more, s[-1] + more, len(line))
+    return _along(line, s, at)
+
+
+def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
+    """The mover that would have foretold the last frames best, its error, and on how many.
+
+    A movement is that of so many frames together; one of several foretells several.
+    """
+    errors: list[list[float]] = [[] for _ in MOVERS]
+    for i in range(base, len(known) - 1):
+        older, newer = known[i - base], known[i]
+        for now in known[i + 1 : i + 2] if base == 1 else known[i + 2 :]:
+            lag = max(abs(now[0] - newer[0]), 1.0)
+            for mover, found in zip(MOVERS, errors, strict=True):
+                line = mover(older[1], newer[1], _steps(older, newer, now[0]))
+                squared = float(((line - now[1]) ** 2).sum(1).mean()) / 2
+                found.append(squared / lag ** (2 * GROWTH))
+    count = len(errors[0])
+    if not count:
+        return MOVERS[0], np.inf, 0
+    totals = [sum(found) for found in errors]
+    best = int(np.argmin(totals))
+    error = np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED))
+    return MOVERS[best], float(error), count
+
+
+def _steps(older: Known, newer: Known, frame: float) -> float:
+    return (frame - newer[0]) / (newer[0] - older[0]) if newer[0] != older[0] else 0.0
+
+
+def _half(older: Points, newer: Points, steps: float) -> Points:
+    """Half of the last movement again: swimmers turn round."""
+    return newer + 0.5 * steps * (newer - older)
+
+
+def _all(older: Points, newer: Points, steps: float) -> Points:
+    return newer + steps * (newer - older)
+
+
+def _stay(older: Points, newer: Points, steps: float) -> Points:
+    return newer
+
+
+def _drift(older: Points, newer: Points, steps: float) -> Points:
+    """All of it as its middle moved."""
+    return newer + steps * (newer - older).mean(0)
+
+
+def _slide(older: Points, newer: Points, steps: float) -> Points:
+    """Along its own path, and straight on beyond its end."""
+    s = arc_length(newer)
+    tangent = np.gradient(newer, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    along = float(((newer - older) * tangent).sum(1).mean()) * steps
+    return _along(newer, s, s + along)
+
+
+def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Points:
+    """Points of a line at arc lengths `at`, straight on beyond its ends."""
+    inside = np.stack([np.interp(at, s, x) for x in line.T], 1)
+    ends = line[0] - line[min(END, len(line) - 1)], line[-1] - line[-1 - min(END, len(line) - 1)]
+    head, tail = (e / (np.linalg.norm(e) + 1e-9) for e in ends)
+    beyond = np.maximum(at - s[-1], 0.0)[:, None] * tail
+    return inside + beyond + np.maximum(-at, 0.0)[:, None] * head
+
+
+MOVERS: tuple[Mover, ...] = (_half, _all, _stay, _drift, _slide)

@@ -1,0 +1,318 @@
+"""What one frame cannot tell, the frames around it can: stretches in doubt, seen from both ends.
+
+Where bodies lie on each other and the fit is unsure, or where one is out of sight, frames are held
+back until all of them are clear again. Then who is who is decided by what the frames before and
+after foretell; each frame in between is gone through again, backwards, and what it does not show
+is inferred. A film in which nothing of the kind happens passes through frame by frame.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
+
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.spline import fit_knots
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking import identity, motion
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import near_others
+from napari_splinesketch.tracking.identity import Foretold
+from napari_splinesketch.tracking.motion import Known, Points
+from napari_splinesketch.tracking.search import INFERRED, Search
+from napari_splinesketch.tracking.types import Refine, Tracked
+
+LONGEST = 30
+"""Frames that are held back at most; then they are given as they are."""
+ALONG = 0.3
+"""Share of a body that may run along another without being taken for it."""
+CLEAR = 2
+"""Frames in which a body must be clear of others and of doubts before a stretch is over."""
+LIKELY = 12.0
+"""How unlikely (-2 log) the way through a stretch may be that is beyond doubt."""
+FEWEST = 8
+"""Knots of an inferred curve."""
+
+
+@dataclass(eq=False)
+class _Stretch:
+    """A body that is in doubt.
+
+    Attributes
+    ----------
+    anchor
+        What was known before.
+    first
+        Number of the first frame of the stretch, in the order of their coming.
+    partners
+        Bodies that it may have been taken for.
+    clear
+        Frames for which it has been clear of doubts and of other bodies again.
+    trusted
+        Frames for which it has been clear of doubts.
+    apart
+        Whether it no longer runs along another.
+    """
+
+    anchor: Body
+    first: int
+    partners: set[int] = field(default_factory=set)
+    clear: int = 0
+    trusted: int = 0
+    apart: bool = True
+
+
+class Window:
+    """Holds back the frames that are not decided yet.
+
+    Parameters
+    ----------
+    refine, preset
+        How sketches are refined.
+    """
+
+    def __init__(self, refine: Refine, preset: PresetName):
+        self._refine = refine
+        self._preset: PresetName = preset
+        self._held: list[Tracked] = []
+        self._begin = 0
+        self._open: dict[int, _Stretch] = {}
+
+    def push(
+        self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
+    ) -> dict[int, Body]:
+        """Take the next frame; gives bodies of which more is known now than that frame tells.
+
+        Parameters
+        ----------
+        result, given
+            What came of the frame, and the curves that were there already.
+        before
+            The bodies as they were known before it.
+        """
+        self._held.append(result)
+        number = self._begin + len(self._held) - 1
+        self._note(result, given, before, number)
+        known: dict[int, Body] = {}
+        for group in self._groups():
+            over = number - min(self._open[i].first for i in group) >= LONGEST
+            known |= self._close(group, over)
+        return known
+
+    def _close(self, group: set[int], over: bool) -> dict[int, Body]:
+        """Decide on the stretches of a group that are over, or all if there is no more time."""
+        back = {i for i in group if self._open[i].trusted >= CLEAR}
+        known: dict[int, Body] = {}
+        if over or all(self._open[i].clear >= CLEAR for i in group):
+            if back:
+                known = self._decided({i: self._open[i] for i in back})
+            for i in group:
+                del self._open[i]
+            return known
+        for i in sorted(back):
+            if self._open[i].apart and self._beyond_doubt(i, self._open[i]):
+                known |= self._decided({i: self._open.pop(i)})
+        return known
+
+    def _beyond_doubt(self, name: int, stretch: _Stretch) -> bool:
+        """Whether a body that is back can be no other, by what was known of it before."""
+        result = self._held[-1]
+        curves = _curves(result)
+        before = [_known(t, c) for t, c in stretch.anchor.seen]
+        cost = {
+            j: identity.unlikely(before, [_known(result.frame, curves[j])], j != name)
+            for j in {name, *stretch.partners}
+            if j in curves
+        }
+        own = cost.pop(name)
+        return own < LIKELY and all(other > own + identity.SWAP for other in cost.values())
+
+    def ready(self) -> Iterator[Tracked]:
+        """Give the frames that nothing is to be learned about any more."""
+        until = min((s.first for s in self._open.values()), default=None)
+        count = len(self._held) if until is None else max(until - self._begin, 0)
+        for _ in range(count):
+            self._begin += 1
+            yield self._held.pop(0)
+
+    def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
+        """Give all that are left, decided as well as may be, or as they are."""
+        for group in self._groups() if decide else ():
+            self._close(group, over=True)
+        self._open.clear()
+        return self.ready()
+
+    def _note(
+        self,
+        result: Tracked,
+        given: Mapping[int, Curve],
+        before: Mapping[int, Body],
+        number: int,
+    ) -> None:
+        """Open and prolong the stretches of the bodies that are in doubt."""
+        curves = dict(zip(result.ids, result.curves, strict=True))
+        near = near_others({**given, **curves})
+        doubted = {i for i in chain(result.drifting, result.missing) if i in before}
+        along = near_others({**given, **curves}, ALONG)
+        unsure = {i for i, c in curves.items() if along[i] or (near[i] and c.status != "good")}
+        opening = (doubted | unsure) - set(self._open)
+        opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
+        for i in opening - set(self._open) - set(given):
+            if before[i].seen:
+                self._open[i] = _Stretch(before[i], number)
+        for i in set(given) | result.lost:
+            self._open.pop(i, None)
+        for i, stretch in self._open.items():
+            stretch.partners |= near.get(i, set())
+            trusted = i in curves and i not in doubted
+            stretch.trusted = stretch.trusted + 1 if trusted else 0
+            stretch.apart = not along.get(i)
+            stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
+
+    def _groups(self) -> list[set[int]]:
+        """The open stretches, those together that may have been taken for each other."""
+        groups: list[set[int]] = []
+        for i, stretch in self._open.items():
+            joined = {i} | (stretch.partners & set(self._open))
+            apart = [g for g in groups if not g & joined]
+            for g in groups:
+                joined |= g if g & joined else set()
+            groups = [*apart, joined]
+        return groups
+
+    def _decided(self, stretches: Mapping[int, _Stretch]) -> dict[int, Body]:
+        """Go through the frames of some stretches again, backwards, and put them right."""
+        first = min(s.first for s in stretches.values()) - self._begin
+        end = len(self._held) - CLEAR
+        names = sorted(stretches)
+        far = [_curves(r) for r in self._held[end:]]
+        sides = {i: [_known(self._held[end + k].frame, far[k][i]) for k in (1, 0)] for i in names}
+        before = {i: [_known(t, c) for t, c in stretches[i].anchor.seen] for i in names}
+        became = identity.assigned(names, before, sides)
+        for k in range(end, len(self._held)):
+            self._held[k] = _renamed(self._held[k], became)
+        after = {i: [identity.turned(side, before[i], became[i] != i) for side in sides[became[i]]]
+                 for i in names}  # fmt: skip
+        found: dict[int, list[tuple[int, Curve]]] = {i: [] for i in names}
+        for k in range(end - 1, first - 1, -1):
+            here = [i for i in names if stretches[i].first <= self._begin + k]
+            self._held[k] = self._again(self._held[k], here, before, after, stretches)
+            for i, curve in _curves(self._held[k]).items():
+                if i in here and INFERRED not in curve.reasons:
+                    after[i] = [*after[i], _known(self._held[k].frame, curve)][-5:]
+                    found[i].insert(0, (self._held[k].frame, curve))
+        bodies = {}
+        for i in names:
+            latest = [(r.frame, _curves(r)[i]) for r in self._held[end:]]
+            body = stretches[i].anchor
+            for frame, curve in [*found[i], *latest]:
+                body = body.with_curve(frame, curve)
+            bodies[i] = body
+        return bodies
+
+    def _again(
+        self,
+        result: Tracked,
+        names: list[int],
+        before: Mapping[int, list[Known]],
+        after: Mapping[int, list[Known]],
+        stretches: Mapping[int, _Stretch],
+    ) -> Tracked:
+        """One frame in the light of those around it."""
+        foretold = {i: motion.between(before[i], after[i], result.frame) for i in names}
+        there = {
+            i: c for i, c in _curves(result).items() if i in names and i not in result.drifting
+        }
+        others = {i: c for i, c in _curves(result).items() if i not in names}
+        widths = {i: stretches[i].anchor.half_width for i in names}
+        taken = identity.matched(foretold, there, widths)
+        chosen = {i: identity.run_like(there[j], foretold[i][0]) for i, j in taken.items()}
+        if result.view is not None and result.refinement is not None:
+            fitted = self._held_to(result, names, others, foretold, stretches)
+            noise = result.refinement.model.noise / max(result.refinement.model.contrast, 1e-30)
+            for i, curve in fitted.items():
+                old = chosen.get(i)
+                costs = [identity.cost_of(c, foretold[i], noise) for c in (curve, old) if c]
+                if not old or costs[0] < costs[1]:
+                    chosen[i] = curve
+        for i in names:
+            if i not in chosen:
+                chosen[i] = inferred(stretches[i].anchor.seen[-1][1], *foretold[i])
+        return _with(result, {**others, **chosen}, foretold)
+
+    def _held_to(
+        self,
+        result: Tracked,
+        names: list[int],
+        others: Mapping[int, Curve],
+        foretold: Mapping[int, Foretold],
+        stretches: Mapping[int, _Stretch],
+    ) -> dict[int, Curve]:
+        """Fit bodies again where both sides foretell them; those that the image shows there."""
+        refinement, view = result.refinement, result.view
+        if refinement is None or view is None:
+            return {}
+        lines = {i: foretold[i][0] for i in names}
+        search = Search(
+            result.frame, view, lines, others, self._refine, self._preset,
+            lambda progress: None, abs(refinement.model.contrast),
+        )  # fmt: skip
+        found = search.held([stretches[i].anchor for i in names], foretold)
+        return {
+            i: one.curve
+            for i, one in found.items()
+            if not one.empty
+            and identity.agrees(one.curve.points, foretold[i], stretches[i].anchor.half_width)
+        }
+
+
+def inferred(like: Curve, line: Points, sd: float) -> Curve:
+    """A curve that no image shows."""
+    knots = np.column_stack(
+        [
+            fit_knots(line, FEWEST),
+            np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width),
+        ]
+    )
+    return replace(
+        like,
+        knots=knots,
+        points=line,
+        sd=np.full(len(line), sd),
+        status="check",
+        reasons=(INFERRED,),
+        residual=float("nan"),
+    )
+
+
+def _known(frame: int, curve: Curve) -> Known:
+    return float(frame), curve.points
+
+
+def _curves(result: Tracked) -> dict[int, Curve]:
+    return dict(zip(result.ids, result.curves, strict=True))
+
+
+def _renamed(result: Tracked, became: Mapping[int, int]) -> Tracked:
+    """A frame in which bodies get the curves of others."""
+    curves = _curves(result)
+    new = {i: curves[became.get(i, i)] for i in curves}
+    return replace(result, ids=tuple(new), curves=tuple(new.values()))
+
+
+def _with(
+    result: Tracked,
+    curves: Mapping[int, Curve],
+    foretold: Mapping[int, Foretold],
+) -> Tracked:
+    """The frame with these curves."""
+    sketches = dict(zip(result.ids, result.sketches, strict=True))
+    return replace(
+        result,
+        ids=tuple(curves),
+        curves=tuple(curves.values()),
+        sketches=tuple(foretold[i][0] if i in foretold else sketches[i] for i in curves),
+        drifting=result.drifting - set(foretold),
+        missing={i: why for i, why in result.missing.items() if i not in foretold},
+    )

@@ -1,0 +1,67 @@
+"""What the frames around tell: gaps bridged, numbers put right, nothing held back without need."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.synthetic.films import Film, film
+from napari_splinesketch.tracking import Body, Tracked, View, follow
+
+from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
+
+
+def tracked(made: Film, **options: bool) -> list[Tracked]:
+    start = [Body(i, ((0, curve(line, 2.5)),)) for i, line in enumerate(made.centrelines[0])]
+    frames = range(1, len(made.images))
+    return list(follow(frames, start, lambda t, _: View(made.images[t]), preset="fast", **options))
+
+
+def test_a_body_out_of_sight_is_followed_and_marked() -> None:
+    made = film(
+        4, hidden=3, crossing=False, frames=14, bodies=2, length=40.0, shape=(120, 100), speed=1.5
+    )
+    results = tracked(made)
+    assert [r.frame for r in results] == list(range(1, 14))
+    for result in results:
+        assert sorted(result.ids) == [0, 1]
+        gone = ~made.visible[result.frame].any(1)
+        for i, one in zip(result.ids, result.curves, strict=True):
+            assert average_dtw(one.points, made.centrelines[result.frame, i]) < 2
+            assert any("inferred" in reason for reason in one.reasons) == gone[i]
+
+
+def test_a_gap_in_the_image_is_bridged() -> None:
+    dark = np.zeros_like(BRIGHT)
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        return View(dark if frame in (5, 6) else BRIGHT)
+
+    results = run(FakeRefine((0, 1)), range(1, 11), start={7: [(0, curve(LINE))]}, read=read)
+    assert [r.frame for r in results] == list(range(1, 11))
+    assert all(r.ids == (7,) for r in results)
+    marked = [any("inferred" in why for why in r.curves[0].reasons) for r in results]
+    assert [r.frame for r, there in zip(results, marked, strict=True) if there] == [5, 6]
+    columns = np.array([r.curves[0].points[0, 1] for r in results])
+    assert (np.diff(columns) > 0).all()
+    assert (results[4].curves[0].sd >= results[3].curves[0].sd).all()
+
+
+def test_a_body_that_does_not_come_back_is_lost_after_ten_frames() -> None:
+    half = BRIGHT.copy()
+    half[:25] = 0
+    results = run(FakeRefine((0, 0)), range(1, 14), read=lambda frame, lines: View(half))
+    assert [sorted(r.lost) for r in results].index([7]) == 10
+    assert all(r.ids == (3,) for r in results)
+
+
+def test_nothing_is_held_back_without_need() -> None:
+    coming: list[int] = []
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        coming.append(frame)
+        return View(BRIGHT)
+
+    start = [Body(1, ((0, curve(LINE)),)), Body(2, ((0, curve(moved(LINE, 30, 0))),))]
+    for result in follow(range(1, 6), start, read, refine=FakeRefine()):
+        assert coming[-1] == result.frame
