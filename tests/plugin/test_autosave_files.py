@@ -12,23 +12,17 @@ import pytest
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid
-from napari_splinesketch.plugin.autosave.coding import Shape
-from napari_splinesketch.plugin.autosave.folder import (
-    EVERY,
-    Folder,
-    Page,
-    Session,
-    Summary,
-    read,
-    summary,
-)
+from napari_splinesketch.plugin.autosave.folder import LOCK, Folder, read, summary
 from napari_splinesketch.plugin.autosave.offer_box import LISTED, describe
 from napari_splinesketch.plugin.autosave.saver import Offer
+from napari_splinesketch.plugin.autosave.session import EVERY, Head, Page, Session, Shape
 from napari_splinesketch.plugin.records import Record
 
 from .fakes import as_drawn
 
 RNG = np.random.default_rng(0)
+SIZE = (30, 40)
+"""(H, W) of the image."""
 
 
 def record(number: int = 1, frame: int = 3, **changes: Any) -> Record:
@@ -81,8 +75,9 @@ def same(a: Any, b: Any) -> bool:
 
 def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     written = session()
-    Folder(tmp_path / "new" / "1").write(written)
-    again, problems = read(tmp_path / "new" / "1")
+    folder = Folder.fresh(tmp_path / "new")
+    folder.write(written)
+    again, problems = read(tmp_path / "new" / "1", 9, SIZE)
     assert problems == ()
     assert again.layer == written.layer
     assert dict(again.image) == dict(written.image)
@@ -102,7 +97,7 @@ def test_a_damaged_picture_is_named_and_costs_no_curves(tmp_path: Path) -> None:
         for at in random.sample(range(len(spoilt)), 8):
             spoilt[at] ^= random.randrange(1, 256)
         path.write_bytes(spoilt[: random.randrange(1, 2 * len(spoilt))])
-        found, problems = read(tmp_path)
+        found, problems = read(tmp_path, 9, SIZE)
         assert len(found.pages[3].records) == 2
         assert bool(problems) == (found.pages[3].patch is None)
         assert all("frame-000000003.npz" in problem for problem in problems)
@@ -115,11 +110,11 @@ def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
     one = Page(first.pages[3].shapes, first.pages[3].records[:1])
     folder.write(Session(first.layer, first.image, {**first.pages, 3: one, 5: Page()}))
     changed = {p.name for p in tmp_path.iterdir() if times.get(p.name) != p.stat().st_mtime_ns}
-    assert changed == {"session.json", "frame-000000003.json", "frame-000000005.json"}
+    assert changed - {LOCK} == {"session.json", "frame-000000003.json", "frame-000000005.json"}
     folder.write(Session(first.layer, first.image, {3: one}))
-    names = {"session.json", "frame-000000003.json"}
+    names = {"session.json", "frame-000000003.json", LOCK}
     assert {path.name for path in tmp_path.iterdir()} == names
-    assert len(read(tmp_path)[0].pages[3].records) == 1
+    assert len(read(tmp_path, 9, SIZE)[0].pages[3].records) == 1
 
 
 def test_nothing_is_offered_where_nothing_is(tmp_path: Path) -> None:
@@ -132,7 +127,7 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
     Folder(tmp_path).write(session())
     (tmp_path / "frame-000000003.json").write_text('{"frame": 3, "sketches": [', encoding="utf-8")
     (tmp_path / "frame-000000004.json").write_bytes(b"\xff\x00")
-    found, problems = read(tmp_path)
+    found, problems = read(tmp_path, 9, SIZE)
     assert list(found.pages) == [EVERY]
     assert len(problems) == 2
     assert "frame-000000003.json" in problems[0]
@@ -142,11 +137,11 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
     ("place", "value", "words"),
     [
         (("records", 0, "knots"), "AAAA", "rows of 3"),
-        (("records", 0, "knots"), "!", "base64"),
+        (("records", 0, "knots"), "!", "ase64"),
         (("records", 0, "status"), "superb", "superb"),
-        (("records", 0, "review"), 3, "string"),
-        (("records", 0, "locked"), "yes", "true or false"),
-        (("records", 0, "id"), -1, "whole number"),
+        (("records", 0, "review"), 3, "accepted"),
+        (("records", 0, "locked"), "yes", "boolean"),
+        (("records", 0, "id"), -1, "greater than or equal to 0"),
         (("records", 1, "id"), 1, "twice"),
         (("records", 0, "half_width"), "AAAAAAAA8D8AAAAAAADwPw==", "2 values for 100"),
         (("records", 0, "points"), "AAAAAAAA+H8AAAAAAAD4fwAAAAAAAPh/AAAAAAAA+H8=", "nowhere"),
@@ -163,7 +158,7 @@ def test_every_mistake_is_named(tmp_path: Path, place: tuple, value: Any, words:
         at = at[key]
     at[place[-1]] = value
     path.write_text(json.dumps(values), encoding="utf-8")
-    _, problems = read(tmp_path)
+    _, problems = read(tmp_path, 9, SIZE)
     assert len(problems) == 1
     assert words in problems[0]
 
@@ -179,7 +174,7 @@ def test_spoilt_files_never_do_worse_than_be_refused(tmp_path: Path) -> None:
             at = chance.randrange(len(spoilt))
             spoilt[at : at + chance.choice([0, 1, 40])] = chance.randbytes(chance.choice([0, 1, 3]))
         path.write_bytes(spoilt)
-        for reader in (summary, read):
+        for reader in (summary, lambda path: read(path, 9, SIZE)):
             try:
                 reader(tmp_path)
             except LabelsError:
@@ -196,10 +191,14 @@ def test_a_newer_format_is_not_touched(tmp_path: Path) -> None:
         summary(tmp_path)
 
 
+def _head(i: int, saved: datetime) -> Head:
+    return Head(layer=f"layer {i}", sketches=2, curves=1, frames=1, saved=saved, image={}, format=1)
+
+
 @pytest.mark.parametrize("count", [1, LISTED, LISTED + 3])
 def test_much_saved_work_is_told_in_few_lines(tmp_path: Path, count: int) -> None:
     now = datetime.now(UTC)
-    offers = [Offer(tmp_path, Summary(f"layer {i}", 2, 1, 1, now, "")) for i in range(count)]
+    offers = [Offer(tmp_path, _head(i, now)) for i in range(count)]
     told = describe(offers).split("<br>")
     assert len(told) == (1 if count == 1 else 1 + min(count, LISTED) + (count > LISTED))
     assert ("and 3 more" in told) == (count > LISTED)

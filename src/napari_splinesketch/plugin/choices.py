@@ -1,5 +1,6 @@
 """Which image and which sketches are worked on, as layers come and go."""
 
+from collections.abc import Callable
 from typing import Any
 
 from napari.components import ViewerModel
@@ -36,11 +37,26 @@ class Choices:
         self._sketches: Shapes | None = None
         active = viewer.layers.selection.active
         self._choose(*viewer.layers, *([active] if active else []))
-        viewer.layers.events.inserted.connect(self._on_inserted)
-        viewer.layers.events.removed.connect(self._on_removed)
-        viewer.layers.events.reordered.connect(self._on_layers)
-        viewer.layers.events.renamed.connect(self._on_layers)
-        viewer.dims.events.connect(self._on_edited)
+        layers = viewer.layers.events
+        self._connections: list[tuple[Any, Callable[[Any], None]]] = [
+            (layers.inserted, self._on_inserted),
+            (layers.removed, self._on_removed),
+            (layers.reordered, self._on_layers),
+            (layers.renamed, self._on_layers),
+            (viewer.dims.events, self._on_edited),
+        ]
+        for signal, slot in self._connections:
+            signal.connect(slot)
+
+    def close(self) -> None:
+        """Follow the viewer no longer, and choose nothing."""
+        for signal, slot in self._connections:
+            signal.disconnect(slot)
+        self._listen(self._image, None)
+        self._listen(self._sketches, None)
+        self._image = self._sketches = None
+        for signal in (self.changed, self.edited, self.drawn):
+            signal.disconnect()
 
     def images(self) -> list[Image]:
         """Give the images to choose from, topmost first."""

@@ -59,6 +59,7 @@ class Controller(SettingsKeeper):
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
+        self._closed = False
         self._requests = Requests(self)
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
@@ -154,9 +155,9 @@ class Controller(SettingsKeeper):
 
     def begin(self, image: Image, sketches: Shapes) -> Work:
         """Give what is known of an image through a layer of sketches, from now on at the latest."""
-        for work in self._works:
-            if (work.image, work.sketches) == (image, sketches):
-                return work
+        known = self.work_on(image, sketches)
+        if known:
+            return known
         work = Work(image, sketches, self.viewer)
         self._works.append(work)
         self._attend(work)
@@ -220,15 +221,15 @@ class Controller(SettingsKeeper):
 
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
+        if self._closed:
+            return
+        self._closed = True
         self.knots.discard()
         self.abandon()
         self.actions.close()
         self.stop_listening()
         self._soon.stop()
-        self._soon_marked.stop()
-        choices = self.choices
-        for signal in (self.changed, choices.changed, choices.edited, choices.drawn):
-            signal.disconnect()
+        super().close()
 
     def _on_edited(self) -> None:
         layer = self.choices.sketches

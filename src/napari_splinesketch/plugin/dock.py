@@ -188,11 +188,9 @@ class SplinesketchDock(QScrollArea):
         """End what runs when the dock is closed: napari then takes the widget out of it."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self.saver.flush()
-            self.controller.knots.discard()
-            self.controller.abandon()
-            self.controller.actions.close()
             self.panel.hide()
+            self.saver.close()
+            self.controller.close()
 
     def hideEvent(self, a0: QHideEvent | None) -> None:
         """Write down what is still to be written: the window may be closing."""

@@ -38,7 +38,19 @@ class Drawing:
         if not running:
             QTimer.singleShot(FIRST_MS, partial(self._go_on, work))
 
+    @property
+    def busy(self) -> bool:
+        """Whether anything is still to be shown."""
+        return bool(self._steps)
+
+    def stop(self) -> None:
+        """Show nothing more."""
+        self._steps.clear()
+        self._last.clear()
+
     def _go_on(self, work: Work) -> None:
+        if work not in self._steps:
+            return
         try:
             next(self._steps[work])
         except StopIteration:

@@ -25,7 +25,7 @@ class _Worker:
         self.news: Progress | None = None
         self.outcome: tuple[Literal["done", "failed"], Any] | None = None
         self.cancelled = False
-        self._work = work
+        self._work: Callable[[OnProgress], Any] | None = work
         self.thread = threading.Thread(target=self._run, name="splinesketch", daemon=True)
 
     def start(self) -> None:
@@ -33,12 +33,16 @@ class _Worker:
         self.thread.start()
 
     def _run(self) -> None:
+        # Whoever still holds the job does not hold the arrays that it worked on.
+        work, self._work = self._work, None
+        assert work is not None
         try:
-            self.outcome = "done", self._work(self._report)
+            self.outcome = "done", work(self._report)
         except Exception as error:
             _log.exception("Work beside the window failed")
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
+            del work
             _workers.discard(self)
 
     def _report(self, progress: Progress) -> bool:
@@ -81,6 +85,11 @@ class Job(QObject):
         """Ask the thread to end, and say nothing of it any more."""
         self._worker.cancelled = True
         self._timer.stop()
+
+    def wait(self) -> None:
+        """Let the window stand still until it is done, and tell what came of it."""
+        self._worker.thread.join(PATIENCE)
+        self._look()
 
     def _look(self) -> None:
         outcome = self._worker.outcome

@@ -6,7 +6,8 @@ from functools import partial
 from typing import Literal
 
 from napari.components import ViewerModel
-from psygnal import Signal
+from napari.layers import Image, Shapes
+from psygnal import Signal, SignalInstance
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.types import Progress
@@ -72,7 +73,16 @@ class Keeper:
     @property
     def work(self) -> Work | None:
         """What is known of the chosen image through the chosen sketches."""
-        pair = self.choices.image, self.choices.sketches
+        return self.work_on(self.choices.image, self.choices.sketches)
+
+    @property
+    def works(self) -> tuple[Work, ...]:
+        """All that is known, of every image through every layer of sketches."""
+        return tuple(self._works)
+
+    def work_on(self, image: Image | None, sketches: Shapes | None) -> Work | None:
+        """Give what is known of an image through a layer of sketches."""
+        pair = image, sketches
         return next((work for work in self._works if (work.image, work.sketches) == pair), None)
 
     @property
@@ -192,7 +202,21 @@ class Keeper:
             self.apply(f"Restore {words.curves(chosen)}", state)
             self.select(chosen)
 
+    def close(self) -> None:
+        """Hear of nothing any more; what is known stays with its layers."""
+        self._soon_marked.stop()
+        self._drawing.stop()
+        for work in self._works:
+            for signal in _signals(work):
+                signal.disconnect()
+        self._works.clear()
+        self.choices.close()
+        for signal in (self.changed, self.selected_changed, self.clicked):
+            signal.disconnect()
+
     def _attend(self, work: Work) -> None:
+        for signal in _signals(work):
+            signal.disconnect()
         # Later: napari is still busy with the edit that it tells of.
         work.layers.toggled.connect(lambda: self.changed.emit())
         work.proofs.toggled.connect(lambda: self.changed.emit())
@@ -258,3 +282,9 @@ class Keeper:
         self.progress = None
         self.notice = Notice("failed", f"The results could not be shown. {error}")
         self.changed.emit()
+
+
+def _signals(work: Work) -> tuple[SignalInstance, ...]:
+    """What tells of the user's doings in layers of results: one keeper listens."""
+    layers = work.layers
+    return layers.toggled, work.proofs.toggled, layers.edited, layers.selected, layers.clicked

@@ -1,180 +1,139 @@
-"""A folder with all that is known of one image: a file for each frame, written whole or not."""
+"""A folder with all that is known of one image: each file whole or not, and one owner at a time."""
 
-import json
-import math
+import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 
-from napari_splinesketch import __version__
+from qtpy.QtCore import QLockFile
+
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.labels.files import atomic, blamed
-from napari_splinesketch.labels.json_tree import Node, read_json
+from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.autosave.coding import (
-    Shape,
-    record_from,
-    record_to_json,
-    shape_from,
-    shape_to_json,
+from napari_splinesketch.plugin.autosave.session import (
+    EVERY,
+    Head,
+    Page,
+    Session,
+    head_text,
+    page_text,
+    read_head,
+    read_page,
+    read_patch,
+    record_text,
+    write_patch,
 )
-from napari_splinesketch.plugin.autosave.patches import read_patch, write_patch
 from napari_splinesketch.plugin.records import Record
 
-FORMAT = 1
 HEAD = "session.json"
-FRAME = re.compile(r"frame-(\d{1,18}|every)\.json")
-PICTURE = "npz"
-EVERY = -1
-"""The frame of sketches that belong to all of them."""
+LOCK = "owner.lock"
+ENDINGS = "json", "npz"
+FRAME = re.compile(rf"frame-(\d{{1,18}}|every)\.({'|'.join(ENDINGS)})")
+OLD = ".old"
+"""Added to the name of a folder that is not offered again."""
+STALE_MS = 24 * 60 * 60 * 1000
+"""After this without a write, a process of another computer is taken to be gone. One of this
+computer is known to be alive or not."""
 
 
-@dataclass(frozen=True, eq=False)
-class Page:
-    """What is known of one frame.
-
-    Attributes
-    ----------
-    shapes
-        What the user drew, in the order of its layer.
-    records, deleted
-        Its curves.
-    seconds
-        How long the engine took; None where it is not known.
-    notes
-        What the scene needed.
-    patch
-        The reconstruction, if there is one.
-    """
-
-    shapes: tuple[Shape, ...] = ()
-    records: tuple[Record, ...] = ()
-    deleted: tuple[Record, ...] = ()
-    seconds: float | None = None
-    notes: tuple[str, ...] = ()
-    patch: Patch | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Session:
-    """What is known of an image.
-
-    Attributes
-    ----------
-    layer
-        Name of the layer of sketches.
-    image
-        What the image was: values for JSON.
-    pages
-        By frame; `EVERY` for sketches that belong to all frames.
-    """
-
-    layer: str
-    image: Mapping[str, object] = field(default_factory=dict)
-    pages: Mapping[int, Page] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a folder holds, for the question whether to go on with it.
-
-    Attributes
-    ----------
-    layer
-        Name of the layer of sketches.
-    sketches, curves, frames
-        How many.
-    saved
-        When it was written.
-    sha256
-        Checksum of the image.
-    """
-
-    layer: str
-    sketches: int
-    curves: int
-    frames: int
-    saved: datetime
-    sha256: str
+class InUseError(OSError):
+    """A folder that another window writes to."""
 
 
 class Folder:
-    """Writes sessions into a folder: only frames that have changed, each file whole.
+    """Writes sessions into a folder that it owns: only frames that have changed.
+
+    Nobody else writes there until `release`, or until the process ends.
 
     Parameters
     ----------
     path
-        The folder; made when it is first written to.
-    pictures
-        Reconstructions that it holds already, by frame.
+        The folder; it must exist.
+
+    Raises
+    ------
+    InUseError
+        Where another window owns the folder.
     """
 
-    def __init__(self, path: Path, pictures: Mapping[int, Patch] | None = None):
+    def __init__(self, path: Path):
         self.path = path
-        self._pictures = dict(pictures or {})
-        self._written: dict[int, str] = {}
+        self.stamp = ""
         self._known: dict[int, tuple[Record, str]] = {}
+        self._lock = QLockFile(str(path / LOCK))
+        self._lock.setStaleLockTime(STALE_MS)
+        if not self._lock.tryLock(0):
+            if self._lock.error() == QLockFile.LockError.LockFailedError:
+                raise InUseError(f"{path} is open in another window ({owner_of(path)})")
+            raise PermissionError(f"{path} cannot be written to")
+        self._owner = owner_of(path)
+        names = [found for file in path.iterdir() if (found := FRAME.fullmatch(file.name))]
+        frames = {ending: {_frame(n[1]) for n in names if n[2] == ending} for ending in ENDINGS}
+        # What lies there and is not known to be right is written anew, or goes.
+        self._written = dict.fromkeys(frames["json"], "")
+        self._pictures: dict[int, object] = dict.fromkeys(frames["npz"], "")
+
+    @classmethod
+    def fresh(cls, parent: Path) -> "Folder":
+        """Make a folder in another one, with a number that nobody has."""
+        parent.mkdir(parents=True, exist_ok=True)
+        number = 1
+        while True:
+            path = parent / str(number)
+            try:
+                path.mkdir()
+            except FileExistsError:
+                number += 1
+            else:
+                return cls(path)
+
+    def holds(self, pictures: Mapping[int, Patch]) -> None:
+        """Take note of reconstructions that were read from it: they need not be written again."""
+        self._pictures |= pictures
+
+    def release(self) -> None:
+        """Let others write there; leave no folder behind that holds nothing."""
+        self._lock.unlock()
+        if not self.stamp and self.path.is_dir() and not any(self.path.iterdir()):
+            self.path.rmdir()
 
     def write(self, session: Session) -> None:
         """Bring the files in step with a session; the head counts them once they are written.
 
         Pictures, which take longest, come last; one that no longer fits its frame goes first.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
+        if owner_of(self.path) != self._owner:
+            raise InUseError(f"{self.path} was taken over by another window")
+        os.utime(self.path / LOCK)
         pages = session.pages
         for frame, patch in tuple(self._pictures.items()):
             if frame not in pages or pages[frame].patch is not patch:
-                (self.path / _name(frame, PICTURE)).unlink(missing_ok=True)
+                (self.path / _name(frame, "npz")).unlink(missing_ok=True)
                 del self._pictures[frame]
         fresh: dict[int, tuple[Record, str]] = {}
-        for frame, page in session.pages.items():
-            text = self._page(frame, page, fresh)
+        for frame, page in pages.items():
+            records, deleted = (self._coded(some, fresh) for some in (page.records, page.deleted))
+            text = page_text(frame, page, records, deleted)
             if self._written.get(frame) != text:
                 _write(self.path / _name(frame), text)
                 self._written[frame] = text
         self._known = fresh
-        for frame in set(self._written) - set(session.pages):
+        for frame in set(self._written) - set(pages):
             (self.path / _name(frame)).unlink(missing_ok=True)
             del self._written[frame]
-        _write(self.path / HEAD, _head(session))
+        self.stamp = head_text(session)
+        _write(self.path / HEAD, self.stamp)
         for frame, page in pages.items():
             if page.patch is not None and frame not in self._pictures:
-                write_patch(self.path / _name(frame, PICTURE), page.patch)
+                write_patch(self.path / _name(frame, "npz"), page.patch)
                 self._pictures[frame] = page.patch
 
-    def _page(self, frame: int, page: Page, fresh: dict[int, tuple[Record, str]]) -> str:
-        def coded(records: Sequence[Record]) -> str:
-            texts = []
-            for record in records:
-                # Records never change: what was coded once need not be coded again.
-                known = self._known.get(id(record)) or (record, record_to_json(record))
-                fresh[id(record)] = known
-                texts.append(known[1])
-            return f"[{','.join(texts)}]"
-
-        shapes = ",".join(map(shape_to_json, page.shapes))
-        seconds = json.dumps(page.seconds)
-        return (
-            f'{{"frame":{frame},"sketches":[{shapes}],"records":{coded(page.records)},'
-            f'"deleted":{coded(page.deleted)},"seconds":{seconds},"notes":{json.dumps(page.notes)}}}'
-        )
-
-
-def _head(session: Session) -> str:
-    pages = session.pages.values()
-    values = {
-        "software": f"napari-splinesketch {__version__}",
-        "format": FORMAT,
-        "image": dict(session.image),
-        "layer": session.layer,
-        "saved": datetime.now(UTC).isoformat(),
-        "sketches": sum(len(page.shapes) for page in pages),
-        "curves": sum(len(page.records) for page in pages),
-        "frames": sum(bool(page.shapes or page.records) for page in pages),
-    }
-    return json.dumps(values, ensure_ascii=False)
+    def _coded(self, records: Sequence[Record], fresh: dict[int, tuple[Record, str]]) -> list[str]:
+        """Give the texts of records; they never change, and so are made once."""
+        for one in records:
+            fresh[id(one)] = self._known.get(id(one)) or (one, record_text(one))
+        return [fresh[id(one)][1] for one in records]
 
 
 def _write(path: Path, text: str) -> None:
@@ -186,7 +145,20 @@ def _name(frame: int, ending: str = "json") -> str:
     return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
 
 
-def summary(path: Path) -> Summary | None:
+def _frame(name: str) -> int:
+    return EVERY if name == "every" else int(name)
+
+
+def owner_of(path: Path) -> str:
+    """Name the process that owns a folder; empty where that is not known."""
+    try:
+        process, name, host, *_ = (path / LOCK).read_text(errors="replace").split("\n")
+    except (OSError, ValueError):
+        return ""
+    return f"{name[:40]}, process {process[:20]} on {host[:60]}"
+
+
+def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing to go on with.
 
     Raises
@@ -195,57 +167,52 @@ def summary(path: Path) -> Summary | None:
         Where there is something, but it cannot be read.
     """
     try:
-        head = read_json(path / HEAD)
+        head = read_head(path / HEAD)
     except FileNotFoundError:
         return None
-    with blamed(head.error):
-        found = Summary(
-            head["layer"].text(),
-            head["sketches"].integer(),
-            head["curves"].integer(),
-            head["frames"].integer(),
-            datetime.fromisoformat(head["saved"].text()),
-            head["image"]["sha256"].text(),
-        )
-        if found.saved.tzinfo is None:
-            raise head["saved"].error("has no time zone")
-    if head["format"].integer() > FORMAT:
-        raise head["format"].error("was written by a newer version; update napari-splinesketch")
-    return found if found.sketches or found.curves else None
+    return head if head.sketches or head.curves else None
 
 
-def read(path: Path) -> tuple[Session, tuple[str, ...]]:
+def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple[str, ...]]:
     """Read a session, and say in one sentence each what could not be read.
 
     A damaged file costs its own frame, not the others.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    frames
+        How many the image has.
+    size
+        (H, W) of the image, px.
     """
-    head = read_json(path / HEAD)
+    head = read_head(path / HEAD)
     pages: dict[int, Page] = {}
     problems = []
     for file in sorted(path.iterdir()):
         found = FRAME.fullmatch(file.name)
-        if found:
-            frame = EVERY if found[1] == "every" else int(found[1])
-            try:
-                pages[frame] = _page_from(read_json(file), frame)
-                patch = read_patch(path / _name(frame, PICTURE))
-                pages[frame] = replace(pages[frame], patch=patch)
-            except (OSError, LabelsError) as error:
-                problems.append(str(error))
-    return Session(head["layer"].text(), head["image"].members(), pages), tuple(problems)
+        if not found or found[2] != "json":
+            continue
+        frame = _frame(found[1])
+        try:
+            if frame >= frames:
+                raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
+            pages[frame] = read_page(file, frame)
+            patch = read_patch(path / _name(frame, "npz"), size)
+            pages[frame] = replace(pages[frame], patch=patch)
+        except (OSError, LabelsError) as error:
+            problems.append(str(error))
+    return Session(head.layer, head.image, pages), tuple(problems)
 
 
-def _page_from(node: Node, frame: int) -> Page:
-    of_all = max(frame, 0)
-    seconds = node["seconds"].number() if "seconds" in node else None
-    page = Page(
-        tuple(shape_from(one) for one in node["sketches"]),
-        tuple(record_from(one, of_all) for one in node["records"]),
-        tuple(record_from(one, of_all) for one in node["deleted"]),
-        seconds if seconds is None or math.isfinite(seconds) else None,
-        tuple(note.text() for note in node["notes"]),
-    )
-    ids = [record.id for record in page.records]
-    if len(set(ids)) < len(ids):
-        raise node["records"].error("has a curve twice")
-    return page
+def put_aside(path: Path) -> None:
+    """Rename a folder, so that it is not offered again."""
+    folder = Folder(path)
+    number, name = 1, path.with_name(f"{path.name}{OLD}")
+    while name.exists():
+        number += 1
+        name = path.with_name(f"{path.name}-{number}{OLD}")
+    (path / LOCK).unlink(missing_ok=True)
+    path.rename(name)
+    folder.release()

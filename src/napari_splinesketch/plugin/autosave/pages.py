@@ -14,8 +14,7 @@ from napari_splinesketch.plugin.adapter.space import (
     placement,
     to_pixels,
 )
-from napari_splinesketch.plugin.autosave.coding import Shape
-from napari_splinesketch.plugin.autosave.folder import EVERY, Page
+from napari_splinesketch.plugin.autosave.session import EVERY, Page, Shape
 from napari_splinesketch.plugin.state import State
 
 Drawn = dict[int, list[Shape]]

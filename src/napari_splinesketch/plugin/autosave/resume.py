@@ -1,62 +1,121 @@
 """Work that was written down, brought back into the window."""
 
+import logging
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import OnProgress
+from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin.adapter.sketches import line_style
-from napari_splinesketch.plugin.autosave.folder import EVERY, Session, read
+from napari_splinesketch.plugin.adapter.space import frame_count
+from napari_splinesketch.plugin.autosave.folder import Folder, read
 from napari_splinesketch.plugin.autosave.pages import layer_for, state_of, vertices
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
+from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.gently import add_shapes, step_through
 from napari_splinesketch.plugin.keeper import Notice
 
-Found = list[tuple[Offer, Session, tuple[str, ...]]]
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A session that was read, and the folder that it goes on in; None for a new one."""
+
+    offer: Offer
+    session: Session
+    folder: Folder | None
 
 
 def resume(controller: Controller, saver: Saver) -> None:
     """Bring back all that is offered for the chosen image: one layer of sketches for each."""
     image, offers = controller.choices.image, saver.offers()
     if image is not None and offers and not controller.progress:
+        height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
+        size = int(height), int(width)
         done = partial(_restore_all, controller, saver, image)
-        controller.start(partial(_read_all, offers), done, "Reading the saved work")
+        work = partial(_read_all, offers, frame_count(image), size)
+        controller.start(work, done, "Reading the saved work")
 
 
-def _read_all(offers: list[Offer], _: OnProgress) -> Found:
-    return [(offer, *read(offer.folder)) for offer in offers]
+def _read_all(
+    offers: list[Offer], frames: int, size: tuple[int, int], _: OnProgress
+) -> tuple[list[Found], list[str]]:
+    """Read what nobody else works on, and say what could not be read."""
+    all_found, problems = [], []
+    for offer in offers:
+        folder = None
+        try:
+            folder = Folder(offer.folder)
+            session, said = read(offer.folder, frames, size)
+        except (OSError, LabelsError) as error:
+            problems.append(f"{error}.")
+            if folder:
+                folder.release()
+            continue
+        problems += said
+        if said:
+            # What could not be read is not written over: the rest goes on in a new folder.
+            folder.release()
+            folder = None
+        else:
+            folder.holds({f: page.patch for f, page in session.pages.items() if page.patch})
+        all_found.append(Found(offer, session, folder))
+    return all_found, problems
 
 
-def _restore_all(controller: Controller, saver: Saver, image: Image, found: Found) -> None:
-    problems = [text for _, _, said in found for text in said]
-    text = f"Not all could be read, and stays where it is: {' '.join(problems)}" if problems else ""
-    steps = (step for one in reversed(found) for step in _restore(controller, saver, image, one))
-    step_through(steps, partial(controller.finish, Notice("failed" if text else "none", text)))
+def _restore_all(
+    controller: Controller, saver: Saver, image: Image, answer: tuple[list[Found], list[str]]
+) -> None:
+    all_found, problems = answer
+    steps = (
+        step
+        for found in reversed(all_found)
+        for step in _restore(controller, saver, image, found, problems)
+    )
+
+    def over() -> None:
+        text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+        controller.finish(Notice("failed", text) if problems else Notice())
+
+    step_through(steps, over)
 
 
 def _restore(
-    controller: Controller,
-    saver: Saver,
-    image: Image,
-    found: tuple[Offer, Session, tuple[str, ...]],
+    controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
-    offer, session, problems = found
+    """Bring one session back; where that goes wrong its files stay as they are."""
+    session, folder = found.session, found.folder
     if image not in controller.viewer.layers:
+        if folder:
+            folder.release()
         return
     drawn = [(frame, shape) for frame, page in session.pages.items() for shape in page.shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     layer = layer_for(image, session.layer, flat)
-    saver.take(offer, (image, layer), session.pages, whole=not problems)
-    controller.viewer.layers.append(layer)
-    yield
-    style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
-    points = [shape.points if flat else vertices(image, frame, shape) for frame, shape in drawn]
-    for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
+    kept = saver.take(found.offer, (image, layer), folder)
+    try:
+        controller.viewer.layers.append(layer)
         yield
-    state = state_of(session.pages)
-    if state.records and layer in controller.viewer.layers:
-        controller.begin(image, layer)
-        controller.choices.sketches = layer
-        controller.apply("Resume saved work", state)
+        style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
+        points = [shape.points if flat else vertices(image, frame, shape) for frame, shape in drawn]
+        for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
+            yield
+            if not {image, layer} <= set(controller.viewer.layers):
+                return
+        state = state_of(session.pages)
+        if state.records and {image, layer} <= set(controller.viewer.layers):
+            controller.begin(image, layer)
+            controller.choices.image, controller.choices.sketches = image, layer
+            controller.apply("Resume saved work", state)
+    except Exception as error:
+        _log.exception("Saved work could not be brought back")
+        problems.append(f"{found.offer.folder}: {type(error).__name__}: {error}.")
+        if kept.folder:
+            kept.folder.release()
+            kept.folder = None
+    kept.resuming = False

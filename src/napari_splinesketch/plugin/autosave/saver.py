@@ -1,11 +1,12 @@
 """Writes work down while it is done, and finds what was written before."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from napari.layers import Image, Shapes
 from psygnal import Signal
@@ -13,19 +14,29 @@ from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.folder import Folder, Page, Session, Summary, summary
+from napari_splinesketch.plugin.autosave.folder import (
+    HEAD,
+    OLD,
+    Folder,
+    InUseError,
+    put_aside,
+    summary,
+)
 from napari_splinesketch.plugin.autosave.pages import Drawn, pages_of, shapes_in
 from napari_splinesketch.plugin.autosave.place import Picture
+from napari_splinesketch.plugin.autosave.session import Head, Session
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Keeper
 from napari_splinesketch.plugin.state import State
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
-OLD = ".old"
-"""Added to the name of a folder that is not offered again."""
+AGAIN_MS = 5000
+"""After a write that failed, until it is tried again."""
 
 _log = logging.getLogger(__name__)
+_left: WeakKeyDictionary[Shapes, tuple[Path, str]] = WeakKeyDictionary()
+"""Where layers were written that a closed dock has left in the window, and the head there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +45,17 @@ class Known:
 
     Attributes
     ----------
-    picture
-        The image.
-    checksum
-        Of its pixels.
+    about
+        What is written down of it.
     folder
         Where work on it is kept, one folder for each layer of sketches.
+    checksum
+        Of its pixels.
     """
 
-    picture: Picture
-    checksum: str
+    about: dict[str, object]
     folder: Path
+    checksum: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +71,61 @@ class Offer:
     """
 
     folder: Path
-    summary: Summary
+    summary: Head
+
+
+@dataclass(eq=False)
+class Kept:
+    """One layer of sketches on one image, and what is written of it.
+
+    Attributes
+    ----------
+    folder
+        Where; None until there is something to write.
+    drawn, state
+        What is written, or on its way; None if nothing is.
+    edited
+        Whether lines may have changed since.
+    resuming
+        Whether it is being brought back: nothing is written before all of it is there.
+    """
+
+    folder: Folder | None = None
+    drawn: Drawn | None = None
+    state: State | None = None
+    edited: bool = True
+    resuming: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """Something to write."""
+
+    kept: Kept
+    layer: Shapes
+    known: Known
+    name: str
+    drawn: Drawn
+    state: State
+
+    def carry_out(self) -> None:
+        """Write it; to be called in a thread."""
+        kept = self.kept
+        if kept.folder is None:
+            kept.folder = Folder.fresh(self.known.folder)
+        pages = pages_of(self.drawn, self.state)
+        try:
+            kept.folder.write(Session(self.name, self.known.about, pages))
+        except InUseError:
+            kept.folder = None
+            raise
 
 
 Pair = tuple[Image, Shapes]
 
 
 class Saver(QObject):
-    """Saves the chosen image's sketches and curves on every change, in a thread.
+    """Saves sketches and curves of all images in the window on every change, in a thread.
 
     Parameters
     ----------
@@ -82,62 +140,94 @@ class Saver(QObject):
 
     def __init__(self, keeper: Keeper, parent: QObject | None = None):
         super().__init__(parent)
-        self.problem = ""
         self._keeper = keeper
-        self._known: dict[Image, Known | None] = {}
+        self._known: dict[Image, Known] = {}
         self._offers: dict[Image, list[Offer]] = {}
-        self._folders: dict[Pair, Folder] = {}
-        self._saved: dict[Pair, State] = {}
-        self._drawn: dict[Pair, Drawn] = {}
-        self._edited: set[Pair] = set()
-        self._busy = False
+        self._kept: dict[Pair, Kept] = {}
+        self._looks: dict[Image, Job] = {}
+        self._writing: Job | None = None
+        self._problems = {"look": "", "write": ""}
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
-        self._timer.setInterval(DELAY_MS)
         self._timer.timeout.connect(self._save)
-        keeper.choices.changed.connect(self._on_choice)
-        keeper.choices.edited.connect(self._on_edit)
-        keeper.changed.connect(self._on_change)
+        choices, layers = keeper.choices, keeper.viewer.layers.events
+        self._connections: list[tuple[Any, Callable[..., None]]] = [
+            (choices.changed, self._on_choice),
+            (choices.edited, self._on_edit),
+            (keeper.changed, self._on_change),
+            (layers.removing, self._on_removing),
+            (layers.removed, self._on_removed),
+        ]
+        for signal, slot in self._connections:
+            signal.connect(slot)
+        for pair in self._pairs():
+            self._keep(pair)
         self._on_choice()
+
+    @property
+    def problem(self) -> str:
+        """Why something is not saved, or could not be found, or nothing."""
+        return " ".join(filter(None, self._problems.values()))
 
     def offers(self) -> list[Offer]:
         """Give the work that was found for the chosen image, the latest first."""
         image = self._keeper.choices.image
         found = self._offers.get(image, []) if image else []
-        return sorted(found, key=lambda offer: offer.summary.saved, reverse=True)
+        mine = {kept.folder.path for kept in self._kept.values() if kept.folder}
+        others = [offer for offer in found if offer.folder not in mine]
+        return sorted(others, key=lambda offer: offer.summary.saved, reverse=True)
 
-    def take(self, offer: Offer, pair: Pair, pages: Mapping[int, Page], *, whole: bool) -> None:
-        """Go on with what was found: where it was, unless part of it could not be read."""
-        if whole:
-            pictures = {frame: page.patch for frame, page in pages.items() if page.patch}
-            self._folders[pair] = Folder(offer.folder, pictures)
+    def take(self, offer: Offer, pair: Pair, folder: Folder | None) -> Kept:
+        """Go on with what was found; nothing is written until it is `resuming` no more.
+
+        Parameters
+        ----------
+        offer
+            What was found.
+        pair
+            The layers that it is brought back in.
+        folder
+            Where it goes on; None for a folder of its own.
+        """
+        kept = self._keep(pair)
+        kept.folder, kept.resuming = folder, True
         self._forget(offer)
+        return kept
 
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
         for offer in self.offers():
             try:
-                _put_aside(offer.folder)
+                put_aside(offer.folder)
             except OSError as error:
-                self.problem = f"Saved work could not be put aside: {error}"
+                self._problems["look"] = f"Saved work could not be put aside: {error}."
             self._forget(offer)
 
     def flush(self) -> None:
-        """Write now what is still to be written."""
-        if self._timer.isActive():
-            self._timer.stop()
-            self._save()
+        """Write now what is still to be written, and wait until it is."""
+        self._timer.stop()
+        wanted = {image for image, _ in self._pairs()}
+        looks = [job for image, job in self._looks.items() if image in wanted]
+        for job in (*looks, self._writing):
+            if job:
+                job.wait()
+        orders = [] if self._writing else self._orders()
+        if orders:
+            self._on_written(_write(orders))
 
     def close(self) -> None:
-        """Write what is still to be written, and listen no more."""
+        """Write what is still to be written, listen no more, and leave the folders to others."""
+        if not self._connections:
+            return
         self.flush()
         self._timer.stop()
-        for signal, slot in (
-            (self._keeper.choices.changed, self._on_choice),
-            (self._keeper.choices.edited, self._on_edit),
-            (self._keeper.changed, self._on_change),
-        ):
-            signal.disconnect(slot, missing_ok=True)
+        for signal, slot in self._connections:
+            signal.disconnect(slot)
+        self._connections.clear()
+        for pair in tuple(self._kept):
+            self._drop(pair)
+        self._known.clear()
+        self._offers.clear()
 
     def _forget(self, offer: Offer) -> None:
         for offers in self._offers.values():
@@ -145,94 +235,136 @@ class Saver(QObject):
                 offers.remove(offer)
         self.found.emit()
 
-    def _pair(self) -> Pair | None:
+    def _keep(self, pair: Pair) -> Kept:
+        """Give what is written of a pair, from now on at the latest."""
+        if pair in self._kept:
+            return self._kept[pair]
+        kept = self._kept[pair] = Kept()
+        path, stamp = _left.pop(pair[1], (None, ""))
+        if path and _stamp(path) == stamp:
+            try:
+                kept.folder = Folder(path)
+            except OSError:
+                _log.info("Another window has taken over %s", path)
+        if sum(layer is pair[1] for _, layer in self._kept) == 1:
+            pair[1].events.data.connect(self._on_edit)
+        return kept
+
+    def _drop(self, pair: Pair) -> None:
+        """Let go of a pair, and of its folder."""
+        kept = self._kept.pop(pair)
+        if not any(layer is pair[1] for _, layer in self._kept):
+            pair[1].events.data.disconnect(self._on_edit)
+        if kept.folder:
+            if kept.folder.stamp and pair[1] in self._keeper.viewer.layers:
+                _left[pair[1]] = kept.folder.path, kept.folder.stamp
+            kept.folder.release()
+
+    def _pairs(self) -> set[Pair]:
+        """Give all that there is to save."""
         choices = self._keeper.choices
+        pairs = {(work.image, work.sketches) for work in self._keeper.works} | {*self._kept}
         image, sketches = choices.image, choices.sketches
-        return (image, sketches) if image is not None and sketches is not None else None
+        if image is not None and sketches is not None and sketches.nshapes:
+            pairs.add((image, sketches))
+        return {pair for pair in pairs if set(pair) <= set(self._keeper.viewer.layers)}
 
     def _on_choice(self) -> None:
         image = self._keeper.choices.image
-        if image is not None and image not in self._known:
-            self._known[image] = None
-            self._start(partial(_look, Picture.of(image)), partial(self._on_looked, image))
+        if image is not None and image not in self._known and image not in self._looks:
+            job = self._looks[image] = Job(partial(_look, Picture.of(image)))
+            job.done.connect(partial(self._on_looked, image))
+            job.failed.connect(partial(self._on_not_looked, image))
+            job.start()
         self.found.emit()
 
     def _on_looked(self, image: Image, answer: tuple[Known, list[Offer], str]) -> None:
-        self._known[image], self._offers[image], problem = answer
-        self.problem = problem or self.problem
-        self.found.emit()
-        if self._edited:
-            self._timer.start()
-
-    def _on_edit(self) -> None:
-        pair = self._pair()
-        if pair is not None and (pair in self._folders or pair[1].nshapes):
-            self._edited.add(pair)
+        self._looks.pop(image, None)
+        if image in self._keeper.viewer.layers:
+            self._known[image], self._offers[image], self._problems["look"] = answer
+            self.found.emit()
             self._wait()
+
+    def _on_not_looked(self, image: Image, problem: str) -> None:
+        """The image could not be read: it is tried again with the next edit."""
+        self._looks.pop(image, None)
+        text = f"{image.name} could not be read, and work on it is not saved: {problem}."
+        self._problems["look"] = text
+        self.found.emit()
+
+    def _on_edit(self, event: Any = None) -> None:
+        layer = getattr(event, "source", None)
+        for pair, kept in self._kept.items():
+            kept.edited |= layer in (None, pair[1])
+        image = self._keeper.choices.image
+        if image is not None and image not in self._known:
+            self._on_choice()
+        self._wait()
 
     def _on_change(self) -> None:
-        pair, work = self._pair(), self._keeper.work
-        if pair is not None and work is not None and self._saved.get(pair) is not work.state:
+        if any(
+            pair not in self._kept or self._kept[pair].state is not self._state(pair)
+            for pair in self._pairs()
+        ):
             self._wait()
 
-    def _wait(self) -> None:
+    def _on_removing(self, event: Any) -> None:
+        if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
+            self.flush()
+
+    def _on_removed(self, event: Any) -> None:
+        for pair in tuple(self._kept):
+            if event.value in pair:
+                self._drop(pair)
+        for known in (self._known, self._offers, self._looks):
+            known.pop(event.value, None)
+
+    def _state(self, pair: Pair) -> State:
+        work = self._keeper.work_on(*pair)
+        return work.state if work else State()
+
+    def _wait(self, milliseconds: int = DELAY_MS) -> None:
         if not self._timer.isActive():
-            self._timer.start()
+            self._timer.start(milliseconds)
 
     def _save(self) -> None:
         """Take what has changed, and write it in a thread."""
-        pair, work = self._pair(), self._keeper.work
-        changed = set(self._edited)
-        if pair is not None and work is not None and self._saved.get(pair) is not work.state:
-            changed.add(pair)
-        changed = {one for one in changed if self._known.get(one[0])}
-        if self._busy:
-            self._timer.start()
-        elif changed:
-            self._busy = True
-            orders = [order for one in changed if (order := self._order(one)) is not None]
-            self._start(partial(_write, orders), self._on_written)
+        if self._writing:
+            self._wait()
+            return
+        orders = self._orders()
+        if orders:
+            self._writing = Job(lambda _: _write(orders))
+            self._writing.done.connect(self._on_written)
+            self._writing.failed.connect(self._on_written)
+            self._writing.start()
 
-    def _order(self, pair: Pair) -> Callable[[], None] | None:
-        """Take a snapshot of an image's work; gives what writes it, unless it is as it was."""
-        image, layer = pair
-        known = self._known[image]
-        assert known is not None
-        drawn = self._drawn.get(pair)
-        if drawn is None or pair in self._edited:
-            drawn = shapes_in(self._keeper.viewer, layer, image)
-        work = self._keeper.work if pair == self._pair() else None
-        state = work.state if work else self._saved.get(pair, State())
-        before = self._drawn.get(pair), self._saved.get(pair)
-        self._edited.discard(pair)
-        self._drawn[pair], self._saved[pair] = drawn, state
-        if before[1] is state and _same(before[0], drawn):
-            return None
-        if pair not in self._folders:
-            taken = {folder.path for folder in self._folders.values()}
-            self._folders[pair] = Folder(_free(known.folder, taken))
-        about = known.picture.describe(known.checksum)
-        return partial(_write_one, self._folders[pair], layer.name, about, drawn, state)
+    def _orders(self) -> list[Order]:
+        """Take a snapshot of what has changed."""
+        orders = []
+        for pair in self._pairs():
+            kept, known = self._keep(pair), self._known.get(pair[0])
+            if known is None or kept.resuming:
+                continue
+            state, drawn = self._state(pair), kept.drawn
+            if kept.edited or drawn is None:
+                drawn = shapes_in(self._keeper.viewer, pair[1], pair[0])
+            kept.edited = False
+            new = kept.drawn is None and not (kept.folder or drawn or state.records)
+            if not (new or (kept.state is state and _same(kept.drawn, drawn))):
+                orders.append(Order(kept, pair[1], known, pair[1].name, drawn, state))
+                kept.drawn, kept.state = drawn, state
+        return orders
 
     def _on_written(self, problem: str) -> None:
-        self._busy = False
-        if problem:  # all is written again with the next change
-            self._saved.clear()
-            self._drawn.clear()
-        if problem != self.problem:
-            self.problem = problem
+        self._writing = None
+        if problem:  # all of it is written again
+            for kept in self._kept.values():
+                kept.drawn = None
+            self._wait(AGAIN_MS)
+        if problem != self._problems["write"]:
+            self._problems["write"] = problem
             self.found.emit()
-        if self._edited:
-            self._wait()
-
-    def _on_failed(self, problem: str) -> None:
-        self._on_written(f"The work could not be saved: {problem}")
-
-    def _start(self, work: Callable[[OnProgress], Any], done: Callable[[Any], None]) -> None:
-        job = Job(work, parent=self)
-        job.done.connect(done)
-        job.failed.connect(self._on_failed)
-        job.start()
 
 
 def _look(picture: Picture, _: OnProgress) -> tuple[Known, list[Offer], str]:
@@ -244,44 +376,30 @@ def _look(picture: Picture, _: OnProgress) -> tuple[Known, list[Offer], str]:
         try:
             held = summary(path) if path.is_dir() and path.suffix != OLD else None
         except (OSError, LabelsError) as error:
-            problem = f"Saved work could not be read, and stays where it is: {error}"
+            problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
         if held and held.sha256 == checksum:
             offers.append(Offer(path, held))
-    return Known(picture, checksum, folder), offers, problem
+    return Known(picture.describe(checksum), folder, checksum), offers, problem
 
 
-def _write(orders: list[Callable[[], None]], _: OnProgress) -> str:
+def _write(orders: list[Order]) -> str:
     """Carry out orders; says what went wrong."""
+    problems = []
     for order in orders:
         try:
-            order()
+            order.carry_out()
         except OSError as error:
             _log.warning("The work could not be saved", exc_info=True)
-            return f"The work could not be saved: {error}"
-    return ""
+            problems.append(f"The work could not be saved: {error}.")
+    return " ".join(dict.fromkeys(problems))
 
 
-def _write_one(
-    folder: Folder, layer: str, image: Mapping[str, object], drawn: Drawn, state: State
-) -> None:
-    folder.write(Session(layer, image, pages_of(drawn, state)))
-
-
-def _free(folder: Path, taken: set[Path]) -> Path:
-    """Give a folder that nobody uses."""
-    number = 1
-    while (path := folder / str(number)) in taken or path.exists():
-        number += 1
-    return path
-
-
-def _put_aside(folder: Path) -> None:
-    number, name = 1, folder.with_name(f"{folder.name}{OLD}")
-    while name.exists():
-        number += 1
-        name = folder.with_name(f"{folder.name}-{number}{OLD}")
-    folder.rename(name)
+def _stamp(path: Path) -> str:
+    try:
+        return (path / HEAD).read_text(encoding="utf-8").removesuffix("\n")
+    except OSError:
+        return ""
 
 
 def _same(a: Drawn | None, b: Drawn) -> bool:

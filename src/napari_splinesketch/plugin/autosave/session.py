@@ -1,0 +1,355 @@
+"""What is written down of an image: values, and their coding to the last bit.
+
+Files are read as if anybody had written them: no more memory is taken than a small multiple of
+what they may hold, and whatever is wrong is a `LabelsError` that names file and place.
+"""
+
+import base64
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeInt,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
+
+from napari_splinesketch import __version__
+from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
+from napari_splinesketch.plugin.adapter.film import Patch
+from napari_splinesketch.plugin.adapter.pixels import Grid
+from napari_splinesketch.plugin.records import Line, Record, Review
+
+FORMAT = 1
+MOST_BYTES = 2**27
+"""Of a file that is read."""
+EVERY = -1
+"""The frame of sketches that belong to all of them."""
+VERTICES = {"line": (2, 2), "path": (2, None), "polygon": (3, None), "rectangle": (4, 4)}
+VERTICES["ellipse"] = (4, 4)
+"""The kinds of shapes that napari has, and how many vertices they may have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Something that the user drew.
+
+    Attributes
+    ----------
+    kind
+        As napari names it.
+    points
+        (N, 2) its vertices, px of the image.
+    """
+
+    kind: str
+    points: Line
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """What is known of one frame.
+
+    Attributes
+    ----------
+    shapes
+        What the user drew, in the order of its layer.
+    records, deleted
+        Its curves.
+    seconds
+        How long the engine took; None where it is not known.
+    notes
+        What the scene needed.
+    patch
+        The reconstruction, if there is one.
+    """
+
+    shapes: tuple[Shape, ...] = ()
+    records: tuple[Record, ...] = ()
+    deleted: tuple[Record, ...] = ()
+    seconds: float | None = None
+    notes: tuple[str, ...] = ()
+    patch: Patch | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What is known of an image through one layer of sketches.
+
+    Attributes
+    ----------
+    layer
+        Name of the layer of sketches.
+    image
+        What the image was: values for JSON.
+    pages
+        By frame; `EVERY` for sketches that belong to all frames.
+    """
+
+    layer: str
+    image: Mapping[str, object] = field(default_factory=dict)
+    pages: Mapping[int, Page] = field(default_factory=dict)
+
+
+def _packed(array: Float[np.ndarray, "..."]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
+
+
+def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
+    """Read rows of numbers: base64 of little-endian doubles."""
+
+    def unpack(value: Any) -> np.ndarray:
+        if isinstance(value, np.ndarray):
+            return value
+        if not isinstance(value, str):
+            raise ValueError("is no string")
+        packed = base64.b64decode(value, validate=True)
+        rows, rest = divmod(len(packed), 8 * columns)
+        if rest or rows < least:
+            raise ValueError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
+        numbers = np.frombuffer(packed, "<f8").astype(float).reshape(rows, columns)
+        if places and not (np.abs(numbers) < MAX_COORDINATE).all():
+            raise ValueError("has a point that is nowhere")
+        return numbers if columns > 1 else numbers[:, 0]
+
+    return PlainValidator(unpack)
+
+
+_Places = Annotated[np.ndarray, _rows(2, 2, places=True), PlainSerializer(_packed)]
+_Knots = Annotated[np.ndarray, _rows(3, 2), PlainSerializer(_packed)]
+_Numbers = Annotated[np.ndarray, _rows(1, 1), PlainSerializer(_packed)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, arbitrary_types_allowed=True)
+
+
+class _Shape(_Strict):
+    kind: Literal["line", "path", "polygon", "rectangle", "ellipse"]
+    points: _Places
+
+    @model_validator(mode="after")
+    def _is_drawable(self) -> "_Shape":
+        least, most = VERTICES[self.kind]
+        if not least <= len(self.points) <= (most or len(self.points)):
+            raise ValueError(f"a {self.kind} of {len(self.points)} vertices")
+        return self
+
+
+class _Record(_Strict):
+    id: Annotated[NonNegativeInt, Field(le=MAX_INTEGER)]
+    sketch: _Places
+    knots: _Knots
+    points: _Places
+    half_width: _Numbers
+    sd: _Numbers
+    status: Status
+    reasons: tuple[str, ...]
+    residual: _Numbers
+    review: Review
+    locked: bool
+    drawn: bool
+    edited: bool
+
+    @model_validator(mode="after")
+    def _is_along(self) -> "_Record":
+        for name in ("half_width", "sd"):
+            values = getattr(self, name)
+            if len(values) != len(self.points):
+                raise ValueError(f"{name}: {len(values)} values for {len(self.points)} points")
+        return self
+
+    def record(self, frame: int) -> Record:
+        curve = Curve(
+            *(self.knots, self.points, self.half_width, self.sd),
+            *(self.status, self.reasons, float(self.residual[0])),
+        )
+        marks = (self.review, self.locked, self.drawn, self.edited)
+        return Record(self.id, frame, self.sketch, curve, *marks)
+
+
+class _Page(_Strict):
+    sketches: tuple[_Shape, ...]
+    records: tuple[_Record, ...]
+    deleted: tuple[_Record, ...]
+    seconds: FiniteFloat | None = None
+    notes: tuple[str, ...]
+
+    @model_validator(mode="after")
+    def _has_each_once(self) -> "_Page":
+        if len({record.id for record in self.records}) < len(self.records):
+            raise ValueError("has a curve twice")
+        return self
+
+
+class Head(_Strict):
+    """What a folder holds, for the question whether to go on with it."""
+
+    layer: Annotated[str, Field(max_length=1000)]
+    sketches: NonNegativeInt
+    curves: NonNegativeInt
+    frames: NonNegativeInt
+    saved: AwareDatetime
+    image: dict[str, Any]
+    format: NonNegativeInt
+
+    @property
+    def sha256(self) -> str:
+        """Checksum of the image."""
+        return str(self.image.get("sha256", ""))
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_head(path: Path) -> Head:
+    """Read the head of a session."""
+    head = _read(Head, path)
+    if head.format > FORMAT:
+        reason = "was written by a newer version; update napari-splinesketch"
+        raise LabelsError(path, "format", reason)
+    return head
+
+
+def read_page(path: Path, frame: int) -> Page:
+    """Read a frame, without its picture."""
+    page, of_all = _read(_Page, path), max(frame, 0)
+    return Page(
+        tuple(Shape(shape.kind, shape.points) for shape in page.sketches),
+        tuple(record.record(of_all) for record in page.records),
+        tuple(record.record(of_all) for record in page.deleted),
+        page.seconds,
+        page.notes,
+    )
+
+
+def _read(model: type[M], path: Path) -> M:
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise LabelsError(path, "", f"{size} bytes are more than the {MOST_BYTES} that are read")
+    try:
+        return model.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        given = first["input"] if isinstance(first["input"], str | int | float) else ""
+        found = f" (it is {str(given)[:40]!r})" if place and given != "" else ""
+        raise LabelsError(path, place, first["msg"].removeprefix("Value error, ") + found) from None
+
+
+def head_text(session: Session) -> str:
+    """Write the head of a session."""
+    pages = session.pages.values()
+    values = {
+        "software": f"napari-splinesketch {__version__}",
+        "format": FORMAT,
+        "image": dict(session.image),
+        "layer": session.layer,
+        "saved": datetime.now(UTC).isoformat(),
+        "sketches": sum(len(page.shapes) for page in pages),
+        "curves": sum(len(page.records) for page in pages),
+        "frames": sum(bool(page.shapes or page.records) for page in pages),
+    }
+    return json.dumps(values, ensure_ascii=False)
+
+
+def record_text(record: Record) -> str:
+    """Write a curve."""
+    values = vars(record.curve) | vars(record)
+    values["residual"] = np.array([record.curve.residual])
+    return _Record.model_construct(
+        **{name: values[name] for name in _Record.model_fields}
+    ).model_dump_json()
+
+
+def page_text(frame: int, page: Page, records: list[str], deleted: list[str]) -> str:
+    """Write a frame, of whose curves the texts are known."""
+    shapes = [
+        _Shape.model_construct(kind=s.kind, points=s.points).model_dump_json() for s in page.shapes
+    ]
+    return (
+        f'{{"frame":{frame},"sketches":[{",".join(shapes)}],"records":[{",".join(records)}],'
+        f'"deleted":[{",".join(deleted)}],"seconds":{json.dumps(page.seconds)},'
+        f'"notes":{json.dumps(page.notes)}}}'
+    )
+
+
+def write_patch(path: Path, patch: Patch) -> None:
+    """Write a picture of part of a frame, whole or not at all."""
+    place = np.stack([patch.grid.origin, patch.grid.step])
+    arrays: dict[str, Any] = {"place": place, "pixels": patch.pixels}
+    if patch.background is not None:
+        arrays["background"] = patch.background
+    with atomic(path, overwrite=True) as temporary:
+        np.savez_compressed(temporary, **arrays)
+
+
+def read_patch(path: Path, size: tuple[int, int]) -> Patch | None:
+    """Read a picture; None where there is none.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        (H, W) of the image, px: no picture has more pixels, or lies beyond it.
+
+    Raises
+    ------
+    LabelsError
+        Where there is a file, but no such picture in it.
+    """
+    if not path.exists():
+        return None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            most = max(size[0] * size[1], 4)
+            place, pixels = _array(archive, "place", most), _array(archive, "pixels", most)
+            background = None
+            if "background.npy" in archive.namelist():
+                background = _array(archive, "background", most)
+                if background.shape != pixels.shape:
+                    raise ValueError("the background has another size")
+        if place.shape != (2, 2) or not np.isfinite(place).all():
+            raise ValueError("expected an origin and a step")
+        origin, step = place
+        last = origin + step * (np.array(pixels.shape) - 1)
+        if not (pixels.size and (step >= 1).all()):
+            raise ValueError("expected pixels, and a step from 1")
+        if (origin < -0.5).any() or (last > np.array(size) - 0.5).any():
+            raise ValueError("lies outside of the image")
+    except Exception as error:  # NumPy and zipfile raise nearly anything for a spoilt file
+        raise LabelsError(path, "", f"is no picture that was saved ({error})") from None
+    return Patch(Grid(origin, step), pixels, background)
+
+
+def _array(archive: zipfile.ZipFile, name: str, most: int) -> Float[np.ndarray, "H W"]:
+    """Read an array of up to so many numbers; what else is packed is not unpacked."""
+    with archive.open(f"{name}.npy") as stream:
+        version = np.lib.format.read_magic(stream)
+        if version != (1, 0):
+            raise ValueError(f"{name}: version {version} of the format")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        count = int(np.prod(shape, dtype=object))
+        if dtype.kind != "f" or len(shape) != 2 or not 0 <= count <= most:
+            raise ValueError(f"{name}: {dtype} {shape}")
+        data = stream.read(count * dtype.itemsize)
+    array = np.frombuffer(data, dtype, count).reshape(shape, order="F" if fortran else "C")
+    return array.copy()

@@ -1,0 +1,85 @@
+"""The plugin on a bare viewer model: everything but the window."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from napari.components import ViewerModel
+from napari.layers import Image, Shapes
+
+from napari_splinesketch.plugin.autosave.resume import resume
+from napari_splinesketch.plugin.autosave.saver import Saver
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.films import Films
+
+from .hand import until
+
+SOON = 20.0
+LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
+
+
+class Bench:
+    """A viewer model with what the dock makes, and nothing that shows it.
+
+    Attributes
+    ----------
+    viewer, controller, films, saver
+        As in the dock.
+    """
+
+    def __init__(self, viewer: ViewerModel | None = None):
+        self.viewer = viewer or ViewerModel()
+        self.controller = Controller(self.viewer)
+        self.films = Films(self.controller)
+        self.saver = Saver(self.controller)
+
+    def image(self, shape: Sequence[int] = (96, 128), seed: int = 0) -> Image:
+        """Add an image."""
+        pixels = np.random.default_rng(seed).normal(100, 5, shape).astype(np.float32)
+        image = self.viewer.add_image(pixels, name=f"image {seed}")
+        assert isinstance(image, Image)
+        return image
+
+    def sketches(self, lines: Sequence[Any] = LINES, name: str = "sketches") -> Shapes:
+        """Add a layer of lines."""
+        return self.viewer.add_shapes(list(lines), shape_type="path", name=name)
+
+    def refine(self) -> None:
+        """Refine what is new, and wait for the end."""
+        self.controller.refine()
+        self.rest()
+
+    def rest(self) -> None:
+        """Wait until nothing runs."""
+        until(lambda: self.controller.progress is None, SOON)
+
+    def resume(self) -> None:
+        """Bring back what is offered, and wait for the end."""
+        until(self.saver.offers, SOON)
+        resume(self.controller, self.saver)
+        self.rest()
+        until(lambda: not self.controller._drawing.busy, SOON)
+
+    def close(self) -> None:
+        """Close the dock; the window stays."""
+        self.saver.close()
+        self.controller.close()
+
+
+@contextmanager
+def bench(viewer: ViewerModel | None = None) -> Iterator[Bench]:
+    """Open a bench and close it."""
+    made = Bench(viewer)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def session_files(home: Path) -> list[str]:
+    """Name all files of saved work but locks."""
+    return sorted(
+        str(path.relative_to(home)) for path in home.rglob("*.*") if path.name.startswith("frame")
+    )

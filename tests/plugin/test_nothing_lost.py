@@ -1,0 +1,242 @@
+"""Nothing that the user had is gone: saving, closing, resuming, two windows, damaged files."""
+
+import gc
+import json
+import os
+import threading
+import weakref
+from pathlib import Path
+from typing import Any
+
+import pytest
+from napari.components import ViewerModel
+
+from napari_splinesketch.plugin.autosave import folder, saver
+from napari_splinesketch.plugin.autosave.saver import DELAY_MS
+
+from .bench import LINES, SOON, bench, session_files
+from .fakes import FakeEngine
+from .hand import QTest, until
+
+
+@pytest.fixture
+def home(qapp: Any, fake: FakeEngine) -> Path:
+    """Where work is saved on images that came from no file."""
+    return Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
+
+
+def heads(home: Path) -> list[dict[str, Any]]:
+    return [json.loads(path.read_text()) for path in sorted(home.glob("*/*/session.json"))]
+
+
+def counts(home: Path) -> list[tuple[int, int]]:
+    """(sketches, curves) of every session that is offered."""
+    return [
+        (head["sketches"], head["curves"])
+        for head, path in zip(heads(home), sorted(home.glob("*/*/session.json")), strict=True)
+        if path.parent.suffix != ".old"
+    ]
+
+
+def test_resuming_two_layers_keeps_the_curves_of_both(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        for name in ("one", "two"):
+            first.sketches(name=name)
+            first.refine()
+    assert counts(home) == [(2, 2), (2, 2)]
+    files = session_files(home)
+    with bench() as again:
+        again.image()
+        again.resume()
+        QTest.qWait(2 * DELAY_MS)
+        assert len(again.controller.works) == 2
+        assert counts(home) == [(2, 2), (2, 2)]
+    assert counts(home) == [(2, 2), (2, 2)]
+    assert session_files(home) == files, "pictures too"
+
+
+def test_a_layer_that_is_not_chosen_is_saved_as_well(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        one = first.sketches(name="one")
+        first.refine()
+        first.sketches(LINES[:1], name="two")
+        first.saver.flush()
+        one.add_paths([LINES[0] + 9])
+    assert sorted(counts(home)) == [(1, 0), (3, 2)]
+
+
+def test_what_is_drawn_while_a_write_is_running_is_written_too(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go, begun, real = threading.Event(), threading.Event(), folder.Folder.write
+
+    def slow(self: Any, session: Any) -> None:
+        begun.set()
+        go.wait(SOON)
+        real(self, session)
+
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        monkeypatch.setattr(folder.Folder, "write", slow)
+        until(begun.is_set, SOON)
+        layer.add_paths([LINES[0] + 9])
+        threading.Timer(0.2, go.set).start()
+    assert counts(home) == [(3, 0)]
+
+
+def test_what_is_drawn_before_the_image_is_known_is_written_too(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+    assert counts(home) == [(2, 0)]
+
+
+def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+        first.viewer.layers.clear()
+        QTest.qWait(20)
+    assert counts(home) == [(2, 2)]
+
+
+def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, broken = saver.Picture.checksum, [True]
+
+    def checksum(self: Any) -> str:
+        if broken[0]:
+            raise OSError("the disk is away")
+        return real(self)
+
+    monkeypatch.setattr(saver.Picture, "checksum", checksum)
+    with bench() as first:
+        first.image()
+        until(lambda: "the disk is away" in first.saver.problem, SOON)
+        broken[0] = False
+        first.sketches()
+        until(lambda: counts(home) == [(2, 0)], SOON)
+        assert not first.saver.problem
+
+
+def test_removed_images_are_let_go_of(home: Path) -> None:
+    gone = []
+    with bench() as first:
+        for seed in range(3):
+            gone.append(weakref.ref(first.image(seed=seed)))
+            first.sketches(name=f"sketches {seed}")
+            first.refine()
+            first.viewer.layers.clear()
+        QTest.qWait(200)
+        gc.collect()
+        assert [one() is None for one in gone] == [True] * 3
+
+
+def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        first.sketches()
+        first.refine()
+        old = weakref.ref(first.controller)
+    del first
+    with bench(viewer) as again:
+        gc.collect()
+        assert old() is None
+        until(lambda: not again.saver._looks, SOON)
+        assert not again.saver.offers(), "it is in the window"
+        curves: Any = viewer.layers["sketches curves"]
+        curves.selected_data = {0}
+        curves.remove_selected()
+        until(lambda: len(again.controller.records()) == 1, SOON)
+        until(lambda: curves.nshapes == 1, SOON)
+        assert len(viewer.layers) == 6
+    assert counts(home) == [(2, 1)]
+
+
+def test_two_windows_never_write_into_one_folder(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches(name="mine")
+        first.refine()
+        first.saver.flush()
+        with bench() as second:
+            second.image()
+            until(second.saver.offers, SOON)
+            second.resume()
+            assert "open in another window" in second.controller.notice.text
+            assert not second.controller.works
+            second.sketches(LINES[:1], name="yours")
+            second.refine()
+            second.saver.flush()
+            first.sketches(LINES[:1], name="more")
+            first.refine()
+            first.saver.flush()
+            assert sorted(counts(home)) == [(1, 1), (1, 1), (2, 2)]
+    assert sorted(head["layer"] for head in heads(home)) == ["mine", "more", "yours"]
+    with bench() as third:
+        third.image()
+        third.resume()
+        assert len(third.controller.works) == 3
+
+
+def test_folders_of_processes_that_are_gone_are_taken_over(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+    (path,) = home.glob("*/*")
+    host = folder.Folder(path)._owner.rpartition(" on ")[2]
+    for owner, seconds, free in (
+        (f"999999999\npython\n{host}\n\n\n", 0, True),
+        ("77\npython\nelsewhere\n\n\n", 0, False),
+        ("77\npython\nelsewhere\n\n\n", 90_000, True),
+    ):
+        lock = path / folder.LOCK
+        lock.write_text(owner)
+        os.utime(lock, (lock.stat().st_mtime - seconds,) * 2)
+        if free:
+            folder.Folder(path).release()
+        else:
+            with pytest.raises(folder.InUseError, match="process 77 on elsewhere"):
+                folder.Folder(path)
+
+
+def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    (page,) = home.glob("*/*/frame-000000000.json")
+    page.with_name("frame-000000007.json").write_text(page.read_text())
+    with bench() as again:
+        again.image()
+        again.resume()
+        assert "frame-000000007.json: is beyond the 1 frames" in again.controller.notice.text
+        assert len(again.controller.records()) == 2
+
+
+def test_what_cannot_be_shown_never_stops_the_dock(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from napari_splinesketch.plugin.autosave import resume
+
+    with bench() as first:
+        first.image()
+        first.sketches()
+    files = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
+
+    def broken(*arguments: Any, **options: Any) -> Any:
+        raise ValueError("napari does not like it")
+
+    monkeypatch.setattr(resume, "add_shapes", broken)
+    with bench() as again:
+        again.image()
+        again.resume()
+        assert "napari does not like it" in again.controller.notice.text
+        assert again.controller.progress is None
+    assert {path: path.read_bytes() for path in files} == files
