@@ -44,7 +44,9 @@ class Bench:
 
     def sketches(self, lines: Sequence[Any] = LINES, name: str = "sketches") -> Shapes:
         """Add a layer of lines."""
-        return self.viewer.add_shapes(list(lines), shape_type="path", name=name)
+        layer = Shapes(list(lines), shape_type="path", name=name)
+        self.viewer.add_layer(layer)
+        return layer
 
     def refine(self) -> None:
         """Refine what is new, and wait for the end."""

@@ -12,7 +12,7 @@ import pytest
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid
-from napari_splinesketch.plugin.autosave.folder import LOCK, Folder, read, summary
+from napari_splinesketch.plugin.autosave.folder import Folder, read, summary
 from napari_splinesketch.plugin.autosave.offer_box import LISTED, describe
 from napari_splinesketch.plugin.autosave.saver import Offer
 from napari_splinesketch.plugin.autosave.session import EVERY, Head, Page, Session, Shape
@@ -110,9 +110,9 @@ def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
     one = Page(first.pages[3].shapes, first.pages[3].records[:1])
     folder.write(Session(first.layer, first.image, {**first.pages, 3: one, 5: Page()}))
     changed = {p.name for p in tmp_path.iterdir() if times.get(p.name) != p.stat().st_mtime_ns}
-    assert changed - {LOCK} == {"session.json", "frame-000000003.json", "frame-000000005.json"}
+    assert changed == {"session.json", "frame-000000003.json", "frame-000000005.json"}
     folder.write(Session(first.layer, first.image, {3: one}))
-    names = {"session.json", "frame-000000003.json", LOCK}
+    names = {"session.json", "frame-000000003.json"}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert len(read(tmp_path, 9, SIZE)[0].pages[3].records) == 1
 

@@ -3,6 +3,8 @@
 import gc
 import json
 import os
+import subprocess
+import sys
 import threading
 import weakref
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 import pytest
 from napari.components import ViewerModel
 
+from napari_splinesketch.files import BusyError
 from napari_splinesketch.plugin.autosave import folder, saver
 from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 
@@ -185,25 +188,31 @@ def test_two_windows_never_write_into_one_folder(home: Path) -> None:
         assert len(third.controller.works) == 3
 
 
+HOLD = """
+import sys, time
+from pathlib import Path
+from napari_splinesketch.plugin.autosave.folder import Folder
+held = Folder(Path(sys.argv[1]))
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
 def test_folders_of_processes_that_are_gone_are_taken_over(home: Path) -> None:
     with bench() as first:
         first.image()
         first.sketches()
     (path,) = home.glob("*/*")
-    host = folder.Folder(path)._owner.rpartition(" on ")[2]
-    for owner, seconds, free in (
-        (f"999999999\npython\n{host}\n\n\n", 0, True),
-        ("77\npython\nelsewhere\n\n\n", 0, False),
-        ("77\npython\nelsewhere\n\n\n", 90_000, True),
-    ):
-        lock = path / folder.LOCK
-        lock.write_text(owner)
-        os.utime(lock, (lock.stat().st_mtime - seconds,) * 2)
-        if free:
-            folder.Folder(path).release()
-        else:
-            with pytest.raises(folder.InUseError, match="process 77 on elsewhere"):
-                folder.Folder(path)
+    command = [sys.executable, "-c", HOLD, str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    with pytest.raises(BusyError, match=f"process {process.pid} on .* in another window"):
+        folder.Folder(path)
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    folder.Folder(path).release()
 
 
 def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:

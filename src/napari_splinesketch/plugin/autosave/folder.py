@@ -1,15 +1,13 @@
 """A folder with all that is known of one image: each file whole or not, and one owner at a time."""
 
-import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from qtpy.QtCore import QLockFile
-
+from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.autosave.session import (
     EVERY,
@@ -27,18 +25,10 @@ from napari_splinesketch.plugin.autosave.session import (
 from napari_splinesketch.plugin.records import Record
 
 HEAD = "session.json"
-LOCK = "owner.lock"
 ENDINGS = "json", "npz"
 FRAME = re.compile(rf"frame-(\d{{1,18}}|every)\.({'|'.join(ENDINGS)})")
 OLD = ".old"
 """Added to the name of a folder that is not offered again."""
-STALE_MS = 24 * 60 * 60 * 1000
-"""After this without a write, a process of another computer is taken to be gone. One of this
-computer is known to be alive or not."""
-
-
-class InUseError(OSError):
-    """A folder that another window writes to."""
 
 
 class Folder:
@@ -53,7 +43,7 @@ class Folder:
 
     Raises
     ------
-    InUseError
+    BusyError
         Where another window owns the folder.
     """
 
@@ -61,13 +51,12 @@ class Folder:
         self.path = path
         self.stamp = ""
         self._known: dict[int, tuple[Record, str]] = {}
-        self._lock = QLockFile(str(path / LOCK))
-        self._lock.setStaleLockTime(STALE_MS)
-        if not self._lock.tryLock(0):
-            if self._lock.error() == QLockFile.LockError.LockFailedError:
-                raise InUseError(f"{path} is open in another window ({owner_of(path)})")
-            raise PermissionError(f"{path} cannot be written to")
-        self._owner = owner_of(path)
+        self._hold = ExitStack()
+        try:
+            self._hold.enter_context(owned(path))
+        except BusyError as error:
+            who = str(error).partition(";")[0]
+            raise BusyError(f"{who}: it is open in another window; close it there") from None
         names = [found for file in path.iterdir() if (found := FRAME.fullmatch(file.name))]
         frames = {ending: {_frame(n[1]) for n in names if n[2] == ending} for ending in ENDINGS}
         # What lies there and is not known to be right is written anew, or goes.
@@ -94,7 +83,7 @@ class Folder:
 
     def release(self) -> None:
         """Let others write there; leave no folder behind that holds nothing."""
-        self._lock.unlock()
+        self._hold.close()
         if not self.stamp and self.path.is_dir() and not any(self.path.iterdir()):
             self.path.rmdir()
 
@@ -103,9 +92,6 @@ class Folder:
 
         Pictures, which take longest, come last; one that no longer fits its frame goes first.
         """
-        if owner_of(self.path) != self._owner:
-            raise InUseError(f"{self.path} was taken over by another window")
-        os.utime(self.path / LOCK)
         pages = session.pages
         for frame, patch in tuple(self._pictures.items()):
             if frame not in pages or pages[frame].patch is not patch:
@@ -147,15 +133,6 @@ def _name(frame: int, ending: str = "json") -> str:
 
 def _frame(name: str) -> int:
     return EVERY if name == "every" else int(name)
-
-
-def owner_of(path: Path) -> str:
-    """Name the process that owns a folder; empty where that is not known."""
-    try:
-        process, name, host, *_ = (path / LOCK).read_text(errors="replace").split("\n")
-    except (OSError, ValueError):
-        return ""
-    return f"{name[:40]}, process {process[:20]} on {host[:60]}"
 
 
 def summary(path: Path) -> Head | None:
@@ -213,6 +190,5 @@ def put_aside(path: Path) -> None:
     while name.exists():
         number += 1
         name = path.with_name(f"{path.name}-{number}{OLD}")
-    (path / LOCK).unlink(missing_ok=True)
     path.rename(name)
     folder.release()

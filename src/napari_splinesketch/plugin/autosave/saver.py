@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
 from napari.layers import Image, Shapes
 from psygnal import Signal
 from qtpy.QtCore import QObject, QTimer
@@ -18,7 +19,6 @@ from napari_splinesketch.plugin.autosave.folder import (
     HEAD,
     OLD,
     Folder,
-    InUseError,
     put_aside,
     summary,
 )
@@ -49,26 +49,15 @@ class Known:
         What is written down of it.
     folder
         Where work on it is kept, one folder for each layer of sketches.
-    checksum
-        Of its pixels.
     """
 
     about: dict[str, object]
     folder: Path
-    checksum: str
 
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """Work that was found.
-
-    Attributes
-    ----------
-    folder
-        Where it is.
-    summary
-        What it is.
-    """
+    """Work that was found, and where."""
 
     folder: Path
     summary: Head
@@ -102,7 +91,6 @@ class Order:
     """Something to write."""
 
     kept: Kept
-    layer: Shapes
     known: Known
     name: str
     drawn: Drawn
@@ -114,11 +102,7 @@ class Order:
         if kept.folder is None:
             kept.folder = Folder.fresh(self.known.folder)
         pages = pages_of(self.drawn, self.state)
-        try:
-            kept.folder.write(Session(self.name, self.known.about, pages))
-        except InUseError:
-            kept.folder = None
-            raise
+        kept.folder.write(Session(self.name, self.known.about, pages))
 
 
 Pair = tuple[Image, Shapes]
@@ -352,7 +336,7 @@ class Saver(QObject):
             kept.edited = False
             new = kept.drawn is None and not (kept.folder or drawn or state.records)
             if not (new or (kept.state is state and _same(kept.drawn, drawn))):
-                orders.append(Order(kept, pair[1], known, pair[1].name, drawn, state))
+                orders.append(Order(kept, known, pair[1].name, drawn, state))
                 kept.drawn, kept.state = drawn, state
         return orders
 
@@ -380,7 +364,7 @@ def _look(picture: Picture, _: OnProgress) -> tuple[Known, list[Offer], str]:
             continue
         if held and held.sha256 == checksum:
             offers.append(Offer(path, held))
-    return Known(picture.describe(checksum), folder, checksum), offers, problem
+    return Known(picture.describe(checksum), folder), offers, problem
 
 
 def _write(orders: list[Order]) -> str:
@@ -403,12 +387,10 @@ def _stamp(path: Path) -> str:
 
 
 def _same(a: Drawn | None, b: Drawn) -> bool:
-    if a is None or a.keys() != b.keys():
+    if a is None or {f: len(x) for f, x in a.items()} != {f: len(x) for f, x in b.items()}:
         return False
-    pairs = ((one, other) for frame in b for one, other in zip(a[frame], b[frame], strict=False))
-    return all(len(a[f]) == len(b[f]) for f in b) and all(
-        one.kind == other.kind
-        and one.points.shape == other.points.shape
-        and (one.points == other.points).all()
-        for one, other in pairs
+    return all(
+        one.kind == other.kind and np.array_equal(one.points, other.points)
+        for frame in b
+        for one, other in zip(a[frame], b[frame], strict=True)
     )

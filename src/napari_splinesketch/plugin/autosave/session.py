@@ -30,8 +30,8 @@ from pydantic import (
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Grid
