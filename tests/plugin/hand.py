@@ -49,6 +49,11 @@ def refine(dock: SplinesketchDock) -> None:
     until(lambda: dock.controller.progress is None)
 
 
+def rest(dock: SplinesketchDock) -> None:
+    """Wait until nothing runs."""
+    until(lambda: dock.controller.progress is None)
+
+
 def refine_all(dock: SplinesketchDock) -> None:
     """Choose to refine all again, the last entry beside Refine, and wait for the end."""
     menu: Any = dock.more.menu()

@@ -22,6 +22,7 @@ from .hand import (
     outlines,
     refine,
     refine_all,
+    rest,
     until,
 )
 
@@ -201,6 +202,7 @@ def test_export_writes_what_is_shown(
     monkeypatch.setattr(QFileDialog, "getSaveFileName", ask)
     dock.controller.review("accepted", (0, 2))
     click(dock.export)
+    rest(dock)
     assert asked[0].endswith("cells_labels.csv")
     labels = read_labels(tmp_path / "mine.csv").labels
     assert [(label.frame, label.curve) for label in labels] == [(0, 1), (0, 2)]
@@ -210,6 +212,7 @@ def test_export_writes_what_is_shown(
         assert_drawn(curve, label.points)
     assert "Saved 2 curves to mine.csv" in dock.notice.text()
     dock.controller.export(tmp_path / "no such folder" / "x.csv")
+    rest(dock)
     assert "Not saved" in dock.notice.text()
 
 
@@ -243,6 +246,7 @@ def test_export_in_another_format(
 
     monkeypatch.setattr(QFileDialog, "getSaveFileName", ask)
     click(dock.export)
+    rest(dock)
     assert kind in offered
     assert len(offered) == len(WRITERS)
     assert [path.name for path in tmp_path.iterdir()] == [written]
@@ -251,6 +255,7 @@ def test_export_in_another_format(
     assert ("no place for" in said) == (written.endswith(".swc"))
     (tmp_path / written).write_text("mine")
     click(dock.export)
+    rest(dock)
     asked_for = typed == written
     assert ((tmp_path / written).read_bytes() == b"mine") != asked_for
     assert ("exists already" in dock.notice.text()) != asked_for
@@ -262,6 +267,7 @@ def test_the_size_of_the_image_is_exported(
     sketched(viewer)
     refine(dock)
     dock.controller.export(tmp_path / "a.geojson")
+    rest(dock)
     assert read_labels(tmp_path / "a.geojson").shape == (96, 128)
 
 

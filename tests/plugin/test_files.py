@@ -21,7 +21,7 @@ from napari_splinesketch.plugin.adapter.labels import layer_of_labels
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import get_reader, read, write
 
-from .hand import assert_drawn, refine
+from .hand import assert_drawn, refine, rest
 
 MANIFEST = Path(napari_splinesketch.__file__).with_name("napari.yaml")
 PLUGIN = "napari-splinesketch"
@@ -286,6 +286,7 @@ def test_through_the_window(
         refine(dock)
     exported, saved = tmp_path / "exported.csv", tmp_path / "saved.csv"
     dock.controller.export(exported)
+    rest(dock)
     viewer.layers.selection.active = viewer.layers["film curves"]
     viewer.layers.save(str(saved), selected=True, plugin="napari-splinesketch")
     same(read_labels(saved), read_labels(exported))

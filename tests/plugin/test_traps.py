@@ -116,7 +116,7 @@ def test_deleting_a_layer(
     viewer.layers.remove(name)
     finish(dock, fake)
     assert len(viewer.layers) == 1
-    assert "gone" in dock.notice.text()
+    assert "was removed" in dock.notice.text()
     assert not dock.refine.isEnabled()
 
 

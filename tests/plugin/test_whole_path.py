@@ -12,7 +12,18 @@ from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.synthetic import displace, rotate, scene
 
-from .hand import QTest, add_dock, assert_drawn, click, draw, fit_view, outlines, refine, until
+from .hand import (
+    QTest,
+    add_dock,
+    assert_drawn,
+    click,
+    draw,
+    fit_view,
+    outlines,
+    refine,
+    rest,
+    until,
+)
 
 PLACE = {"scale": (1, 0.4, 0.8), "translate": (0, 5, -7), "units": ("s", "um", "um")}
 
@@ -51,6 +62,7 @@ def test_lines_drawn_with_the_mouse_become_the_bodies(
     refine(real)
     assert "Refining failed" not in real.notice.text()
     real.controller.export(tmp_path / "out.csv")
+    rest(real)
     labels = read_labels(tmp_path / "out.csv")
     assert (labels.scale, labels.units) == ((0.4, 0.8), "µm")
     assert [label.frame for label in labels.labels] == [1, 1]

@@ -1,6 +1,6 @@
 """The state behind the dock: what would be refined, what runs, what came of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,6 @@ from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.types import OnProgress, Progress
-from napari_splinesketch.labels import write_labels
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.actions import Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
@@ -24,6 +23,7 @@ from napari_splinesketch.plugin.adapter.sketches import (
     new_sketch_layer,
 )
 from napari_splinesketch.plugin.corrections import Corrections
+from napari_splinesketch.plugin.files import export
 from napari_splinesketch.plugin.gently import MANY, Soon
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
@@ -33,7 +33,9 @@ from napari_splinesketch.plugin.records import Record, key_of
 from napari_splinesketch.plugin.request import Request, Requests
 from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
 from napari_splinesketch.plugin.standard_actions import standard_actions
-from napari_splinesketch.plugin.work import Work
+from napari_splinesketch.plugin.work import Work, remove_results
+
+SAVING = "Saving"
 
 
 class Controller(SettingsKeeper):
@@ -65,6 +67,7 @@ class Controller(SettingsKeeper):
         self._job: Job | None = None
         self._preview: Preview | None = None
         self._cancelled: Callable[[], str] = lambda: ""
+        self._on: Work | None = None
         self._told: list[Image] = []
         self.corrections = Corrections(self, partial(self.refine, "selected"))
         self.knots = KnotEditing(self, partial(self.refine, "selected"))
@@ -108,7 +111,7 @@ class Controller(SettingsKeeper):
         self._preview = Preview(self.viewer, image, f"{work.name} on the way")
         done = partial(self._on_done, work, request)
         see = partial(self._see, request.frame)
-        self.start(partial(engine.run, task), done, "Refining", see)
+        self.start(partial(engine.run, task), done, "Refining", see, on=work)
 
     def start(
         self,
@@ -117,6 +120,7 @@ class Controller(SettingsKeeper):
         name: str,
         see: Callable[[Progress], None] = lambda progress: None,
         cancelled: Callable[[], str] = lambda: "Nothing was changed.",
+        on: Work | None = None,
     ) -> None:
         """Do something in a thread, with its progress in the dock.
 
@@ -132,16 +136,23 @@ class Controller(SettingsKeeper):
             Called whenever there is progress.
         cancelled
             Called when the user cancels; says what has become of what was done by then.
+        on
+            What it is about: it ends when one of its layers is removed.
         """
         self.progress, self.notice = Progress("starting", 0.0), Notice()
-        self._cancelled = cancelled
+        self._cancelled, self._on = cancelled, on
         self._job = Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
-        self._job.done.connect(done)
+        self._job.done.connect(partial(self._on_ended, done))
         self._job.failed.connect(partial(self._on_failed, name))
         self._job.start()
         self.changed.emit()
+
+    @property
+    def cancellable(self) -> bool:
+        """Whether Cancel can still keep what runs from changing anything."""
+        return self._job is not None
 
     def finish(self, notice: Notice) -> None:
         """Say what came of what was running: it is over."""
@@ -196,20 +207,34 @@ class Controller(SettingsKeeper):
         if self.choices.image is not None:
             new_sketch_layer(self.viewer, self.choices.image)
 
-    def export(self, path: str | Path, *, overwrite: bool = True) -> None:
-        """Write the curves of all frames to a file, as a rule in place of one that is there."""
+    def export(self, path: str | Path, *, overwrite: bool = True, rejected: bool = False) -> None:
+        """Write the curves of all frames to a file, in a thread.
+
+        Parameters
+        ----------
+        path
+            The file; its ending says the format.
+        overwrite
+            Whether a file that is there is replaced.
+        rejected
+            Whether curves that the user has rejected are written too.
+        """
         work = self.work
-        if work is None or not work.records:
+        if work is None or not work.records or self.progress:
             return
-        try:
-            lost = write_labels(path, labels_of(work), overwrite=overwrite)
-        except (OSError, ValueError) as error:
-            self.notice = Notice("failed", f"Not saved: {error}")
-        else:
-            said = words.count(len(work.records), "curve")
-            text = f"Saved {said} to {Path(path).name}. {words.together(lost)}".rstrip()
-            self.notice = Notice("done", text)
-        self.changed.emit()
+        labels = labels_of(work, rejected=rejected)
+        left_out = len(work.records) - len(labels.labels)
+        if not labels.labels:
+            self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
+            return
+        done = partial(self._on_exported, Path(path), len(labels.labels), left_out)
+        order = partial(export, path, labels, overwrite)
+        self.start(order, done, SAVING, cancelled=lambda: "Nothing was written.")
+
+    def _on_exported(self, path: Path, count: int, left_out: int, lost: Sequence[str]) -> None:
+        without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
+        text = f"Saved {words.count(count, 'curve')} to {path.name}{without}. "
+        self.finish(Notice("done", f"{text}{words.together(lost)}".rstrip()))
 
     def abandon(self) -> None:
         """End what runs, and do not speak of it."""
@@ -217,7 +242,7 @@ class Controller(SettingsKeeper):
             self._job.cancel()
         if self._preview:
             self._preview.remove()
-        self._job, self._preview, self.progress = None, None, None
+        self._job, self._preview, self.progress, self._on = None, None, None, None
 
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
@@ -259,13 +284,18 @@ class Controller(SettingsKeeper):
             self._preview.show(frame, progress.centrelines)
 
     def _on_failed(self, name: str, message: str) -> None:
+        if name == SAVING:
+            self._stop(Notice("failed", f"Not saved: {message.partition(': ')[2]}"))
+            return
         self._stop(Notice("failed", f"{name} failed, nothing was changed. {message}"))
 
-    def _on_done(self, work: Work, request: Request, refined: engine.Refined) -> None:
+    def _on_ended(self, done: Callable[[Any], None], outcome: Any) -> None:
+        """What the thread was to do is done: what is left is to show it."""
         self._job = None
-        if work not in self._works:
-            self._stop(Notice("cancelled", "The layer is gone; its refinement was dropped."))
-            return
+        self.changed.emit()
+        done(outcome)
+
+    def _on_done(self, work: Work, request: Request, refined: engine.Refined) -> None:
         targets = request.plan.targets
         ids = [target.id for target in targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
@@ -294,9 +324,23 @@ class Controller(SettingsKeeper):
         if pair != self._pair:
             self._pair, self.notice = pair, Notice()
             self.knots.discard()
-        self._works = [w for w in self._works if {w.image, w.sketches} <= set(self.viewer.layers)]
+        there = set(self.viewer.layers)
+        gone = [work for work in self._works if not {work.image, work.sketches} <= there]
+        self._works = [work for work in self._works if work not in gone]
+        for work in gone:
+            self._leave(work)
         for work in self._works:
             if work.layers.deleted():
                 # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changed.emit()
+
+    def _leave(self, work: Work) -> None:
+        """End what runs on layers that the user has removed; what is half shown goes with them."""
+        half = self._drawing.drop(work)
+        if half:
+            # Later: napari is still busy with the layer that it tells of.
+            QTimer.singleShot(0, partial(remove_results, self.viewer, work))
+        if half or (self.progress and self._on is work):
+            name = (work.sketches if work.image in self.viewer.layers else work.image).name
+            self._stop(Notice("cancelled", f"{name!r} was removed: what was running on it ended."))

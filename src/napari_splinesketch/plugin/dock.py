@@ -1,8 +1,11 @@
 """The dock: sketch, refine, export."""
 
+import atexit
+from contextlib import suppress
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from weakref import WeakSet
 
 from napari.viewer import Viewer
 from qtpy.QtCore import QEvent, Qt, QTimer
@@ -43,6 +46,15 @@ from napari_splinesketch.plugin.visibility_row import VisibilityRow
 
 WARM_UP_AFTER_MS = 500
 """The window is shown first."""
+_open: WeakSet["SplinesketchDock"] = WeakSet()
+
+
+@atexit.register
+def _close_all() -> None:
+    """Save what is open when Python ends: a little later, Qt takes everything apart."""
+    for dock in tuple(_open):
+        with suppress(RuntimeError):  # Qt has deleted it
+            dock.close_work()
 
 
 class SplinesketchDock(QScrollArea):
@@ -104,6 +116,7 @@ class SplinesketchDock(QScrollArea):
         self.settings_box = SettingsBox()
         self.settings = FoldedBox("Settings", "What you choose once for all", self.settings_box)
         self.export = QPushButton("Export…")
+        self.rejected = QCheckBox("Export rejected curves too")
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
         self.restore = QPushButton("Restore")
 
@@ -144,6 +157,7 @@ class SplinesketchDock(QScrollArea):
             steps.addWidget(button)
         layout.addLayout(steps)
         layout.addWidget(self.export)
+        layout.addWidget(self.rejected)
         layout.addWidget(self.settings)
         layout.addStretch(1)
         self.setWidget(self.content)
@@ -156,7 +170,7 @@ class SplinesketchDock(QScrollArea):
         controller, choices = self.controller, self.controller.choices
         choices.changed.connect(self._show_layers)
         controller.changed.connect(self._show)
-        self.destroyed.connect(controller.close)
+        _open.add(self)
         self.image.picked.connect(lambda layer: setattr(choices, "image", layer))
         self.sketches.picked.connect(lambda layer: setattr(choices, "sketches", layer))
         self.new.clicked.connect(controller.new_sketches)
@@ -189,8 +203,13 @@ class SplinesketchDock(QScrollArea):
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
             self.panel.hide()
-            self.saver.close()
-            self.controller.close()
+            self.close_work()
+
+    def close_work(self) -> None:
+        """Write down what is still to be written, and hear of nothing any more."""
+        _open.discard(self)
+        self.saver.close()
+        self.controller.close()
 
     def hideEvent(self, a0: QHideEvent | None) -> None:
         """Write down what is still to be written: the window may be closing."""
@@ -227,7 +246,7 @@ class SplinesketchDock(QScrollArea):
         alone = words.left_alone(request.plan)
         said = " ".join(filter(None, (request.problem, left_out, alone)))
         self.hint.say("" if running or led else escape(said, quote=False))
-        self.progress.show_progress(controller.progress)
+        self.progress.show_progress(controller.progress, controller.cancellable)
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
         work = controller.work
         records = controller.records(request.frame)
@@ -251,6 +270,8 @@ class SplinesketchDock(QScrollArea):
             "" if controller.records() else "Nothing to export yet: refine first",
             "Write the curves of all frames to a file: a table, or another format",
         )
+        rejected = any(record.review == "rejected" for record in controller.records())
+        self.rejected.setVisible(rejected)
 
         self.suggest.show_state()
         self.track.show_state()
@@ -285,7 +306,8 @@ class SplinesketchDock(QScrollArea):
         answer = ask_where(self, folder, f"{image.name}_labels")
         if answer:
             path, overwrite = answer
-            self.controller.export(path, overwrite=overwrite)
+            also = self.rejected.isChecked()
+            self.controller.export(path, overwrite=overwrite, rejected=also)
 
 
 def _key(controller: Controller, action: str = "refine") -> str:

@@ -43,6 +43,11 @@ class Drawing:
         """Whether anything is still to be shown."""
         return bool(self._steps)
 
+    def drop(self, work: Work) -> bool:
+        """Show nothing more of a work; say whether there was something left."""
+        self._last.pop(work, None)
+        return self._steps.pop(work, None) is not None
+
     def stop(self) -> None:
         """Show nothing more."""
         self._steps.clear()

@@ -1,7 +1,8 @@
 """Labels in napari's own menus: File > Open, drag and drop, Save Selected Layers."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import numpy as np
 from napari.utils.notifications import show_info
 
-from napari_splinesketch.labels import LabelsError, read_labels, write_labels
+from napari_splinesketch.engine.types import OnProgress, Progress
+from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.labels.formats import HEAD, WRITERS, reader_of
+from napari_splinesketch.labels.stream import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.adapter.labels import labels_of_layer, layer_of_labels
 
@@ -51,6 +54,63 @@ def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
     if lost:
         show_info(f"{Path(named).name}: {words.together(lost)}")
     return [named]
+
+
+class CancelledError(Exception):
+    """The user wants nothing written any more."""
+
+
+class _Watched(tuple[Label, ...]):
+    """Labels of a frame that tell when somebody goes through them."""
+
+    tell: Callable[[], None]
+
+    def __iter__(self) -> Iterator[Label]:
+        for label in super().__iter__():
+            self.tell()
+            yield label
+
+
+def export(
+    path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
+) -> tuple[str, ...]:
+    """Write labels; to be called in a thread.
+
+    Parameters
+    ----------
+    path
+        The file; its ending says the format.
+    labels
+        What to write.
+    overwrite
+        Whether a file that is there is replaced.
+    on_progress
+        Told how far it is; once it returns False, nothing is written.
+
+    Returns
+    -------
+    tuple of str
+        What the format has no place for.
+    """
+    told = 0
+
+    def tell() -> None:
+        nonlocal told
+        told += 1
+        # Most formats go through them twice.
+        fraction = min(told / (2 * len(labels.labels)), 1.0)
+        if on_progress(Progress("writing the file", fraction)) is False:
+            raise CancelledError
+
+    frames = in_frames(labels)
+
+    def watched() -> Iterator[tuple[Label, ...]]:
+        for frame in frames.read():
+            some = _Watched(frame)
+            some.tell = tell
+            yield some
+
+    return write_labels(path, replace(frames, read=watched), overwrite=overwrite)
 
 
 def _is_labels(path: str) -> bool:

@@ -117,7 +117,7 @@ class Films:
             controller.half_width_in(image),
         )
         done = partial(self._on_suggested, work, frame)
-        controller.start(partial(engine.suggest, task), done, "Suggesting")
+        controller.start(partial(engine.suggest, task), done, "Suggesting", on=work)
 
     def next_frame(self) -> None:
         """Carry the curves to the next frame, and show it."""
@@ -177,6 +177,7 @@ class Films:
             "Tracking",
             see=lambda progress: self._take(work, task, going),
             cancelled=going.cancelled,
+            on=work,
         )
 
     def _take(self, work: Work, task: engine.TrackTask, going: Progressing) -> None:

@@ -39,7 +39,8 @@ class _Worker:
         try:
             self.outcome = "done", work(self._report)
         except Exception as error:
-            _log.exception("Work beside the window failed")
+            if not self.cancelled:
+                _log.exception("Work beside the window failed")
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
             del work

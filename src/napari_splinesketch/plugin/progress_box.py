@@ -31,8 +31,9 @@ class ProgressBox(QWidget):
         self.cancel.clicked.connect(self.cancelled)
         self.hide()
 
-    def show_progress(self, progress: Progress | None) -> None:
-        """Show where the refinement stands; None when none runs."""
+    def show_progress(self, progress: Progress | None, cancellable: bool = True) -> None:
+        """Show where the refinement stands, and whether it can be cancelled; None: none runs."""
+        self.cancel.setEnabled(cancellable)
         if progress is not None:
             self.bar.setValue(round(100 * progress.fraction))
             self.stage.say(f"{progress.stage.capitalize()}…")

@@ -106,3 +106,9 @@ def works_in(viewer: ViewerModel) -> list[Work]:
     """Find the work that layers of results in a viewer belong to."""
     owners = {layer.metadata.get(OWNER): None for layer in viewer.layers}
     return [owner for owner in owners if isinstance(owner, Work)]
+
+
+def remove_results(viewer: ViewerModel, work: Work) -> None:
+    """Remove the layers of results of a work."""
+    for layer in [layer for layer in viewer.layers if layer.metadata.get(OWNER) is work]:
+        viewer.layers.remove(layer)

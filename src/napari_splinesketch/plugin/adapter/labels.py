@@ -18,11 +18,12 @@ LABELS = "napari-splinesketch labels"
 """Key of a layer's metadata under which the labels that it was read from are kept."""
 
 
-def labels_of(work: Known) -> Labels:
-    """Label all curves of an image."""
+def labels_of(work: Known, *, rejected: bool = True) -> Labels:
+    """Label the curves of an image, with or without those that the user has rejected."""
     labels = [
         Label.from_curve(r.curve, frame=r.frame, identity=r.id, review=r.review)
         for r in work.records
+        if rejected or r.review != "rejected"
     ]
     image = work.image
     height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]

@@ -1,0 +1,135 @@
+"""How things end: cancelled, written, without their layers, with Python."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from napari_splinesketch.labels import read_labels
+from napari_splinesketch.plugin import files
+
+from .bench import SOON, Bench, bench
+from .fakes import FakeEngine
+from .hand import QTest, until
+
+EXIT = """
+import napari, numpy as np
+from napari_splinesketch.plugin import engine
+engine.warm_up = lambda report: None
+from napari_splinesketch.plugin.dock import SplinesketchDock
+viewer = napari.Viewer(show=False)
+viewer.add_image(np.zeros((60, 70)))
+viewer.window.add_dock_widget(SplinesketchDock(viewer))
+viewer.add_shapes([[[5, 5], [40, 40]]], shape_type="line", name="sketches")
+"""
+
+
+@pytest.fixture
+def ready(qapp: Any, fake: FakeEngine) -> Any:
+    """A bench with an image and two lines."""
+    with bench() as made:
+        made.image()
+        made.sketches()
+        yield made
+
+
+def test_what_has_ended_cannot_be_cancelled(ready: Bench) -> None:
+    controller, ended = ready.controller, []
+    controller.start(lambda report: 1, ended.append, "Suggesting")
+    assert controller.cancellable
+    until(lambda: ended, SOON)
+    assert not controller.cancellable
+    controller.cancel()
+    assert controller.notice.text == ""
+    assert controller.progress is not None, "it is still being shown"
+
+
+@pytest.mark.parametrize("name", ["image 0", "sketches"])
+def test_a_layer_removed_while_refining_ends_it_at_once(
+    ready: Bench, fake: FakeEngine, name: str
+) -> None:
+    fake.go.clear()
+    ready.controller.refine()
+    until(lambda: fake.calls, SOON)
+    ready.viewer.layers.remove(ready.viewer.layers[name])
+    assert ready.controller.progress is None
+    assert ready.controller.notice.text == f"{name!r} was removed: what was running on it ended."
+    until(lambda: fake.calls[0].get("cancelled"), SOON)
+    assert len(ready.viewer.layers) == 1
+
+
+@pytest.mark.parametrize("name", ["image 0", "sketches"])
+def test_a_layer_removed_while_curves_are_drawn_leaves_none(ready: Bench, name: str) -> None:
+    ready.controller.refine()
+    until(lambda: len(ready.viewer.layers) > 2, SOON)
+    ready.viewer.layers.remove(ready.viewer.layers[name])
+    assert "was removed" in ready.controller.notice.text
+    QTest.qWait(150)
+    assert len(ready.viewer.layers) == 1
+    assert ready.controller.progress is None
+
+
+def test_rejected_curves_are_left_out_and_counted(ready: Bench, tmp_path: Path) -> None:
+    ready.refine()
+    controller, path = ready.controller, tmp_path / "a.csv"
+    controller.review("rejected", (0, 1))
+    controller.export(path)
+    ready.rest()
+    assert [(one.curve, one.review) for one in read_labels(path).labels] == [(2, "open")]
+    assert controller.notice.text == "Saved 1 curve to a.csv, without 1 rejected curve."
+    controller.export(path, rejected=True)
+    ready.rest()
+    assert [one.review for one in read_labels(path).labels] == ["rejected", "open"]
+    controller.export(tmp_path / "a.masks.tif")
+    ready.rest()
+    assert set(np.unique(tifffile.imread(tmp_path / "a.masks.tif"))) == {0, 3}
+    controller.review("rejected", (0, 2))
+    controller.export(tmp_path / "b.csv")
+    assert controller.notice.text == "Nothing was saved: 2 curves here, all rejected."
+    assert not (tmp_path / "b.csv").exists()
+
+
+def test_export_leaves_the_window_alive_and_can_be_cancelled(
+    ready: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready.refine()
+    threads, go, real = [], threading.Event(), files.write_labels
+
+    def slow(*arguments: Any, **options: Any) -> Any:
+        threads.append(threading.current_thread())
+        go.wait(SOON)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(files, "write_labels", slow)
+    ready.controller.export(tmp_path / "a.masks.tif")
+    until(lambda: threads, SOON)
+    ready.controller.cancel()
+    assert ready.controller.notice.text == "Cancelled. Nothing was written."
+    go.set()
+    threads[0].join()
+    assert threads[0] is not threading.main_thread()
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_could_not_be_written_is_said(ready: Bench, tmp_path: Path) -> None:
+    ready.refine()
+    ready.controller.export(tmp_path / "no such folder" / "a.csv")
+    ready.rest()
+    assert ready.controller.notice.text.startswith("Not saved: ")
+
+
+def test_python_ends_well_with_the_window_open(tmp_path: Path, qapp: Any) -> None:
+    environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path)}
+    ended = subprocess.run(
+        [sys.executable, "-c", EXIT], env=environment, capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "deleted" not in ended.stderr
+    (head,) = tmp_path.rglob("session.json")
+    assert '"sketches": 1' in head.read_text()
