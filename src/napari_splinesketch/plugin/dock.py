@@ -171,6 +171,7 @@ class SplinesketchDock(QScrollArea):
         choices.changed.connect(self._show_layers)
         controller.changed.connect(self._show)
         _open.add(self)
+        self.destroyed.connect(controller.close)
         self.image.picked.connect(lambda layer: setattr(choices, "image", layer))
         self.sketches.picked.connect(lambda layer: setattr(choices, "sketches", layer))
         self.new.clicked.connect(controller.new_sketches)

@@ -111,7 +111,7 @@ def _restore(
         if state.records and {image, layer} <= set(controller.viewer.layers):
             controller.begin(image, layer)
             controller.choices.image, controller.choices.sketches = image, layer
-            controller.apply("Resume saved work", state)
+            controller.amend(state)
     except Exception as error:
         _log.exception("Saved work could not be brought back")
         problems.append(f"{found.offer.folder}: {type(error).__name__}: {error}.")
