@@ -70,6 +70,14 @@ def test_a_layer_that_is_not_chosen_is_saved_as_well(home: Path) -> None:
     assert sorted(counts(home)) == [(1, 0), (3, 2)]
 
 
+def test_layers_drawn_one_after_the_other_are_all_saved(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        for name in ("one", "two", "three"):
+            first.sketches(name=name)
+    assert counts(home) == [(2, 0)] * 3
+
+
 def test_what_is_drawn_while_a_write_is_running_is_written_too(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -127,7 +135,7 @@ def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
         assert not first.saver.problem
 
 
-def test_removed_images_are_let_go_of(home: Path) -> None:
+def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
     gone = []
     with bench() as first:
         for seed in range(3):
@@ -135,9 +143,8 @@ def test_removed_images_are_let_go_of(home: Path) -> None:
             first.sketches(name=f"sketches {seed}")
             first.refine()
             first.viewer.layers.clear()
-        QTest.qWait(200)
-        gc.collect()
-        assert [one() is None for one in gone] == [True] * 3
+        fake.calls.clear()
+        until(lambda: gc.collect() >= 0 and all(one() is None for one in gone), SOON)
 
 
 def test_a_closed_dock_hears_nothing_more(home: Path) -> None:

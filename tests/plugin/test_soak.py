@@ -59,6 +59,7 @@ class Day:
     def __init__(self, seed: int):
         self.chance = random.Random(seed)
         self.shadows: dict[str, Shadow] = {}
+        self.layers = 0
         self.bench = self.opened()
 
     def opened(self) -> Bench:
@@ -97,14 +98,16 @@ class Day:
 
     def erase(self) -> None:
         if self.layer is not None and self.shadow.lines:
-            at = self.chance.randrange(len(self.shadow.lines))
-            del self.shadow.lines[at]
+            at = self.chance.randrange(self.layer.nshapes)
+            away = [float(np.abs(line - self.layer.data[at]).max()) for line in self.shadow.lines]
+            del self.shadow.lines[int(np.argmin(away))]
             self.layer.selected_data = {at}
             self.layer.remove_selected()
 
     def new_layer(self) -> None:
         if len(self.shadows) < LAYERS:
-            layer = Shapes(ndim=3, name=f"lines {len(self.shadows)}")
+            self.layers += 1
+            layer = Shapes(ndim=3, name=f"lines {self.layers}")
             self.bench.viewer.add_layer(layer)
 
     def choose_layer(self) -> None:

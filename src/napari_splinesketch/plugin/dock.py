@@ -117,6 +117,7 @@ class SplinesketchDock(QScrollArea):
         self.settings = FoldedBox("Settings", "What you choose once for all", self.settings_box)
         self.export = QPushButton("Export…")
         self.rejected = QCheckBox("Export rejected curves too")
+        self.rejected.setToolTip("As a rule, what you rejected is left out of the file")
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
         self.restore = QPushButton("Restore")
 

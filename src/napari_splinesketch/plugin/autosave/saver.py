@@ -144,8 +144,6 @@ class Saver(QObject):
         ]
         for signal, slot in self._connections:
             signal.connect(slot)
-        for pair in self._pairs():
-            self._keep(pair)
         self._on_choice()
 
     @property
@@ -254,6 +252,8 @@ class Saver(QObject):
         return {pair for pair in pairs if set(pair) <= set(self._keeper.viewer.layers)}
 
     def _on_choice(self) -> None:
+        for pair in self._pairs():  # another one may be chosen before it is written
+            self._keep(pair)
         image = self._keeper.choices.image
         if image is not None and image not in self._known and image not in self._looks:
             job = self._looks[image] = Job(partial(_look, Picture.of(image)))
@@ -278,6 +278,8 @@ class Saver(QObject):
 
     def _on_edit(self, event: Any = None) -> None:
         layer = getattr(event, "source", None)
+        for pair in self._pairs():
+            self._keep(pair)
         for pair, kept in self._kept.items():
             kept.edited |= layer in (None, pair[1])
         image = self._keeper.choices.image
