@@ -73,6 +73,15 @@ def test_the_python_of_a_page_runs(
         exec(compile(code, name, "exec"), given)
 
 
+def test_the_tests_that_pages_name_are_there() -> None:
+    named = re.compile(r"`(tests/[\w/]+\.py)::(\w+)`")
+    found = [(name, *match) for name, text in TEXTS.items() for match in named.findall(text)]
+    assert len(found) > 20
+    for name, path, test in found:
+        code = (ROOT / path).read_text(encoding="utf-8")
+        assert f"\ndef {test}(" in code, f"{name}: {path}::{test}"
+
+
 def test_there_is_one_version_and_the_hub_finds_what_it_shows() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     place = ROOT / settings["tool"]["hatch"]["version"]["path"]

@@ -202,3 +202,59 @@ def test_much_saved_work_is_told_in_few_lines(tmp_path: Path, count: int) -> Non
     told = describe(offers).split("<br>")
     assert len(told) == (1 if count == 1 else 1 + min(count, LISTED) + (count > LISTED))
     assert ("and 3 more" in told) == (count > LISTED)
+
+
+def unpacked_to(path: Path, **arrays: np.ndarray) -> None:
+    np.savez_compressed(path / "frame-000000003.npz", **arrays)  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    ("origin", "step", "shape", "words"),
+    [
+        ((0.0, 0.0), (1.0, 1.0), (12_000, 12_000), "pixels: float32"),
+        ((1e9, 0.0), (1.0, 1.0), (4, 4), "outside of the image"),
+        ((0.0, 37.0), (1.0, 1.0), (4, 4), "outside of the image"),
+        ((0.0, 0.0), (1e-6, 1e-6), (4, 4), "a step from 1"),
+        ((0.0, np.nan), (1.0, 1.0), (4, 4), "an origin and a step"),
+    ],
+)
+def test_pictures_take_no_more_memory_than_the_image(
+    tmp_path: Path,
+    peak_memory: Any,
+    origin: tuple[float, float],
+    step: tuple[float, float],
+    shape: tuple[int, int],
+    words: str,
+) -> None:
+    Folder(tmp_path).write(session())
+    unpacked_to(tmp_path, place=np.array([origin, step]), pixels=np.zeros(shape, np.float32))
+    said: list[str] = []
+    taken = peak_memory(lambda: said.extend(read(tmp_path, 9, SIZE)[1]))
+    assert words in said[0]
+    assert taken < 2**20
+
+
+def test_a_page_takes_a_small_multiple_of_its_file(tmp_path: Path, peak_memory: Any) -> None:
+    records = tuple(record(number) for number in range(1, 301))
+    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: Page((), records)}))
+    size = (tmp_path / "frame-000000000.json").stat().st_size
+    assert size > 2**20
+    assert peak_memory(lambda: read(tmp_path, 9, SIZE)) < 4 * size
+
+
+def test_much_nothing_in_a_page_is_refused_cheaply(tmp_path: Path, peak_memory: Any) -> None:
+    Folder(tmp_path).write(session())
+    path = tmp_path / "frame-000000003.json"
+    path.write_text('{"sketches": [' + "[" * 500_000, encoding="utf-8")
+    said: list[str] = []
+    taken = peak_memory(lambda: said.extend(read(tmp_path, 9, SIZE)[1]))
+    assert "frame-000000003.json" in said[0]
+    assert taken < 2**23
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "ellipse", "polygon", "line"])
+def test_shapes_that_napari_cannot_draw_are_refused(tmp_path: Path, kind: str) -> None:
+    points = np.zeros((3 if kind != "polygon" else 2, 2))
+    Folder(tmp_path).write(Session("x", {}, {0: Page((Shape(kind, points),))}))
+    _, problems = read(tmp_path, 9, SIZE)
+    assert f"a {kind} of {len(points)} vertices" in problems[0]
