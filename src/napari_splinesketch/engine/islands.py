@@ -1,7 +1,7 @@
 """Sketches far from each other have nothing to do with each other: the image in pieces."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,11 @@ class Island:
     def corner(self) -> Int[Array, "2"]:
         """(2,) the window's first pixel in the image."""
         return np.array([s.start for s in self.window])
+
+    def of(self, which: Sequence[int]) -> "Island":
+        """The same part of the image with some of the sketches."""
+        members = tuple(self.members[i] for i in which)
+        return replace(self, members=members, sketches=[self.sketches[i] for i in which])
 
     @cached_property
     def near(self) -> Bool[Array, "h w"]:

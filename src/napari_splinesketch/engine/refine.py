@@ -89,10 +89,10 @@ def refine(
             if blank:
                 faults = [blank if i in island.members else f for i, f in enumerate(faults)]
                 continue
-            seen = scene.read_scene(pixels, island.near, polarity, half_width)
-            report = progress.of(island)
-            parts.append(_fitted(island, seen, preset, seed, report))
-            progress.done(parts[-1])
+            for members, seen in scene.read_scenes(pixels, island.sketches, polarity, half_width):
+                mine = island.of(members)
+                parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
+                progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
     return assemble.assemble(image, lines, faults, parts, began)
@@ -107,7 +107,7 @@ def _fitted(
         return fit_paper(island, seen, seed, report)
     settings = SETTINGS[preset] if isinstance(preset, str) else preset
     found = fit_scene(seen, island.sketches, island.fixed, island.corner, settings, report)
-    return assemble.describe(island, seen, found)
+    return assemble.describe(island, found.seen, found)
 
 
 class _Progress:

@@ -1,24 +1,69 @@
-"""Find before polish: which way through the traces each sketch means."""
+"""Find before polish: which body each sketch means."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
+from scipy.spatial import cKDTree
+from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import choice, smooth_paths, tracing
-from napari_splinesketch.engine.find.judging import best_starts
-from napari_splinesketch.engine.find.trials import Comparison, Start, Trial, fitted
-from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.find import choice, paths, scoring, strip
+from napari_splinesketch.engine.find.choice import Candidates
+from napari_splinesketch.engine.find.tracing import TraceGraph, trace
+from napari_splinesketch.engine.fit.bands import band
+from napari_splinesketch.engine.look.ridges import WIDTHS
+from napari_splinesketch.engine.look.scene import CREST, Scene
+from napari_splinesketch.engine.look.sketched import look_around, reach_of
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
 
-SMOOTH = 1.5
+BODY = 0.45
+"""Evidence from which a pixel is body."""
+FARTHER, FARTHER_WIDTHS = 1.3, 4.0
+"""The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
+STRIPS = (1.0, 0.4)
+"""Shares of the reach within which paths that keep the sketch's order are looked for."""
+SMOOTH = 1.0
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
+FIRST = 200
+"""Routes whose every feature is looked at."""
+UNSEEN = 0.6
+"""A path without evidence along so much of it is no body's."""
+CONTRASTS = (0.2, 4.0)
+"""Of one body against the others', at least and at most."""
 
 Line = Float[Array, "N 2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the fit of one body begins.
+
+    Attributes
+    ----------
+    line
+        (N, 2) the path that was found, or the sketch where there is none.
+    found
+        Whether a body was found.
+    margin
+        By how much the best set of paths with another one here is worse.
+    half_width
+        Of the body, px.
+    contrast
+        Of the body, as a share of the scene's.
+    unseen
+        Share of the path without evidence.
+    """
+
+    line: Line
+    found: bool
+    margin: float
+    half_width: float
+    contrast: float
+    unseen: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +72,17 @@ class Found:
 
     Attributes
     ----------
+    seen
+        The scene, in units of the contrast of the bodies that were found.
     starts
-        One for each sketch, then one for each body beside them that nobody sketched.
+        One for each sketch.
     clusters
         Which of them have to be fitted together.
     """
 
+    seen: Scene
     starts: list[Start]
-    clusters: list[tuple[int, ...]]
+    clusters: list[list[int]]
 
 
 def find(
@@ -42,10 +90,9 @@ def find(
     sketches: list[Line],
     fixed: list[Line],
     settings: Settings,
-    comparison: Comparison | None,
     tick: Callable[[float], None],
 ) -> Found:
-    """A start for every sketch, and for what lies across them without one.
+    """Find the path of every sketch.
 
     Parameters
     ----------
@@ -54,76 +101,141 @@ def find(
     sketches
         (N, 2) polylines.
     fixed
-        Centrelines that explain their pieces already.
+        Centrelines that have their bodies already.
     settings
         How widely to look.
-    comparison
-        How sets of paths are compared; None takes the likeliest as they are.
     tick
         Called with the share of the sketches whose paths are known; may raise `Stopped`.
     """
-    w = seen.half_width
-    graph = tracing.trace(seen.mask, w)
+    evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
+    usual = float(np.median([spline.arc_length(s)[-1] for s in sketches]))
+    graph = trace(_mask(seen, evidence, sketches), seen.half_width, usual)
     candidates = []
-    for i, sketch in enumerate(sketches):
+    for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
         tick(i / len(sketches))
-        candidates.append(
-            smooth_paths.candidate_paths(graph, sketch, w, settings.weigh, settings.paths)
-        )
-    candidates = smooth_paths.without_excess(candidates, w)
-    explained = choice.explained_by(graph, fixed, w)
-    likeliest = np.array([p.covers[:1].any(0) for p in candidates])
-    claims = likeliest.sum(0)
-    clusters = []
-    for members in choice.interacting(candidates, sketches, w):
-        # A path on a body that another sketch means would look good: nothing else is drawn there.
-        elsewhere = claims > likeliest[list(members)].sum(0)
-        paths = [candidates[i] for i in members]
-        clusters.append(
-            choice.make_cluster(graph, members, paths, w, settings, explained | elsewhere)
-        )
-    trials = [
-        Trial(number, _starts(c, row, [sketches[i] for i in c.members], w))
-        for number, c in enumerate(clusters)
-        for row in c.sets
-    ]
-    if comparison:
-        compared = [len(c.members) <= choice.MOST_COMPARED for c in clusters]
-        left = [t for t in trials if not compared[t.cluster]]
-        trials = left + fitted([t for t in trials if compared[t.cluster]], fixed, comparison, w)
+        candidates.append(_candidates(graph, sketch, WIDTHS[rung], evidence[rung], settings))
+    taken = _along(graph, fixed, seen.half_width)
+    clusters = choice.interacting(candidates)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
-    together = []
-    for number, cluster in enumerate(clusters):
-        mine = [t for t in trials if t.cluster == number]
-        drawn = [sketches[i] for i in cluster.members]
-        best = mine[0].starts
-        if comparison and len(mine) > 1:
-            best = best_starts(mine, drawn, w, comparison)
-        for i, start in zip(cluster.members, best, strict=False):
-            starts[i] = start
-        beside = best[len(drawn) :]
-        together.append((*cluster.members, *range(len(starts), len(starts) + len(beside))))
-        starts += beside
-    return Found(starts, together)
+    for members in clusters:
+        chosen = choice.choose(
+            graph, [candidates[i] for i in members], seen.half_width, usual, taken
+        )
+        for i, pick in zip(members, chosen, strict=True):
+            line = candidates[i].lines[pick.path]
+            starts[i] = _start(seen, sketches[i], line, seen.rungs[i], evidence, pick.margin)
+    return _rescaled(Found(seen, starts, clusters))
 
 
-def _starts(
-    cluster: choice.Cluster, row: tuple[int, ...], sketches: list[Line], half_width: float
-) -> list[Start]:
-    number = len(sketches)
-    starts = [
-        _start(paths, path, sketch, half_width)
-        for paths, path, sketch in zip(cluster.paths[:number], row, sketches, strict=False)
+def _mask(
+    seen: Scene, evidence: dict[int, Float[Array, "H W"]], sketches: list[Line]
+) -> Bool[Array, "H W"]:
+    """Pixels that are body, near the sketches and seen at the half-width of each."""
+    mask = np.zeros(seen.valid.shape, dtype=bool)
+    for rung, seen_at in evidence.items():
+        near = np.zeros_like(mask)
+        for sketch, own in zip(sketches, seen.rungs, strict=True):
+            if own == rung:
+                reach = _reach(sketch, WIDTHS[rung])
+                rows, columns, inside = band(sketch, reach, mask.shape)
+                near[rows, columns] |= inside
+        mask |= near & (seen_at > BODY)
+    return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
+
+
+def _reach(sketch: Line, half_width: float) -> float:
+    return FARTHER * reach_of(sketch, half_width) + FARTHER_WIDTHS * half_width
+
+
+def _candidates(
+    graph: TraceGraph,
+    sketch: Line,
+    half_width: float,
+    evidence: Float[Array, "H W"],
+    settings: Settings,
+) -> Candidates:
+    """Paths that one sketch may mean, of the graph and of strips along the sketch."""
+    reach = reach_of(sketch, half_width)
+    covers = [
+        (1 - np.minimum(evidence[tuple(p.astype(int).T)].mean() / scoring.SEEN, 1))
+        for p in graph.pieces
     ]
-    beside = zip(cluster.paths[number:], row[number:], strict=True)
-    lines = [paths.points[path] for paths, path in beside if path > 0]
-    return starts + [Start(smoothed(line, SMOOTH * half_width), True) for line in lines]
+    tolerance = float(scoring.tolerance(sketch, half_width).min())
+    routes = paths.routes_of_sketch(
+        graph, np.array(covers), sketch, half_width, _reach(sketch, half_width), tolerance,
+        settings.weigh,
+    )  # fmt: skip
+    lines: list[Line] = []
+    along = np.zeros((0, len(graph.pieces)), dtype=bool)
+    if routes:
+        sampled, total = paths.sampled(graph, routes, scoring.SAMPLES)
+        rough = scoring.rough_cost(sampled, total, sketch, half_width, evidence)
+        first = np.argsort(rough, kind="stable")[:FIRST]
+        cost = scoring.cost(sampled[first], total[first], sketch, half_width, evidence)
+        best = first[np.argsort(cost, kind="stable")[: settings.paths]]
+        lines = [smoothed(paths.polyline(graph, routes[i]), SMOOTH * half_width) for i in best]
+        along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
+        for row, i in zip(along, best, strict=True):
+            row[np.array(routes[i]) >> 1] = True
+    strips = [strip.ordered_path(evidence, sketch, half_width, share * reach) for share in STRIPS]
+    lines += [smoothed(line, SMOOTH * half_width) for line in strips]
+    along = np.concatenate([along, [_along(graph, [line], half_width) for line in strips]])
+    sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
+    total = np.array([spline.arc_length(line)[-1] for line in lines])
+    cost = scoring.cost(sampled, total, sketch, half_width, evidence)
+    order = np.argsort(cost, kind="stable")
+    order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
+    return Candidates(tuple(lines[i] for i in order), cost[order], along[order])
 
 
-def _start(paths: smooth_paths.Paths, path: int, sketch: Line, half_width: float) -> Start:
-    if path < 0:
-        return Start(sketch, False)
-    return Start(smoothed(paths.points[path], SMOOTH * half_width), True)
+def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
+    """(E,) which pieces lie along some lines."""
+    if not lines or not len(graph.pieces):
+        return np.zeros(len(graph.pieces), dtype=bool)
+    dense = [spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines]
+    apart = cKDTree(np.concatenate(dense)).query(graph.middles)[0]
+    return apart < choice.EXPLAINED * half_width
+
+
+def _start(
+    seen: Scene,
+    sketch: Line,
+    line: Line,
+    rung: int,
+    evidence: dict[int, Float[Array, "H W"]],
+    margin: float,
+) -> Start:
+    """A path with what the image is like along it."""
+    sampled = spline.resample(line, scoring.SAMPLES)
+    along = ndimage.map_coordinates(evidence[rung], sampled.T, order=1)
+    unseen = float(1 - np.minimum(along / scoring.SEEN, 1).mean())
+    if unseen > UNSEEN:
+        return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
+    around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
+    own = int(np.clip(around.rung, rung - 2, rung + 2))
+    contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
+    return Start(line, True, margin, WIDTHS[own], contrast, unseen)
+
+
+def _rescaled(found: Found) -> Found:
+    """The same in units of the contrast of what was found."""
+    mine = [s for s in found.starts if s.found]
+    if not mine:
+        return found
+    unit = float(np.median([s.contrast for s in mine]))
+    if not 0 < unit < np.inf:
+        return found
+    seen = replace(
+        found.seen,
+        normal=(found.seen.normal / unit).astype(np.float32),
+        contrast=found.seen.contrast * unit,
+        noise=max(found.seen.noise / unit, 0.01),
+        half_width=float(np.median([s.half_width for s in mine])),
+    )
+    starts = [
+        replace(s, contrast=float(np.clip(s.contrast / unit, *CONTRASTS))) for s in found.starts
+    ]
+    return Found(seen, starts, found.clusters)
 
 
 def smoothed(line: Line, sigma: float) -> Line:

@@ -7,7 +7,10 @@ from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
 from napari_splinesketch.engine.find.cover import BODY, explain
-from napari_splinesketch.engine.find.tracing import THRESHOLD, TraceGraph, body_mask, trace
+from napari_splinesketch.engine.find.tracing import TraceGraph, trace
+from napari_splinesketch.engine.look.scene import body_mask
+
+THRESHOLD = 0.45
 from napari_splinesketch.engine.look.background import estimate_background
 from napari_splinesketch.engine.look.scene import pixel_noise, read_scene
 from napari_splinesketch.engine.spline import arc_length, fit_knots

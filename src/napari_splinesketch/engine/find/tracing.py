@@ -7,20 +7,24 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
-from skimage.morphology import remove_small_objects, skeletonize
+from scipy.spatial import cKDTree
+from skimage.morphology import skeletonize
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array
 
-THRESHOLD = 0.45
-"""Of the contrast."""
-SMOOTHING = 0.35
 SPUR = 1.6
 SPLIT = 4.0
 TANGENT = 3.0
 BRIDGE = 3.5
+GAP = 9.0
 """Lengths, in half-widths of the bodies."""
+PARTS = 25
+"""A body of the usual length is in about so many pieces, or in fewer where it is short."""
+AHEAD, FACING = 0.8, 0.5
+"""A gap is bridged within this cosine of where its first side points, and of its other side."""
+MOST_LINKS = 3
+"""Bridges of gaps from one free end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +71,8 @@ class TraceGraph:
         return np.array([piece[len(piece) // 2] for piece in self.pieces]).reshape(-1, 2)
 
 
-def body_mask(
-    image: Float[Array, "H W"], half_width: float, smoothing: float = 0.0
-) -> Bool[Array, "H W"]:
-    """Pixels that are body: the smoothed image (background 0, bodies 1) above a threshold."""
-    sigma = max(SMOOTHING * half_width, 0.5, smoothing)
-    smooth = ndimage.gaussian_filter(image, sigma)
-    smallest = int(max(4 * half_width**2, 6))
-    return remove_small_objects(smooth > THRESHOLD, max_size=smallest)
-
-
-def trace(mask: Bool[Array, "H W"], half_width: float) -> TraceGraph:
-    """The graph of a mask's skeleton.
+def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> TraceGraph:
+    """The graph of a mask's skeleton, with straight links across its gaps.
 
     Parameters
     ----------
@@ -86,6 +80,8 @@ def trace(mask: Bool[Array, "H W"], half_width: float) -> TraceGraph:
         (H, W) pixels that are body.
     half_width
         Typical half-width of the bodies, px; every length scales with it.
+    usual
+        Usual length of the bodies, px, as far as it is known.
     """
     chains = _prune(list(_chains(skeletonize(mask))), SPUR * half_width)
     ends_of = [tuple(map(tuple, (c[0], c[-1]))) for c in chains]
@@ -96,26 +92,59 @@ def trace(mask: Bool[Array, "H W"], half_width: float) -> TraceGraph:
 
     number: dict[tuple, int] = {}
     pieces, ends, bridges = [], [], []
+    longest = max(SPLIT * half_width, usual / PARTS)
     for chain in chains:
         crossing = degree[tuple(chain[0])] > 2 and degree[tuple(chain[-1])] > 2
         short = arc_length(chain)[-1] < BRIDGE * half_width
-        for piece in _split(chain.astype(float), SPLIT * half_width):
+        for piece in _split(chain.astype(float), longest):
             a, b = tuple(piece[0]), tuple(piece[-1])
             ends.append([number.setdefault(a, len(number)), number.setdefault(b, len(number))])
             pieces.append(piece)
             bridges.append(crossing and short)
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree.get(tuple(int(x) for x in n), 2) == 1 for n in number], dtype=bool)
-    headings = np.array([[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces])
+    headings = [[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces]
+    for a, b in _gaps(nodes, tips, ends, headings, GAP * half_width):
+        ends.append([a, b])
+        pieces.append(nodes[[a, b]])
+        bridges.append(False)
+        ahead = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
+        headings.append([-ahead, ahead])
     return TraceGraph(
         nodes,
         tips,
         tuple(pieces),
         np.array(ends, dtype=int).reshape(-1, 2),
         np.array([arc_length(p)[-1] for p in pieces]),
-        headings.reshape(-1, 2, 2),
+        np.array(headings).reshape(-1, 2, 2),
         np.array(bridges, dtype=bool),
     )
+
+
+def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
+    """Pairs of nodes between which a body may go on unseen: what a free end points at."""
+    if tips.sum() < 1 or len(nodes) < 3:
+        return []
+    out: dict[int, list[Float[Array, 2]]] = {}
+    for pair, both in zip(ends, headings, strict=True):
+        for node, heading in zip(pair, both, strict=True):
+            out.setdefault(node, []).append(heading)
+    tree, found = cKDTree(nodes), set()
+    for tip in np.flatnonzero(tips).tolist():
+        own = {tip, *(n for pair in ends if tip in pair for n in pair)}
+        likely = []
+        for other in tree.query_ball_point(nodes[tip], reach):
+            apart = nodes[other] - nodes[tip]
+            distance = float(np.linalg.norm(apart))
+            if other in own or distance == 0:
+                continue
+            ahead = float(out[tip][0] @ apart) / distance
+            facing = max(-float(heading @ apart) / distance for heading in out[other])
+            if ahead > AHEAD and (not tips[other] or facing > FACING):
+                likely.append((distance * (2 - ahead), other))
+        for _, other in sorted(likely)[:MOST_LINKS]:
+            found.add((min(tip, other), max(tip, other)))
+    return sorted(found)
 
 
 def _heading(piece: Float[Array, "N 2"], half_width: float) -> Float[Array, "2"]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import smooth_paths
+from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.judge import assess
@@ -27,6 +27,8 @@ ASIDE = 0.85
 """... and lie further apart than this share of what their half-widths come to."""
 ONE_BODY = 0.3
 """Curves this much of which runs along one another lie on one body."""
+PIXELS = 8.0
+"""Unexplained pixels that weigh as much as one unit of a path's cost."""
 ACROSS = 5.0
 """Half-widths on either side in which the edges of the two bodies together are looked for."""
 
@@ -80,7 +82,8 @@ def _likelier(
 
     def score(misfit: float, bodies: list[Body]) -> float:
         costs = zip(_each_its_side(bodies, sketches), sketches, strict=True)
-        own = sum(smooth_paths.path_cost(b.points(), s, seen.half_width) for b, s in costs)
+        own = sum(scoring.sketch_cost(b.points(), s, seen.half_width) for b, s in costs)
+        own *= PIXELS
         return misfit * seen.noise**2 * pixels + own
 
     return score(new, pair) < score(old, one)

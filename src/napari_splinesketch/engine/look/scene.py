@@ -1,34 +1,35 @@
-"""What an image is made of before any curve is fitted: background, contrast, noise, width."""
+"""What an image is made of before any curve is fitted, as seen through its sketches."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
-from napari_splinesketch.engine.find.tracing import body_mask
 from napari_splinesketch.engine.look.background import Kind, estimate_background
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
+from napari_splinesketch.engine.look.sketched import Around, look_around
 from napari_splinesketch.engine.types import Array, Polarity
 
 MISSING = 1.5
 """Missing pixels are guessed from those nearby, with Gaussian weights of this width, px."""
+ALONE = 0.5
+"""A sketch whose profiles vote more clearly than this for a polarity has it, whatever the rest."""
+FAINTEST = 0.5
+"""The smallest contrast there can be, times the noise of a pixel."""
+CREST = 0.9
+"""Height of a body's ridge above its sides, as a share of the body's contrast."""
+BELIEVED = 0.6
+"""A half-width that was told is believed where ridges of that width are so high, against the best."""
 
-
-SMOOTHINGS = (1.0, 1.6, 2.5)
-"""Smoothings of the image that tells the contrast, px: as little as makes it clear."""
-CLEAR, FAINTEST = 8.0, 3.0
-"""A clear contrast, and the smallest there can be, times the noise that the smoothing leaves."""
-GAINED = 1.15
-"""More smoothing makes a contrast so much clearer, or the bodies are too thin for it."""
-BELIEVED = 1.6
-"""A half-width that was told is believed within this factor of those in the image."""
+Line = Float[Array, "N 2"]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """An image in units of its bodies' contrast.
+    """An image in units of its bodies' contrast, for bodies of one polarity.
 
     Attributes
     ----------
@@ -46,8 +47,10 @@ class Scene:
         Standard deviation of the pixel noise, as a share of the contrast.
     half_width
         Typical half-width of the bodies, px.
-    smoothing
-        Smoothing without which the bodies do not stand out from the noise, px; usually none.
+    ridges
+        Of the image.
+    rungs
+        For each sketch, the index of its body's half-width in WIDTHS.
     contradicted
         The half-width that was told, if no body in the image is like that.
     """
@@ -59,34 +62,34 @@ class Scene:
     contrast: float
     noise: float
     half_width: float
-    smoothing: float = 0.0
+    ridges: Ridges
+    rungs: tuple[int, ...]
     contradicted: float | None = None
-
-    @cached_property
-    def mask(self) -> Bool[Array, "H W"]:
-        """(H, W) pixels that are body."""
-        return body_mask(self.normal, self.half_width, self.smoothing)
 
     @property
     def polarity(self) -> Literal["bright", "dark"]:
         """Whether bodies are brighter or darker than the background."""
         return "bright" if self.contrast > 0 else "dark"
 
+    def evidence(self, rung: int) -> Float[Array, "H W"]:
+        """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1."""
+        return self.ridges.evidence(rung, int(np.sign(self.contrast)), abs(self.contrast) * CREST)
 
-def read_scene(
+
+def read_scenes(
     image: Real[Array, "H W"],
-    near: Bool[Array, "H W"],
+    sketches: Sequence[Line],
     polarity: Polarity,
     half_width: float | None,
-) -> Scene:
-    """Estimate background, polarity, contrast, noise and half-width.
+) -> list[tuple[list[int], Scene]]:
+    """The scene of the bright bodies and that of the dark ones, with the sketches that mean them.
 
     Parameters
     ----------
     image
         (H, W) any real dtype; not finite pixels are masked.
-    near
-        (H, W) where the bodies are expected: the surroundings of the sketches.
+    sketches
+        (N, 2) each.
     polarity, half_width
         As given to `refine`.
     """
@@ -94,36 +97,55 @@ def read_scene(
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     noise = pixel_noise(whole)
+    ridges = Ridges(whole, noise)
+    around = [look_around(ridges, line) for line in sketches]
+    signs = _signs([bright.vote for bright, _ in around], polarity)
     background, kind = estimate_background(whole, noise)
-    flat = whole - background
-    contrast, smoothing = _signed_contrast(flat, near & valid, noise, polarity)
     rounding = 1e-9 * float(np.abs(image[valid]).max()) + 1e-30
-    contrast = float(np.copysign(max(abs(contrast), rounding), contrast))
-    normal = (flat / contrast).astype(np.float32)
-    noise = max(noise / abs(contrast), 0.01)
-    width, contradicted = _half_width(ridge_depths(normal, near, smoothing), half_width)
-    return Scene(normal, valid, background, kind, contrast, noise, width, smoothing, contradicted)
+    scenes = []
+    for sign in (1, -1):
+        members = [i for i, s in enumerate(signs) if s == sign]
+        if not members:
+            continue
+        mine = [around[i][0 if sign > 0 else 1] for i in members]
+        rungs, contradicted = _rungs(mine, half_width)
+        height = float(np.median([a.height for a in mine])) / CREST
+        contrast = sign * max(height, FAINTEST * noise, rounding)
+        scene = Scene(
+            ((whole - background) / contrast).astype(np.float32),
+            valid,
+            background,
+            kind,
+            contrast,
+            max(noise / abs(contrast), 0.01),
+            float(np.median([WIDTHS[r] for r in rungs])),
+            ridges,
+            rungs,
+            contradicted,
+        )
+        scenes.append((members, scene))
+    return scenes
 
 
-def _signed_contrast(
-    flat: Float[Array, "H W"], near: Bool[Array, "H W"], noise: float, polarity: Polarity
-) -> tuple[float, float]:
-    """Bodies minus background, and the smoothing that makes them stand out from the noise."""
-    contrast, clear, smoothing = 0.0, 0.0, 0.0
-    for sigma in SMOOTHINGS:
-        smooth = ndimage.gaussian_filter(flat, sigma)[near]
-        low, centre, high = np.quantile(smooth, [0.01, 0.5, 0.99])
-        bright = high - centre >= centre - low if polarity == "auto" else polarity == "bright"
-        sign = 1.0 if bright else -1.0
-        left = noise / (2 * np.sqrt(np.pi) * sigma)
-        height = max(_contrast(sign * smooth), FAINTEST * left)
-        if height < GAINED * clear * left:
-            break
-        smoothing = sigma if clear else 0.0
-        contrast, clear = sign * height, height / max(left, 1e-30)
-        if clear > CLEAR:
-            break
-    return contrast, smoothing
+def _signs(votes: list[float], polarity: Polarity) -> list[int]:
+    """1 for bright and -1 for dark: each sketch's own, or that of all where it is not clear."""
+    if polarity != "auto":
+        return [1 if polarity == "bright" else -1] * len(votes)
+    most = 1 if sum(votes) >= 0 else -1
+    return [(1 if v > 0 else -1) if abs(v) > ALONE else most for v in votes]
+
+
+def _rungs(around: list[Around], told: float | None) -> tuple[tuple[int, ...], float | None]:
+    """Each body's own half-width, near what is usual, and what was told if none is like that."""
+    usual = round(float(np.median([a.rung for a in around])))
+    own = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
+    if told is None:
+        return own, None
+    rung = int(np.abs(np.log(np.array(WIDTHS) / told)).argmin())
+    shares = [a.profile[rung] / max(a.profile) for a in around if rung < len(a.profile)]
+    if shares and np.median(shares) > BELIEVED:
+        return (rung,) * len(around), None
+    return own, told
 
 
 def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
@@ -141,36 +163,3 @@ def pixel_noise(image: Float[Array, "H W"]) -> float:
         return float(np.std(np.diff(image.ravel())) / np.sqrt(2)) if image.size > 1 else 0.0
     difference = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
     return float(1.4826 * np.median(np.abs(difference)) / 2)
-
-
-def _contrast(smooth: Float[Array, " P"]) -> float:
-    """Typical brightness of the brightest few percent that stand out."""
-    peak = np.quantile(smooth, 0.995)
-    bodies = smooth[smooth > 0.5 * peak]
-    return float(np.median(bodies)) if len(bodies) else 0.0
-
-
-def ridge_depths(
-    normal: Float[Array, "H W"], near: Bool[Array, "H W"], smoothing: float
-) -> Float[Array, " R"]:
-    """Half-widths of the bodies of a normalised image, px, all along their middles.
-
-    The ridge of the distance to the mask's edge is about one pixel wide, and its height is the
-    half-width.
-    """
-    mask = body_mask(normal, 1.5, smoothing) & near
-    depth = np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
-    return depth[mask & (depth >= ndimage.maximum_filter(depth, 3) - 1e-6)]
-
-
-def _half_width(depths: Float[Array, " R"], told: float | None) -> tuple[float, float | None]:
-    """Typical half-width, and what was told if the image has no body like that."""
-    if not len(depths):
-        return told or 2.0, None
-    seen = float(np.clip(np.median(depths), 0.7, 50.0))
-    if told is None:
-        return seen, None
-    low, high = np.quantile(depths, [0.1, 0.9])
-    if low / BELIEVED < told < high * BELIEVED:
-        return told, None
-    return seen, told

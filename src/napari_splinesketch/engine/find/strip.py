@@ -1,0 +1,116 @@
+"""The path that keeps the sketch's order: the image straightened along the sketch."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import ndimage
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.types import Array
+
+ALONG, ACROSS = 0.6, 0.35
+"""Spacing of the straightened image, half-widths, at least ALONG_PX and ACROSS_PX."""
+ALONG_PX, ACROSS_PX = 1.0, 0.5
+BEYOND = 0.12
+"""The path may go on beyond either end of the sketch by so much of its length."""
+STEEPEST = 1.5
+"""Of the path against the sketch: px across for a px along."""
+TILT = 0.6
+"""Cost of a path at 45 degrees to the sketch, for each step along."""
+ASTRAY = 0.25
+"""Cost of a path at the reach, against one without any evidence."""
+DRAWN, EXTRA = 0.1, 0.5
+"""What a step of the sketch that is left out costs, and one beyond its ends."""
+SEEN = 0.4
+"""Evidence above this speaks for a step, below against it."""
+
+Line = Float[Array, "N 2"]
+
+
+def ordered_path(
+    evidence: Float[Array, "H W"], sketch: Line, half_width: float, reach: float
+) -> Line:
+    """The path with the most evidence that runs along a sketch, within `reach` of it.
+
+    Dynamic programming over offsets across the sketch (the path is a function of the arc length
+    of the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near
+    the sketch's own.
+
+    Parameters
+    ----------
+    evidence
+        (H, W) 0 to 1.
+    sketch
+        (N, 2).
+    half_width, reach
+        Px.
+    """
+    length = spline.arc_length(sketch)[-1]
+    along, across = max(ALONG * half_width, ALONG_PX), max(ACROSS * half_width, ACROSS_PX)
+    count = max(12, round(length / along) + 1)
+    along = length / (count - 1)
+    extra = int(np.ceil(BEYOND * length / along)) + 3
+    points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
+    half = int(np.ceil(reach / across))
+    offsets = across * np.arange(-half, half + 1)
+    at = points[:, None] + offsets[None, :, None] * normal[:, None]
+    seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
+    cost = (1 - seen) + ASTRAY * (offsets / reach) ** 2
+    beyond = np.ones(len(points), dtype=bool)
+    beyond[extra:-extra] = False
+    cost[beyond] = np.minimum(cost[beyond], 0.6)
+    steepest = max(2, int(np.ceil(STEEPEST * along / across)))
+    best = _cheapest(cost, steepest, TILT * (across / along) ** 2)
+    rows = np.arange(len(points))
+    path = points + offsets[best, None] * normal
+    first, last = _ends(seen[rows, best], extra)
+    return path[first : last + 1]
+
+
+def _frame(
+    sketch: Line, count: int, extra: int, along: float, smooth: float
+) -> tuple[Float[Array, "S 2"], Float[Array, "S 2"]]:
+    """Points every `along` px on the sketch and beyond its ends, and unit normals there."""
+    points = spline.resample(sketch, count)
+    soft = ndimage.gaussian_filter1d(points, max(1.0, smooth / along), axis=0, mode="nearest")
+    tangent = np.gradient(soft, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    steps = along * np.arange(1, extra + 1)[:, None]
+    before, after = points[0] - tangent[0] * steps[::-1], points[-1] + tangent[-1] * steps
+    tangent = np.pad(tangent, ((extra, extra), (0, 0)), mode="edge")
+    return np.concatenate([before, points, after]), tangent[:, ::-1] * [-1.0, 1.0]
+
+
+def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Array, " S"]:
+    """Columns of the cheapest way from the first row to the last (Viterbi)."""
+    rows, columns = cost.shape
+    moves = np.arange(-steepest, steepest + 1)
+    price = tilt * moves.astype(float) ** 2
+    total = cost[0]
+    came = np.zeros(cost.shape, dtype=np.int16)
+    index = np.arange(columns)
+    for row in range(1, rows):
+        padded = np.pad(total, steepest, constant_values=np.inf)
+        ways = np.lib.stride_tricks.sliding_window_view(padded, len(moves)) + price
+        came[row] = ways.argmin(1)
+        total = ways[index, came[row]] + cost[row]
+    at = int(total.argmin())
+    found = [at]
+    for row in range(rows - 1, 0, -1):
+        at += int(came[row, at]) - steepest
+        found.append(at)
+    return np.array(found[::-1])
+
+
+def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
+    """First and last step: what is seen between them pays, what is left out of the sketch costs."""
+    gained = np.concatenate([[0.0], np.cumsum(seen - SEEN)])
+    count, middle = len(seen), len(seen) // 2
+
+    def price(outside: Int[Array, " n"]) -> Float[Array, " n"]:
+        return np.where(outside > 0, EXTRA * outside, -DRAWN * outside)
+
+    first = np.arange(middle)
+    a = int(np.argmin(gained[first] + price(extra - first)))
+    last = np.arange(middle, count)
+    b = middle + int(np.argmax(gained[last + 1] - price(last - (count - 1 - extra))))
+    return a, b

@@ -1,0 +1,145 @@
+"""How much each pixel looks like the middle of a body: bounded, two-sided, local."""
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+
+from napari_splinesketch.engine.types import Array
+
+RATIO = 1.35
+"""Of one half-width that is tried to the next."""
+WIDTHS = tuple((0.8 * RATIO ** np.arange(14)).tolist())
+"""Half-widths that are tried, px: 0.8 to 40."""
+BLUR, BLUR_PX = 0.45, 0.6
+"""Blur before ridges are measured, half-widths and px at least: more would join neighbours."""
+ASIDE, ASIDE_PX = 1.7, 0.5
+"""The sides of a ridge are this many half-widths, and px, from its middle: beyond its edge."""
+FINE = 3.0
+"""Wide ridges are measured on an image reduced until they have about this half-width, px."""
+ANGLES = 8
+"""Directions across which a ridge may run, in half a turn."""
+CERTAIN = 5.0
+"""A ridge so many times as high as what is usual around it counts fully."""
+AROUND, AROUND_PX = 10.0, 16
+"""Side of the blocks that tell what is usual, half-widths, and px at least."""
+LEFT = 1.4
+"""Noise of the difference of two smoothed pixels, in units of one's."""
+FLOOR = 0.03
+"""Ridges lower than this share of the bodies' tell nothing, whatever is usual."""
+
+
+class Ridges:
+    """The ridges of an image, of any width and of both polarities, measured when asked for.
+
+    Parameters
+    ----------
+    image
+        (H, W) finite.
+    noise
+        Standard deviation of the pixel noise, in the image's units.
+    """
+
+    def __init__(self, image: Float[Array, "H W"], noise: float):
+        self._image, self.noise = image.astype(np.float32), noise
+        self._known: dict[int, tuple[Array, Array]] = {}
+
+    def factor(self, rung: int) -> int:
+        """By how much the image is reduced for the half-width WIDTHS[rung]."""
+        return max(1, int(WIDTHS[rung] / FINE))
+
+    def heights(self, rung: int) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+        """By how much pixels are above, and below, both their sides; reduced by `factor`."""
+        if rung not in self._known:
+            factor, width = self.factor(rung), WIDTHS[rung]
+            image = self._reduced.get(factor)
+            if image is None:
+                image = self._reduced.setdefault(factor, _reduce(self._image, factor))
+            sigma = max(BLUR * width, BLUR_PX) / factor
+            smooth = ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=3.0)
+            self._known[rung] = _heights(smooth, (ASIDE * width + ASIDE_PX) / factor)
+        return self._known[rung]
+
+    @cached_property
+    def _reduced(self) -> dict[int, Array]:
+        return {}
+
+    def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
+        """Evidence of a body's middle at every pixel, 0 to 1.
+
+        A ridge is higher than *both* its sides, so that edges, rims and blobs are none; its height
+        is measured in units of what is usual around it, and cut at CERTAIN of them: a ridge is a
+        ridge, however strong. The next narrower and wider ridges count too.
+
+        Parameters
+        ----------
+        rung
+            Index of the bodies' half-width in WIDTHS.
+        sign
+            1 for bright bodies, -1 for dark ones.
+        height
+            Of the bodies' ridges, typically.
+        """
+        best = np.zeros(self._image.shape, np.float32)
+        for k in range(max(rung - 1, 0), min(rung + 2, len(WIDTHS))):
+            mine, factor = self.heights(k)[0 if sign > 0 else 1], self.factor(k)
+            sigma = max(BLUR * WIDTHS[k], BLUR_PX)
+            left = LEFT * self.noise / (2 * np.sqrt(np.pi) * sigma)
+            usual = _usual(mine, max(AROUND * WIDTHS[rung], AROUND_PX) / factor)
+            share = mine / np.maximum(usual, max(left, FLOOR * height, 1e-30))
+            np.maximum(best, _enlarged(share, best.shape, factor), out=best)
+        return np.clip(best / CERTAIN, 0.0, 1.0)
+
+
+def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
+    if factor == 1:
+        return image
+    pad = [(0, -size % factor) for size in image.shape]
+    wide = np.pad(image, pad, mode="edge")
+    h, w = (size // factor for size in wide.shape)
+    return wide.reshape(h, factor, w, factor).mean((1, 3))
+
+
+def _enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
+    if factor == 1:
+        return image
+    wide = ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True)
+    return wide[: shape[0], : shape[1]]
+
+
+def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
+    reach = int(np.ceil(away))
+    wide = np.pad(smooth, reach, mode="edge")
+    rows, columns = smooth.shape
+    above = np.full(smooth.shape, np.inf, np.float32)
+    below = np.full(smooth.shape, -np.inf, np.float32)
+    for angle in np.pi * np.arange(ANGLES) / ANGLES:
+        r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
+        one = wide[reach + r : reach + r + rows, reach + c : reach + c + columns]
+        two = wide[reach - r : reach - r + rows, reach - c : reach - c + columns]
+        np.minimum(above, np.maximum(one, two), out=above)
+        np.maximum(below, np.minimum(one, two), out=below)
+    return smooth - above, below - smooth
+
+
+def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
+    """The size that heights usually have around each pixel: medians of blocks, interpolated."""
+    counts = [max(1, round(size / block)) for size in height.shape]
+    rows, columns = (
+        np.linspace(0, size, n + 1).astype(int)
+        for size, n in zip(height.shape, counts, strict=True)
+    )
+    size = np.abs(height)
+    medians = np.array(
+        [
+            [np.median(size[a:b, c:d]) for c, d in zip(columns[:-1], columns[1:], strict=True)]
+            for a, b in zip(rows[:-1], rows[1:], strict=True)
+        ],
+        dtype=np.float32,
+    )
+    if medians.size == 1:
+        return np.full(height.shape, medians[0, 0], np.float32)
+    medians = ndimage.median_filter(medians, 3, mode="nearest")
+    zoom = [n / m for n, m in zip(height.shape, medians.shape, strict=True)]
+    return ndimage.zoom(medians, zoom, order=1, mode="nearest", grid_mode=True)

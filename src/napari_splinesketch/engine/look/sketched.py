@@ -1,0 +1,106 @@
+"""What the image is like around one sketch: polarity and half-width of the body that it means."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.look.ridges import BLUR, WIDTHS, Ridges
+from napari_splinesketch.engine.types import Array
+
+SLENDER, THIN = 0.15, 3.0
+"""A body's half-width is at most so much of its sketch's length, or so many px."""
+BULGE, ASTRAY = 0.3, 0.15
+"""A body may leave its sketch by so much of the longest segment, and of the sketch's length."""
+STRAYS, STRAYS_PX = 12.0, 15.0
+"""The latter is at most so many half-widths, and at least so many px."""
+ENOUGH = 0.9
+"""The smallest half-width whose ridge reaches this share of the best one's is the body's."""
+CHANCE = 0.7
+"""What the highest of many noisy ridges has by chance, in units of the smoothed noise."""
+EVERY, FEWEST, MOST = 3.0, 12, 120
+"""Profiles across a sketch are so many px apart; fewest and most of them."""
+OFFSETS = 61
+"""Points on each profile, at most."""
+
+Line = Float[Array, "N 2"]
+
+
+@dataclass(frozen=True)
+class Around:
+    """What is around a sketch, if its body is bright or if it is dark.
+
+    Attributes
+    ----------
+    vote
+        From -1 (surely not) to 1.
+    rung
+        Index of the half-width in WIDTHS.
+    height
+        Of the body's ridge above its sides, in the image's units.
+    profile
+        The same for each half-width that was tried.
+    """
+
+    vote: float
+    rung: int
+    height: float
+    profile: tuple[float, ...]
+
+    @property
+    def half_width(self) -> float:
+        """Px."""
+        return WIDTHS[self.rung]
+
+
+def reach_of(line: Line, half_width: float = 0.0) -> float:
+    """How far from its sketch a body may be, px."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    astray = min(ASTRAY * steps.sum(), max(STRAYS * half_width, STRAYS_PX))
+    return float(max(BULGE * steps.max(), astray))
+
+
+def look_around(ridges: Ridges, line: Line, reach: float | None = None) -> tuple[Around, Around]:
+    """What is around a sketch, seen as a bright body's and as a dark one's.
+
+    On profiles across the sketch the highest ridge counts, of any direction, the nearer the more;
+    the sketch's half-width is that of its median profile.
+    """
+    length = float(spline.arc_length(line)[-1])
+    rungs = int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right"))
+    reach = reach_of(line, WIDTHS[rungs - 1]) if reach is None else reach
+    at, near = _profiles(line, reach)
+    heights = np.empty((2, rungs, len(at)))
+    for rung in range(rungs):
+        factor = ridges.factor(rung)
+        both = ridges.heights(rung)
+        size = np.array(both[0].shape)
+        inside = ((at > -0.5) & (at < size * factor - 0.5)).all(2)
+        r, c = (
+            np.clip(np.rint((at + 0.5) / factor - 0.5), 0, size - 1).astype(int).transpose(2, 0, 1)
+        )
+        chance = CHANCE * ridges.noise / np.sqrt(max(BLUR * WIDTHS[rung], 0.5))
+        for k, height in enumerate(both):
+            heights[k, rung] = np.where(inside, near * height[r, c], 0).max(1) - chance
+    best = np.maximum(heights.max(1), 0)
+    vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
+    found = []
+    for sign, of in zip((1, -1), heights, strict=True):
+        typical = np.median(of, axis=1)
+        k = int(np.argmax(typical >= ENOUGH * typical.max()))
+        found.append(Around(sign * vote, k, float(max(typical[k], 0.0)), tuple(typical.tolist())))
+    return found[0], found[1]
+
+
+def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P T 2"], Float[Array, " T"]]:
+    """Points along the normals of a line, and how much each counts."""
+    length = spline.arc_length(line)[-1]
+    points = spline.resample(line, int(np.clip(length / EVERY, FEWEST, MOST)))
+    tangent = np.gradient(points, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    normal = tangent[:, ::-1] * [-1.0, 1.0]
+    offsets = np.linspace(-reach, reach, min(OFFSETS, 2 * int(np.ceil(reach)) + 1))
+    return points[:, None] + offsets[None, :, None] * normal[:, None], 1 / (
+        1 + (2 * offsets / reach) ** 2
+    )
