@@ -1,20 +1,17 @@
 """The fewest, smoothest paths of plausible length that explain a graph of traces."""
 
-from collections import deque
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import LinearConstraint, milp
 from scipy.sparse import csc_array, csr_array, eye_array, hstack
 from scipy.sparse.csgraph import connected_components
 
+from napari_splinesketch.engine.find.paths import Route, polyline, routes_near
+from napari_splinesketch.engine.find.scoring import bends
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Array
 
-TURN = np.cos(np.deg2rad(75))
-"""Sharpest turn at a node, as a cosine."""
 BODY = 5.0
 BENDING = 4.0
 KINK = 40.0
@@ -43,9 +40,6 @@ ALL_ROUTES = 20_000
 SAMPLES = 24
 SECONDS = 5.0
 """Longest search for the best set in one connected part of the graph."""
-
-Route = tuple[int, ...]
-
 
 def explain(
     graph: TraceGraph, weight: Float[Array, " E"], half_width: float, body: float = BODY
@@ -84,9 +78,9 @@ def _explained(
     longest = LONGEST * usual if usual else UNUSUAL * half_width
     found = []
     for pieces in parts:
-        routes = list(_routes(graph, pieces, longest))
+        routes = _routes(graph, pieces, longest)
         if routes:
-            lines = [polyline(graph, *route) for route in routes]
+            lines = [polyline(graph, route) for route in routes]
             cost = body + _cost(lines, half_width, usual)
             best = _best_set(graph, pieces, routes, cost, weight, half_width)
             found += [lines[i] for i in best]
@@ -107,12 +101,6 @@ def usual_length(
     return float(np.median(lengths)) if len(lengths) > ENOUGH else None
 
 
-def polyline(graph: TraceGraph, pieces: Route, sides: Route) -> Float[Array, "N 2"]:
-    """Points of a path."""
-    parts = [graph.pieces[p][:: 1 - 2 * side] for p, side in zip(pieces, sides, strict=True)]
-    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-
-
 def _parts(graph: TraceGraph) -> list[Int[Array, " E"]]:
     """Numbers of the pieces of each connected part."""
     count = len(graph.nodes)
@@ -125,42 +113,17 @@ def _parts(graph: TraceGraph) -> list[Int[Array, " E"]]:
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 
 
-def _routes(
-    graph: TraceGraph, pieces: Int[Array, " E"], longest: float
-) -> Iterator[tuple[Route, Route]]:
-    """Paths that begin and end with a piece of body, each once, without sharp turns."""
-    ends, lengths, headings, bridges = graph.lists
-    leaving: dict[int, list[tuple[int, int]]] = {}
-    for piece in pieces.tolist():
-        for side in (0, 1):
-            leaving.setdefault(ends[piece][side], []).append((piece, side))
-    seen: set[frozenset[int]] = set()
-    starts = [s for steps in leaving.values() for s in steps if not bridges[s[0]]]
-    budget = min(ROUTES, ALL_ROUTES // max(len(starts), 1) + 1)
-    for step in starts:
-        queue: deque[tuple[Route, Route, float, list[float]]] = deque()
-        queue.append(((step[0],), (step[1],), lengths[step[0]], []))
-        for _ in range(budget):
-            if not queue:
-                break
-            route, sides, length, heading = queue.popleft()
-            last = route[-1]
-            if not bridges[last]:
-                heading = headings[last][1 - sides[-1]]
-                key = frozenset(route)
-                if key not in seen:
-                    seen.add(key)
-                    yield route, sides
-            for piece, side in leaving[ends[last][1 - sides[-1]]]:
-                reached = length + lengths[piece]
-                if piece in route or reached > longest:
-                    continue
-                if bridges[piece] or _goes_on(heading, headings[piece][side]):
-                    queue.append(((*route, piece), (*sides, side), reached, heading))
-
-
-def _goes_on(out: list[float], back: list[float]) -> bool:
-    return -(out[0] * back[0] + out[1] * back[1]) > TURN
+def _routes(graph: TraceGraph, pieces: Int[Array, " E"], longest: float) -> list[Route]:
+    """Paths of one part that begin and end with a piece of body, each once."""
+    near = np.zeros(len(graph.pieces), dtype=bool)
+    near[pieces] = True
+    nodes = np.unique(graph.ends[pieces]).tolist()
+    most = min(ROUTES * len(nodes), ALL_ROUTES)
+    found: dict[frozenset[int], Route] = {}
+    for route in routes_near(graph, near, graph.lengths, nodes, None, longest, most):
+        if not graph.bridges[route[0] >> 1]:
+            found.setdefault(frozenset(step >> 1 for step in route), route)
+    return list(found.values())
 
 
 def _cost(
@@ -168,19 +131,9 @@ def _cost(
 ) -> Float[Array, " R"]:
     """What each path costs for its bends and its length, in half-widths."""
     drawn = np.array([resample(line, SAMPLES) for line in lines])
-    step = np.diff(drawn, axis=1)
-    total = np.linalg.norm(step, axis=2).sum(1)
-    # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
-    for _ in range(3):
-        middle = (drawn[:, :-2] + 2 * drawn[:, 1:-1] + drawn[:, 2:]) / 4
-        drawn = np.concatenate([drawn[:, :1], middle, drawn[:, -1:]], axis=1)
-    step = np.diff(drawn, axis=1)
-    heading = np.arctan2(step[..., 1], step[..., 0])
-    turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = np.maximum(total / (SAMPLES - 1), 0.5 * half_width)[:, None]
-    bend = turn * half_width / spacing
-    bending = (bend**2 * spacing / half_width).sum(1)
-    cost = BENDING * bending + KINK * np.maximum(bend.max(1) - SHARPEST, 0)
+    total = np.array([arc_length(line)[-1] for line in lines])
+    bending, sharpest = bends(drawn, total, half_width)
+    cost = BENDING * bending + KINK * np.maximum(sharpest - SHARPEST, 0)
     if usual:
         low, high = (factor * usual for factor in PLAUSIBLE)
         excess = SHORT * np.maximum(low - total, 0) + LONG * np.maximum(total - high, 0)
@@ -191,7 +144,7 @@ def _cost(
 def _best_set(
     graph: TraceGraph,
     pieces: Int[Array, " E"],
-    routes: list[tuple[Route, Route]],
+    routes: list[Route],
     cost: Float[Array, " R"],
     weight: Float[Array, " E"],
     half_width: float,
@@ -199,7 +152,7 @@ def _best_set(
     """The cheapest set of paths: a mixed-integer program of covering every piece once."""
     row = {piece: i for i, piece in enumerate(pieces.tolist())}
     size = len(pieces)
-    entries = [(row[p], k) for k, (route, _) in enumerate(routes) for p in route]
+    entries = [(row[p], k) for k, route in enumerate(routes) for p in {s >> 1 for s in route}]
     at, of = np.array(entries).T
     covers = csc_array((np.ones(len(at)), (at, of)), shape=(size, len(routes)))
     lengths = graph.lengths[pieces] / half_width

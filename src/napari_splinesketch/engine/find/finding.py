@@ -56,6 +56,9 @@ class Start:
         Of the body, as a share of the scene's.
     unseen
         Share of the path without evidence.
+    goes_on
+        Whether there is a body beyond its first and beyond its last point: only the sketch tells
+        where such a curve ends.
     """
 
     line: Line
@@ -64,6 +67,7 @@ class Start:
     half_width: float
     contrast: float
     unseen: float
+    goes_on: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,15 @@ def find(
             line = candidates[i].lines[pick.path]
             starts[i] = _start(seen, sketches[i], line, seen.rungs[i], evidence, pick.margin)
     return _rescaled(Found(seen, starts, clusters))
+
+
+def believed(seen: Scene, sketches: list[Line]) -> Found:
+    """The sketches as they are, where they are known to lie on their bodies."""
+    starts = [
+        Start(sketch, True, choice.NO_RIVAL, WIDTHS[rung], 1.0, 0.0)
+        for sketch, rung in zip(sketches, seen.rungs, strict=True)
+    ]
+    return Found(seen, starts, [[i] for i in range(len(sketches))])
 
 
 def _mask(
@@ -214,7 +227,8 @@ def _start(
     around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 2, rung + 2))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
-    return Start(line, True, margin, WIDTHS[own], contrast, unseen)
+    goes_on = scoring.goes_on(evidence[rung], sampled[None], WIDTHS[rung])[0]
+    return Start(line, True, margin, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))
 
 
 def _rescaled(found: Found) -> Found:

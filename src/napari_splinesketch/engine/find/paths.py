@@ -59,7 +59,7 @@ def routes_near(
             leaving.setdefault(int(graph.ends[piece, side]), []).append(2 * piece + side)
     ends, lengths, headings, bridges = graph.lists
     cost, rest = weight.tolist(), (np.zeros(len(graph.nodes)) if ahead is None else ahead).tolist()
-    likely = [node for node in likely if node in leaving][:STARTS]
+    likely = [node for node in likely if node in leaving]
     number = count()
     for start in likely:
         heap: list = []
@@ -169,7 +169,8 @@ def routes_of_sketch(
     weight = graph.lengths / half_width * (BASE + UNSEEN * unseen + (apart / tolerance) ** 2 / 8)
     ahead = BASE * length / half_width * (1 - at / (len(line) - 1))
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
-    likely = [n for n in np.argsort(from_start, kind="stable").tolist() if away[n] < reach]
+    near_nodes = np.unique(graph.ends[near])
+    likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
     found: dict[int, Route] = {}
     longest = 3 * length + 2 * reach
     for route in routes_near(graph, near, weight, likely, ahead, longest, most):

@@ -92,9 +92,8 @@ def features(
     nearest = between.argmin(2)
     to_sketch, to_path = between.min(2) / usual[nearest], between.min(1) / usual
     ends = apart[:, [0, -1]] / usual[[0, -1]]
-    cut = _goes_on(evidence, lines, half_width)
-    bend = _bends(lines, total, half_width)
-    spacing = np.maximum(total / (SAMPLES - 1), FINEST * half_width)[:, None]
+    cut = goes_on(evidence, lines, half_width)
+    bending, sharpest = bends(lines, total, half_width)
     return np.column_stack(
         [
             unseen,
@@ -105,8 +104,8 @@ def features(
             np.log1p(np.where(cut, 0, ends)).mean(1),
             np.log1p(np.where(cut, ends, 0)).mean(1),
             cut.mean(1),
-            np.minimum((bend**2 * spacing / half_width).sum(1), 3),
-            np.minimum(np.maximum(bend.max(1) - 0.3, 0), 1),
+            np.minimum(bending, 3),
+            np.clip(sharpest - 0.3, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
@@ -117,7 +116,7 @@ def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Flo
     return ndimage.map_coordinates(evidence, lines.transpose(2, 0, 1), order=1, cval=0.0)
 
 
-def _goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
+def goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
     """(C, 2) whether there is a body beyond each end."""
     away = half_width * np.linspace(*AHEAD, 4)[:, None]
     found = []
@@ -129,8 +128,10 @@ def _goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
     return np.column_stack(found)
 
 
-def _bends(lines: Float[Array, "C S 2"], total, half_width: float) -> Float[Array, "C S-2"]:
-    """Curvature times the half-width, along each path."""
+def bends(
+    lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
+) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
+    """Integrated squared curvature and largest curvature of paths, in units of the half-width."""
     # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
     smooth = lines
     for _ in range(3):
@@ -139,5 +140,6 @@ def _bends(lines: Float[Array, "C S 2"], total, half_width: float) -> Float[Arra
     step = np.diff(smooth, axis=1)
     heading = np.arctan2(step[..., 1], step[..., 0])
     turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = np.maximum(total / (SAMPLES - 1), FINEST * half_width)[:, None]
-    return turn * half_width / spacing
+    spacing = np.maximum(total / (lines.shape[1] - 1), FINEST * half_width)[:, None]
+    bend = turn * half_width / spacing
+    return (bend**2 * spacing / half_width).sum(1), bend.max(1)

@@ -1,29 +1,34 @@
 """First lines for free: sketches over the bodies of an image that nobody has drawn yet."""
 
-from typing import get_args
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
 from scipy import ndimage
+from skimage.morphology import remove_small_objects
 
-from napari_splinesketch.engine.find.cover import BODY, explain
+from napari_splinesketch.engine import checks
+from napari_splinesketch.engine.find.cover import BODY, SHORTEST, explain
+from napari_splinesketch.engine.find.finding import BODY as SEEN
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
-from napari_splinesketch.engine.look.scene import body_mask
-
-THRESHOLD = 0.45
-from napari_splinesketch.engine.look.background import estimate_background
-from napari_splinesketch.engine.look.scene import pixel_noise, read_scene
+from napari_splinesketch.engine.look.ridges import CERTAIN, WIDTHS, Ridges
+from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots
 from napari_splinesketch.engine.types import Array, Polarity
 
-THRESHOLDS = (0.65, 0.25)
-"""Of the contrast, at sensitivity 0 and 1."""
-CAUTION = (2.0, 0.5)
+CLEAR = (0.6, 0.12)
+"""A body's ridge is so high against the usual body's, at sensitivity 0 and 1."""
+CAUTION = (1.5, 0.5)
 """Factor on what a body costs, at sensitivity 0 and 1."""
-STANDS_OUT = 6.0
-"""What may be a body differs from the background by so many times the noise, smoothed."""
-SURROUNDINGS = 12
-"""Of such pixels, px."""
+STANDS_OUT = 2.0
+"""Bodies are where ridges are so many times as high as is usual."""
+HIGHEST = 0.99
+"""Quantile of an image's ridges that tells its bodies' polarity and half-width."""
+WIDEST = 0.06
+"""A half-width is at most so much of the image's shorter side."""
+ENOUGH = 0.9
+"""The smallest half-width whose ridges reach this share of the best one's is the bodies'."""
 SPACING = 4.0
 """Of the points of a sketch, half-widths."""
 BEYOND = 1.0
@@ -34,13 +39,54 @@ POINTS = (4, 16)
 Line = Float[Array, "N 2"]
 
 
+@dataclass(frozen=True, eq=False)
+class Suggestions:
+    """The skeleton of an image's bodies, from which lines are chosen in an instant.
+
+    Attributes
+    ----------
+    graph
+        Pieces of skeleton.
+    clear
+        (E,) height of each piece's ridge against that of the usual body, 0 to 1.
+    half_width
+        Of the bodies, px.
+    """
+
+    graph: TraceGraph
+    clear: Float[Array, " E"]
+    half_width: float
+
+    @cached_property
+    def usual(self) -> float:
+        """The clearness of the usual body."""
+        return float(np.average(self.clear, weights=self.graph.lengths)) if len(self.clear) else 0.0
+
+    def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
+        """The fewest, smoothest lines that explain what stands out so much.
+
+        Parameters
+        ----------
+        sensitivity
+            0 gives only what stands out, 1 also what is faint or short.
+        """
+        if not 0 <= sensitivity <= 1:
+            raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
+        least = float(np.interp(sensitivity, (0, 1), CLEAR))
+        body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), (CAUTION[0], 1, CAUTION[1])))
+        weight = np.where(self.clear >= least, 1.0, self.clear / least * 0.5)
+        lines = explain(self.graph, weight, self.half_width, body)
+        sketches = [_sketch(line, self.half_width) for line in lines]
+        return tuple(sorted(sketches, key=lambda line: tuple(line.mean(0))))
+
+
 def suggest(
     image: Real[Array, "H W"],
     sensitivity: float = 0.5,
     polarity: Polarity = "auto",
     half_width: float | None = None,
 ) -> tuple[Line, ...]:
-    """Sketch the bodies of an image: the fewest, smoothest lines that explain its skeleton.
+    """Sketch the bodies of an image: the fewest, smoothest lines that explain its ridges.
 
     Parameters
     ----------
@@ -61,61 +107,69 @@ def suggest(
     ------
     ValueError
         Where the call makes no sense: no image, no finite pixel, a sensitivity outside 0 to 1,
-        an unknown polarity, a half-width that is not positive.
+        an unknown polarity, a half-width that no body of the image can have.
     """
-    image = _checked(image, sensitivity, polarity, half_width)
-    near = _standing_out(image)
-    if not near.any():
-        return ()
-    seen = read_scene(image, near, polarity, half_width)
-    w = seen.half_width
-    threshold = float(np.interp(sensitivity, (0, 1), THRESHOLDS))
-    mask = body_mask(seen.normal * (THRESHOLD / threshold), w, seen.smoothing)
-    graph = trace(mask & near & seen.valid, w)
-    body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), (CAUTION[0], 1, CAUTION[1])))
-    lines = explain(graph, _brightness(graph, seen.normal, w), w, body)
-    sketches = [_sketch(line, w) for line in lines]
-    return tuple(sorted(sketches, key=lambda line: tuple(line.mean(0))))
-
-
-def _checked(
-    image: Real[Array, "H W"], sensitivity: float, polarity: Polarity, half_width: float | None
-) -> Float[Array, "H W"]:
-    image = np.asarray(image)
-    if image.ndim != 2 or not image.size:
-        raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
-    if image.dtype.kind not in "biuf":
-        raise ValueError(f"image has dtype {image.dtype}; give real numbers.")
-    if not np.isfinite(image).any():
-        raise ValueError("image has no finite pixel; give an image with data in it.")
     if not 0 <= sensitivity <= 1:
         raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
-    if polarity not in get_args(Polarity):
-        raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
-    if half_width is not None and not 0 < half_width < np.inf:
-        raise ValueError(f"half_width is {half_width}; give a positive number of px, or None.")
-    return image.astype(np.float64)
+    return prepare(image, polarity, half_width).choose(sensitivity)
 
 
-def _standing_out(image: Float[Array, "H W"]) -> Bool[Array, "H W"]:
-    """Where the image differs from its background by more than noise, and around there."""
+def prepare(
+    image: Real[Array, "H W"], polarity: Polarity = "auto", half_width: float | None = None
+) -> Suggestions:
+    """Trace the bodies of an image, so that lines may be chosen with several sensitivities.
+
+    Parameters and errors are those of `suggest`.
+    """
+    image = checks.checked_image(image)
+    checks.check_options(image.shape, polarity, half_width)
+    image = image.astype(np.float64)
     valid = np.isfinite(image)
-    filled = np.where(valid, image, np.median(image[valid]))
-    noise = pixel_noise(filled)
-    flat = ndimage.gaussian_filter(filled - estimate_background(filled, noise)[0], 1.0)
-    # Rounding to whole grey values may leave no noise at all to be measured.
-    spread = max(noise * 0.28, 1e-6 * float(np.ptp(filled)))
-    out = (np.abs(flat) > STANDS_OUT * spread) & valid
-    return np.asarray(ndimage.distance_transform_edt(~out)) <= SURROUNDINGS if out.any() else out
+    whole = image if valid.all() else filled(image, valid)
+    ridges = Ridges(whole, pixel_noise(whole))
+    sign, rung, height = _usual_body(ridges, image.shape, polarity, half_width)
+    evidence = ridges.evidence(rung, sign, height)
+    width = WIDTHS[rung]
+    mask = remove_small_objects((evidence > SEEN) & valid, max_size=int(max(8 * width**2, 12)))
+    graph = _long_enough(trace(mask, width), width)
+    crest = ridges.heights(rung)[0 if sign > 0 else 1]
+    return Suggestions(graph, _clearness(graph, crest, ridges.factor(rung)), width)
 
 
-def _brightness(
-    graph: TraceGraph, normal: Float[Array, "H W"], half_width: float
-) -> Float[Array, " E"]:
-    """How bright each piece is against the usual body, at most 1."""
-    smooth = ndimage.gaussian_filter(normal, max(0.35 * half_width, 0.5))
-    means = [smooth[tuple(piece.astype(int).T)].mean() for piece in graph.pieces]
-    return np.clip(np.array(means), 0.0, 1.0)
+def _usual_body(
+    ridges: Ridges, shape, polarity: Polarity, told: float | None
+) -> tuple[int, int, float]:
+    """Sign, index of the half-width and height of the ridges that stand out most."""
+    most = int(np.searchsorted(WIDTHS, max(WIDEST * min(shape), 2.0), side="right"))
+    rungs = range(most)
+    if told is not None:
+        rungs = [int(np.abs(np.log(np.array(WIDTHS) / told)).argmin())]
+    heights = np.array([[_highest(h) for h in ridges.heights(rung)] for rung in rungs])
+    side = {"bright": 0, "dark": 1}.get(polarity, int(heights.max(0).argmax()))
+    mine = heights[:, side]
+    first = int(np.argmax(mine >= ENOUGH * mine.max()))
+    return 1 - 2 * side, list(rungs)[first], float(max(mine[first], 1e-30))
+
+
+def _highest(heights: Float[Array, "H W"]) -> float:
+    return float(np.quantile(heights, HIGHEST) - STANDS_OUT * np.median(np.abs(heights)))
+
+
+def _long_enough(graph: TraceGraph, half_width: float) -> TraceGraph:
+    """The graph without parts that are shorter than any body."""
+    return graph
+
+
+def _clearness(graph: TraceGraph, crest: Float[Array, "h w"], factor: int) -> Float[Array, " E"]:
+    """How high each piece's ridge is against the usual one's, at most 1."""
+    size = np.array(crest.shape) - 1
+    means = np.array(
+        [crest[tuple(np.minimum(p / factor, size).astype(int).T)].mean() for p in graph.pieces]
+    )
+    if not len(means):
+        return means
+    usual = np.average(np.sort(means)[len(means) // 2 :])
+    return np.clip(means / max(usual, 1e-30), 0.0, 1.0)
 
 
 def _sketch(line: Line, half_width: float) -> Line:

@@ -1,7 +1,7 @@
 """All bodies of a scene: find their paths, choose the model, polish."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -19,6 +19,11 @@ from napari_splinesketch.engine.types import Array, Curve
 
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
+SAMPLES = 256
+HELD, HOLDING = 0.05, 2
+"""An end beyond which a body goes on is held within so many px, for so many more sweeps."""
+GROWS, GROWS_PX = 1.5, 1.5
+"""An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 LOOSE_FIT = 0.1
 """Half-widths, at least LOOSE_FIT_PX, that knots may miss a traced path by (rms)."""
 LOOSE_FIT_PX = 0.15
@@ -177,6 +182,9 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
             seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level,
             anchor=_anchor(theta, knots, settings.hold),
         )  # fmt: skip
+        cut = [_ended(b, starts[i]) for b, i in zip(found, members, strict=False)]
+        if settings.hold is None and any(c is not None for c in cut):
+            found = _held(seen, found, cut, mine, settings.polish, count)
         for i, body in zip(members, found, strict=False):
             bodies[i] = body
         others = found[count:]
@@ -190,6 +198,39 @@ def _anchor(theta: Float[Array, "n D"], knots: int, sd: float | None) -> bands.A
         return None
     mean = theta[:, : 2 * knots]
     return bands.Anchor(mean, np.full(mean.shape, sd**-2.0))
+
+
+def _ended(body: Body, start: Start) -> Line | None:
+    """The knots of a body without what grew too far beyond its path; None where nothing did."""
+    line = body.points(SAMPLES)
+    s = spline.arc_length(line)
+    half, cuts = SAMPLES // 2, [0.0, s[-1]]
+    for end, tip, part in ((0, start.line[0], line[:half]), (1, start.line[-1], line[half:])):
+        at = s[int(np.linalg.norm(part - tip, axis=1).argmin()) + half * end]
+        grown = abs(cuts[end] - at)
+        if grown > (0 if start.goes_on[end] else GROWS * start.half_width + GROWS_PX):
+            stays = 0 if start.goes_on[end] else min(grown, start.half_width)
+            cuts[end] = at + stays * (2 * end - 1)
+    if cuts == [0.0, s[-1]]:
+        return None
+    inside = (s >= cuts[0]) & (s <= cuts[1])
+    return spline.fit_knots(line[inside], len(body.knots)) if inside.sum() > half / 2 else None
+
+
+def _held(
+    seen: Scene, bodies: list[Body], ended: list[Line | None], priors, level, moving: int
+) -> list[Body]:
+    """Fit bodies once more with the ends of some of them held in place."""
+    theta = np.array([b.theta for b in bodies])
+    knots = len(bodies[0].knots)
+    mean, weight = theta[:, : 2 * knots].copy(), np.zeros((len(bodies), 2 * knots))
+    for row, cut in enumerate(ended):
+        if cut is not None:
+            mean[row] = theta[row, : 2 * knots] = cut.T.ravel()
+            weight[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
+    level = replace(level, steps=level.steps[:HOLDING])
+    anchor = bands.Anchor(mean, weight)
+    return fitting.fit_level(seen.normal, seen, theta, priors, level, moving=moving, anchor=anchor)
 
 
 def _still(fixed: Sequence[Curve], corner, knots: int, priors: bands.Priors):
