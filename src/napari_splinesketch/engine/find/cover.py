@@ -29,6 +29,8 @@ LONGEST = 2.2
 """No path is longer, in usual lengths."""
 UNUSUAL = 400.0
 """No path is longer where the usual length is not known, half-widths."""
+CLEARLY = 0.5
+"""Only chains that ask for an explanation more than this tell the usual length."""
 ENOUGH = 2
 """More bodies than this tell the usual length."""
 SHORTEST = 8.0
@@ -58,7 +60,7 @@ def explain(
         What a body costs, in half-widths of skeleton; the more, the fewer are found.
     """
     parts = _parts(graph)
-    usual = usual_length(graph, parts, half_width)
+    usual = usual_length(graph, parts, weight, half_width)
     found = _explained(graph, parts, weight, half_width, body, usual)
     if usual is None and len(found) > ENOUGH:
         usual = float(np.median([arc_length(line)[-1] for line in found]))
@@ -88,17 +90,23 @@ def _explained(
 
 
 def usual_length(
-    graph: TraceGraph, parts: list[Int[Array, " E"]], half_width: float
+    graph: TraceGraph, parts: list[Int[Array, " E"]], weight: Float[Array, " E"], half_width: float
 ) -> float | None:
-    """Median length of the chains that touch no other, px; None where there are too few."""
+    """Usual length of the chains that touch no other, px; None where there are too few.
+
+    The length that half of all chains' length is in chains longer than: specks do not count.
+    """
     lengths = [
         float(graph.lengths[pieces].sum())
         for pieces in parts
+        if np.average(weight[pieces], weights=graph.lengths[pieces]) > CLEARLY
         if graph.tips[graph.ends[pieces]].sum() == 2 and not graph.bridges[pieces].any()
         if len(np.unique(graph.ends[pieces])) == len(pieces) + 1
     ]
-    lengths = [length for length in lengths if length > SHORTEST * half_width]
-    return float(np.median(lengths)) if len(lengths) > ENOUGH else None
+    lengths = np.sort([length for length in lengths if length > SHORTEST * half_width])
+    if len(lengths) <= ENOUGH:
+        return None
+    return float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
 
 
 def _parts(graph: TraceGraph) -> list[Int[Array, " E"]]:

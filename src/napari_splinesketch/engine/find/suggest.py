@@ -1,26 +1,26 @@
 """First lines for free: sketches over the bodies of an image that nobody has drawn yet."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Real
-from scipy import ndimage
+from jaxtyping import Float, Real
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import checks
-from napari_splinesketch.engine.find.cover import BODY, SHORTEST, explain
+from napari_splinesketch.engine.find.cover import BODY, explain
 from napari_splinesketch.engine.find.finding import BODY as SEEN
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
-from napari_splinesketch.engine.look.ridges import CERTAIN, WIDTHS, Ridges
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, enlarged
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots
 from napari_splinesketch.engine.types import Array, Polarity
 
-CLEAR = (0.6, 0.12)
-"""A body's ridge is so high against the usual body's, at sensitivity 0 and 1."""
-CAUTION = (1.5, 0.5)
-"""Factor on what a body costs, at sensitivity 0 and 1."""
+CLEAR = (0.6, 0.4, 0.15)
+"""Ridges so high against the highest count fully, at sensitivity 0, 0.5 and 1 ..."""
+NOTHING = 0.5
+"""... and ridges lower than this share of that not at all."""
+CAUTION = (1.5, 1.0, 0.5)
+"""Factor on what a body costs, at the same sensitivities."""
 STANDS_OUT = 2.0
 """Bodies are where ridges are so many times as high as is usual."""
 HIGHEST = 0.99
@@ -57,11 +57,6 @@ class Suggestions:
     clear: Float[Array, " E"]
     half_width: float
 
-    @cached_property
-    def usual(self) -> float:
-        """The clearness of the usual body."""
-        return float(np.average(self.clear, weights=self.graph.lengths)) if len(self.clear) else 0.0
-
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
         """The fewest, smoothest lines that explain what stands out so much.
 
@@ -72,9 +67,9 @@ class Suggestions:
         """
         if not 0 <= sensitivity <= 1:
             raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
-        least = float(np.interp(sensitivity, (0, 1), CLEAR))
-        body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), (CAUTION[0], 1, CAUTION[1])))
-        weight = np.where(self.clear >= least, 1.0, self.clear / least * 0.5)
+        least = np.interp(sensitivity, (0, 0.5, 1), CLEAR)
+        weight = np.clip((self.clear / least - NOTHING) / (1 - NOTHING), 0, 1)
+        body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), CAUTION))
         lines = explain(self.graph, weight, self.half_width, body)
         sketches = [_sketch(line, self.half_width) for line in lines]
         return tuple(sorted(sketches, key=lambda line: tuple(line.mean(0))))
@@ -130,10 +125,11 @@ def prepare(
     sign, rung, height = _usual_body(ridges, image.shape, polarity, half_width)
     evidence = ridges.evidence(rung, sign, height)
     width = WIDTHS[rung]
-    mask = remove_small_objects((evidence > SEEN) & valid, max_size=int(max(8 * width**2, 12)))
-    graph = _long_enough(trace(mask, width), width)
-    crest = ridges.heights(rung)[0 if sign > 0 else 1]
-    return Suggestions(graph, _clearness(graph, crest, ridges.factor(rung)), width)
+    crest = enlarged(ridges.heights(rung)[0 if sign > 0 else 1], image.shape, ridges.factor(rung))
+    body = (evidence > SEEN) & valid & (crest > NOTHING * CLEAR[-1] * height)
+    graph = trace(remove_small_objects(body, max_size=int(max(8 * width**2, 12))), width)
+    clear = [crest[tuple(piece.astype(int).T)].mean() / height for piece in graph.pieces]
+    return Suggestions(graph, np.clip(clear, 0.0, 1.0), width)
 
 
 def _usual_body(
@@ -153,23 +149,6 @@ def _usual_body(
 
 def _highest(heights: Float[Array, "H W"]) -> float:
     return float(np.quantile(heights, HIGHEST) - STANDS_OUT * np.median(np.abs(heights)))
-
-
-def _long_enough(graph: TraceGraph, half_width: float) -> TraceGraph:
-    """The graph without parts that are shorter than any body."""
-    return graph
-
-
-def _clearness(graph: TraceGraph, crest: Float[Array, "h w"], factor: int) -> Float[Array, " E"]:
-    """How high each piece's ridge is against the usual one's, at most 1."""
-    size = np.array(crest.shape) - 1
-    means = np.array(
-        [crest[tuple(np.minimum(p / factor, size).astype(int).T)].mean() for p in graph.pieces]
-    )
-    if not len(means):
-        return means
-    usual = np.average(np.sort(means)[len(means) // 2 :])
-    return np.clip(means / max(usual, 1e-30), 0.0, 1.0)
 
 
 def _sketch(line: Line, half_width: float) -> Line:

@@ -88,7 +88,7 @@ class Ridges:
             left = LEFT * self.noise / (2 * np.sqrt(np.pi) * sigma)
             usual = _usual(mine, max(AROUND * WIDTHS[rung], AROUND_PX) / factor)
             share = mine / np.maximum(usual, max(left, FLOOR * height, 1e-30))
-            np.maximum(best, _enlarged(share, best.shape, factor), out=best)
+            np.maximum(best, enlarged(share, best.shape, factor), out=best)
         return np.clip(best / CERTAIN, 0.0, 1.0)
 
 
@@ -101,7 +101,7 @@ def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
     return wide.reshape(h, factor, w, factor).mean((1, 3))
 
 
-def _enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
+def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
     if factor == 1:
         return image
     wide = ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True)
