@@ -43,7 +43,7 @@ class Problem:
     def make(seed: int) -> "Problem":
         """Set up the first level of a fit."""
         made = synthetic.scene(seed, bodies=1)
-        seen = scene.read_scene(made.image, np.ones(made.image.shape, bool), "auto", None)
+        ((_, seen),) = scene.read_scenes(made.image, made.centrelines, "auto", None)
         priors = bands.default_priors(1, seen.half_width)
         line = synthetic.displace(made.centrelines[0], 2, np.random.default_rng(seed))
         theta = bands.start_values(spline.fit_knots(line, KNOTS), priors.mean[0])[None]

@@ -19,7 +19,7 @@ from insert import insert
 from scipy.stats import rankdata
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.look.scene import Scene, read_scene
+from napari_splinesketch.engine.look.scene import Scene, read_scenes
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.paper import phases
 
@@ -33,7 +33,7 @@ def refined(
     frame: frames.Frame, settings: phases.PaperSettings | None = None
 ) -> tuple[Scene, phases.PaperFit]:
     """The image as `refine` normalises it, and what the paper's method finds in it."""
-    seen = read_scene(frame.image, np.ones(frame.image.shape, bool), "auto", None)
+    ((_, seen),) = read_scenes(frame.image, frame.truths, "auto", None)
     found = phases.refine_paper(
         seen.normal,
         list(frame.sketches),

@@ -1,13 +1,17 @@
-"""Which path a sketch means, on graphs whose answer is known."""
+"""Which way through the image a sketch means: paths, their cost, and the choice for all of them."""
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from napari_splinesketch import synthetic
-from napari_splinesketch.engine.find import choice, smooth_paths, tracing
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip, tracing
+from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.settings import SETTINGS
 
 HALF_WIDTH = 3.0
 CENTRE = np.array([45.0, 60.0])
+SHAPE = (90, 120)
 
 
 def cross(angle: float = 70.0) -> list[np.ndarray]:
@@ -17,10 +21,22 @@ def cross(angle: float = 70.0) -> list[np.ndarray]:
     return [CENTRE + along * [np.sin(t), np.cos(t)] for t in turns]
 
 
-def graph_of(lines: list[np.ndarray], shape=(90, 120), half_width=HALF_WIDTH) -> tracing.TraceGraph:
-    grid = np.indices(shape).reshape(2, -1).T
+def drawn(lines: list[np.ndarray], half_width=HALF_WIDTH, noise=0.03) -> np.ndarray:
+    grid = np.indices(SHAPE).reshape(2, -1).T
     apart = np.min([np.linalg.norm(grid[:, None] - p, axis=2).min(1) for p in lines], axis=0)
-    return tracing.trace((apart < half_width).reshape(shape), half_width)
+    image = ndimage.gaussian_filter((apart < half_width).reshape(SHAPE).astype(float), 0.7)
+    return image + noise * np.random.default_rng(0).normal(size=SHAPE)
+
+
+def found(image, sketches, fixed=()) -> finding.Found:
+    ((_, seen),) = scene.read_scenes(image, sketches, "auto", None)
+    return finding.find(seen, sketches, list(fixed), SETTINGS["balanced"], lambda share: None)
+
+
+def turned(line: np.ndarray, angle: float) -> np.ndarray:
+    a = np.deg2rad(angle)
+    middle = line.mean(0)
+    return (line - middle) @ [[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] + middle
 
 
 def away(path: np.ndarray, truth: np.ndarray) -> float:
@@ -28,156 +44,129 @@ def away(path: np.ndarray, truth: np.ndarray) -> float:
     return float(np.linalg.norm(path[:, None] - truth[None], axis=2).min(1).max())
 
 
-@pytest.fixture(scope="module")
-def graph() -> tracing.TraceGraph:
-    return graph_of(cross())
-
-
-def paths(graph: tracing.TraceGraph, sketch: np.ndarray, keep: int = 40) -> smooth_paths.Paths:
-    return smooth_paths.candidate_paths(graph, sketch, HALF_WIDTH, 3000, keep)
-
-
 @pytest.mark.parametrize("angle", [40.0, 70.0, 90.0])
-@pytest.mark.parametrize("body", [0, 1])
-def test_straight_on_at_a_crossing(angle, body):
+@pytest.mark.parametrize("turn", [-12.0, 0.0, 12.0])
+def test_straight_on_at_a_crossing(angle, turn):
     lines = cross(angle)
-    found = paths(graph_of(lines), lines[body][::20])
-    best = found.points[0]
-    # Where bodies cross at a small angle the skeleton runs between them.
-    assert away(best, lines[body]) < 2 * HALF_WIDTH
-    assert away(lines[body], best) < 2.5 * HALF_WIDTH
+    sketches = [turned(line[::20], turn) for line in lines]
+    for start, line in zip(found(drawn(lines), sketches).starts, lines, strict=True):
+        assert start.found
+        # Where bodies cross at a small angle the skeleton runs between them.
+        assert away(start.line, line) < 2 * HALF_WIDTH
+        assert away(line, start.line) < 2.5 * HALF_WIDTH
 
 
-@pytest.mark.parametrize("turn", [-15.0, 15.0])
-def test_straight_on_from_a_turned_sketch(graph, turn):
+def test_the_order_of_the_sketches_changes_nothing():
     lines = cross()
-    best = paths(graph, synthetic.rotate(lines[0], turn)).points[0]
-    assert away(best, lines[0]) < HALF_WIDTH
+    sketches = [turned(line[::20], 10) for line in lines]
+    image = drawn(lines)
+    one, other = found(image, sketches).starts, found(image, sketches[::-1]).starts[::-1]
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a.line, b.line)
+        assert (a.half_width, a.contrast) == pytest.approx((b.half_width, b.contrast))
 
 
-def test_straight_on_is_cheaper_than_around_the_bend():
-    lines = cross()
-    bent = np.concatenate([lines[0][:41], lines[1][41:]])
-    straight = lines[0]
-    between = (straight + bent) / 2
-    costs = [smooth_paths.path_cost(p, between, HALF_WIDTH) for p in (straight, bent)]
-    assert costs[0] < costs[1]
+def test_something_strong_does_not_draw_a_curve_away():
+    line = np.column_stack([np.full(81, 20.0), np.linspace(20, 100, 81)])
+    image = drawn([line])
+    rows, cols = np.indices(SHAPE)
+    image[np.hypot(rows - 60, cols - 60) < 18] += 50
+    (start,) = found(image, [line[::40] + 1]).starts
+    assert away(start.line, line) < HALF_WIDTH
 
 
-def test_candidates_are_sorted_and_run_as_the_sketch(graph):
-    sketch = cross()[0]
-    found = paths(graph, sketch)
-    assert 1 < len(found.points) == len(found.cost) == len(found.covers) <= 40
-    assert (np.diff(found.cost) >= 0).all()
-    assert len(np.unique(found.covers, axis=0)) > len(found.covers) / 2
-    for covers, path in zip(found.covers, found.points, strict=True):
-        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-        assert length == pytest.approx(graph.lengths[covers].sum(), rel=1e-6)
-    best = found.points[0]
-    assert (best[-1] - best[0]) @ (sketch[-1] - sketch[0]) > 0
-    back = paths(graph, sketch[::-1]).points[0]
-    assert away(back, best) < HALF_WIDTH
-    assert (back[-1] - back[0]) @ (sketch[-1] - sketch[0]) < 0
+def test_where_nothing_is_the_sketch_stays_and_is_not_found():
+    image = 0.1 * np.random.default_rng(1).normal(size=SHAPE)
+    image[:, 110] += 20
+    sketch = np.array([[20.0, 20.0], [25.0, 60.0], [20.0, 90.0]])
+    ((_, seen),) = scene.read_scenes(image, [sketch], "bright", 3.0)
+    (start,) = finding.find(seen, [sketch], [], SETTINGS["balanced"], lambda _: None).starts
+    assert not start.found
+    np.testing.assert_array_equal(start.line, sketch)
 
 
-def test_fewer_candidates_are_the_cheapest(graph):
-    sketch = cross()[1]
-    few, many = (paths(graph, sketch, keep) for keep in (4, 40))
-    assert len(few.cost) == 4
-    assert few.cost[0] == many.cost[0]
+def test_a_fixed_curve_keeps_its_body():
+    lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (35.0, 50.0)]
+    image = drawn(lines)
+    for k, row in enumerate((38.5, 46.5)):
+        sketch = np.array([[row, 20.0], [row, 100.0]])
+        (start,) = found(image, [sketch], [lines[k]]).starts
+        assert away(start.line, lines[1 - k]) < HALF_WIDTH
 
 
-def test_nothing_near_means_no_candidates(graph):
-    sketch = np.array([[800.0, 800.0], [800.0, 880.0]])
-    found = paths(graph, sketch)
-    assert found.points == ()
-    assert found.covers.shape == (0, len(graph.pieces))
-    empty = tracing.trace(np.zeros((30, 40), bool), HALF_WIDTH)
-    assert paths(empty, cross()[0]).points == ()
+def test_a_body_that_goes_on_beyond_its_sketch_is_known():
+    line = np.column_stack([np.full(101, 45.0), np.linspace(10, 110, 101)])
+    (start,) = found(drawn([line]), [np.array([[45.0, 10.0], [46.0, 60.0]])]).starts
+    assert start.line[-1, 1] > 100 or start.goes_on[1]
+    assert not start.goes_on[0]
 
 
-STRAIGHT = np.column_stack([np.full(60, 10.0), np.linspace(0, 90, 60)])
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.5])
+def test_cost_does_not_depend_on_the_scale(scale):
+    sketch = np.column_stack([np.zeros(41), np.linspace(0, 80, 41)])
+    path = sketch + np.column_stack([5 * np.sin(np.linspace(0, 3, 41)), np.zeros(41)])
+
+    def cost(f: float) -> float:
+        return scoring.sketch_cost(f * path, f * sketch, f * HALF_WIDTH)
+
+    assert cost(100 * scale) == pytest.approx(cost(100.0), rel=0.02)
 
 
-def test_cost_of_the_sketch_itself_is_nothing():
-    assert smooth_paths.path_cost(STRAIGHT, STRAIGHT, 3.0) == pytest.approx(0, abs=1e-6)
+def test_cost_of_the_sketch_itself_is_nothing_and_grows_with_distance():
+    sketch = np.column_stack([np.zeros(41), np.linspace(0, 80, 41)])
+    costs = [
+        scoring.sketch_cost(sketch + np.array([d, 0]), sketch, HALF_WIDTH) for d in (0, 2, 5, 10)
+    ]
+    assert costs[0] == pytest.approx(0, abs=1e-9)
+    assert costs == sorted(costs)
 
 
-def test_cost_grows_with_distance_bending_and_shortness():
-    def cost(path: np.ndarray) -> float:
-        return smooth_paths.path_cost(path, STRAIGHT, 3.0)
-
-    def lower(rows: float) -> np.ndarray:
-        return STRAIGHT + np.array([rows, 0])
-
-    assert 0 < cost(lower(3)) < cost(lower(6))
-    bent = STRAIGHT + np.column_stack([8 * np.sin(np.linspace(0, 3 * np.pi, 60)), np.zeros(60)])
-    assert cost(lower(4)) < cost(bent)
-    assert cost(STRAIGHT[:40]) > cost(STRAIGHT[:50]) > 0
+def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():
+    evidence = np.zeros(SHAPE)
+    evidence[43:46, 20:50] = evidence[43:46, 58:100] = 1
+    sketch = np.array([[47.0, 17.0], [40.0, 60.0], [46.0, 104.0]])
+    path = strip.ordered_path(evidence, sketch, 2.0, 12.0)
+    assert np.abs(path[3:-3, 0] - 44).max() < 2
+    assert path[[0, -1], 1] == pytest.approx([20, 99], abs=4)
 
 
-def test_cost_does_not_depend_on_the_scale():
-    path = STRAIGHT + np.column_stack([4 * np.sin(np.linspace(0, 4, 60)), np.ones(60)])
-    costs = [smooth_paths.path_cost(s * path, s * STRAIGHT, 3.0 * s) for s in (1.0, 0.4, 3.0)]
-    np.testing.assert_allclose(costs, costs[0], rtol=1e-6)
+def test_routes_run_on_from_the_nearest_and_none_repeats_a_piece():
+    image = drawn(cross())
+    graph = tracing.trace(ndimage.gaussian_filter(image, 1) > 0.5, HALF_WIDTH)
+    sketch = cross()[0][::20]
+    unseen = np.zeros(len(graph.pieces))
+    routes = paths.routes_of_sketch(graph, unseen, sketch, HALF_WIDTH, 40.0, 5.0, 500)
+    assert len(routes) > 10
+    assert all(len({step >> 1 for step in r}) == len(r) for r in routes)
+    sampled, total = paths.sampled(graph, routes, 20)
+    for route, points, length in zip(routes[:20], sampled, total, strict=False):
+        line = paths.polyline(graph, route)
+        assert spline.arc_length(line)[-1] == pytest.approx(length, rel=0.05, abs=1)
+        assert away(points, line) < 2
 
 
-def chosen(graph, sketches, explained=None, keep=3):
-    candidates = [paths(graph, s) for s in sketches]
-    done = np.zeros(len(graph.pieces), bool) if explained is None else explained
-    sets = choice.choose_sets(graph, candidates, HALF_WIDTH, 64, keep, done)
-    return candidates, sets
+def test_no_pieces_no_routes():
+    graph = tracing.trace(np.zeros(SHAPE, bool), HALF_WIDTH)
+    sketch = cross()[0][::20]
+    assert paths.routes_of_sketch(graph, np.zeros(0), sketch, HALF_WIDTH, 40.0, 5.0, 500) == []
 
 
-def test_each_body_goes_to_its_own_sketch(graph):
-    lines = cross()
-    sketches = [synthetic.rotate(line, 20) for line in lines]
-    candidates, sets = chosen(graph, sketches)
-    for paths_of, number, line in zip(candidates, sets[0], lines, strict=True):
-        assert away(paths_of.points[number], line) < HALF_WIDTH
+def test_two_sketches_do_not_take_one_body():
+    lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (38.0, 52.0)]
+    sketches = [np.array([[row, 20.0], [row, 100.0]]) for row in (43.0, 53.0)]
+    starts = found(drawn(lines), sketches).starts
+    for start, line in zip(starts, lines, strict=True):
+        assert away(start.line, line) < HALF_WIDTH
 
 
-def test_two_sketches_beside_one_another_share_the_skeleton_out(graph):
-    """Both sketches are nearer to the first body: one of them takes the second."""
-    lines = cross(70.0)
-    sketches = [lines[0], synthetic.rotate(lines[1], -25)]
-    candidates, sets = chosen(graph, sketches)
-    taken = [candidates[i].covers[p] for i, p in enumerate(sets[0])]
-    covered = graph.lengths[taken[0] | taken[1]].sum()
-    assert covered > 0.85 * graph.lengths.sum()
-
-
-def test_sets_are_distinct_and_not_more_than_wanted(graph):
-    _, sets = chosen(graph, cross(), keep=5)
-    assert 1 <= len(sets) <= 5
-    assert len(set(sets)) == len(sets)
-
-
-def test_a_sketch_without_candidates_takes_none(graph):
-    far = np.array([[800.0, 800.0], [800.0, 880.0]])
-    _, sets = chosen(graph, [cross()[0], far])
-    assert all(row[1] == -1 and row[0] >= 0 for row in sets)
-    _, nothing = chosen(graph, [far])
-    assert nothing == [(-1,)]
-
-
-def test_what_is_explained_already_is_left_alone(graph):
-    """A sketch between two bodies takes the one that no fixed curve explains."""
-    lines = cross()
-    between = (lines[0] + lines[1]) / 2
-    ends = []
-    for fixed in lines:
-        middles = np.array([p[len(p) // 2] for p in graph.pieces])
-        near = np.linalg.norm(middles[:, None] - fixed[None], axis=2).min(1) < HALF_WIDTH
-        candidates, sets = chosen(graph, [between], near)
-        path = candidates[0].points[sets[0][0]]
-        ends.append(away(path, fixed))
-    assert min(ends) > HALF_WIDTH
-
-
-def test_the_skeleton_of_a_tiny_body_is_no_bend():
-    zigzag = np.array([[10.0, 10], [10, 11], [11, 12], [11, 13], [12, 14]])
-    sketch = np.array([[10.0, 9.0], [12.0, 15.0]])
-    elsewhere = np.array([[30.0, 9.0], [30.0, 15.0]])
-    costs = [smooth_paths.path_cost(path, sketch, 1.0) for path in (zigzag, elsewhere)]
-    assert costs[0] < costs[1] / 2
+def test_margin_is_what_the_best_other_path_costs_more():
+    lines = tuple(np.array([[row, 0.0], [row, 50.0]]) for row in (0.0, 0.5, 20.0))
+    covers = np.eye(3, dtype=bool)
+    candidates = choice.Candidates(lines, np.array([1.0, 1.5, 3.0]), covers)
+    graph = tracing.TraceGraph(
+        np.zeros((6, 2)), np.ones(6, bool), lines, np.arange(6).reshape(3, 2),
+        np.full(3, 50.0), np.zeros((3, 2, 2)), np.zeros(3, bool),
+    )  # fmt: skip
+    (chosen,) = choice.choose(graph, [candidates], 3.0, 50.0, np.zeros(3, bool))
+    assert chosen.path == 0
+    assert chosen.margin == pytest.approx(2.0)

@@ -1,30 +1,38 @@
 """What an image is made of, against what generated scenes are made of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine.look import background, scene
+from napari_splinesketch.engine.look import background, ridges, scene
 from napari_splinesketch.engine.types import Polarity
 
 SHAPE = (140, 100)
-EVERYWHERE = np.ones(SHAPE, bool)
 
 
 def frame(seed: int = 2, **look) -> synthetic.Scene:
     return synthetic.scene(seed, bodies=2, shape=SHAPE, length=70, **look)
 
 
-def read(image: np.ndarray, polarity: Polarity = "auto", half_width=None, near=None) -> scene.Scene:
-    near = np.ones(image.shape, bool) if near is None else near
-    return scene.read_scene(image, near, polarity, half_width)
+MIDDLE = np.array([[SHAPE[0] / 2, 10.0], [SHAPE[0] / 2, SHAPE[1] - 10.0]])
+
+
+def read(made, polarity: Polarity = "auto", half_width=None) -> scene.Scene:
+    """The scene of a generated frame, seen through its centrelines, or of an image."""
+    image, lines = (made, [MIDDLE]) if isinstance(made, np.ndarray) else (made.image, None)
+    lines = [line[::20] for line in made.centrelines] if lines is None else lines
+    ((members, seen),) = scene.read_scenes(image, lines, polarity, half_width)
+    assert members == list(range(len(lines)))
+    return seen
 
 
 @pytest.mark.parametrize("polarity", ["bright", "dark"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_polarity_contrast_and_background_are_found(seed, polarity):
     made = frame(seed, polarity=polarity)
-    seen = read(made.image)
+    seen = read(made)
     assert seen.polarity == polarity
     sign = 1 if polarity == "bright" else -1
     assert seen.contrast == pytest.approx(sign * made.look.contrast, rel=0.3)
@@ -35,14 +43,14 @@ def test_polarity_contrast_and_background_are_found(seed, polarity):
 
 def test_polarity_is_what_it_is_told():
     made = frame(0, polarity="dark")
-    assert read(made.image, "bright").polarity == "bright"
-    assert read(made.image, "dark").polarity == "dark"
+    assert read(made, "bright").polarity == "bright"
+    assert read(made, "dark").polarity == "dark"
 
 
 @pytest.mark.parametrize("factor", [1.0, 40_000.0, 1e-6])
 def test_normal_image_does_not_depend_on_the_units(factor):
     made = frame(1)
-    seen, scaled = read(made.image), read(made.image * factor - 3 * factor)
+    seen, scaled = read(made), read(replace(made, image=made.image * factor - 3 * factor))
     np.testing.assert_allclose(scaled.normal, seen.normal, atol=2e-3)
     assert scaled.contrast == pytest.approx(seen.contrast * factor, rel=1e-3)
     assert scaled.noise == pytest.approx(seen.noise, rel=1e-3)
@@ -53,7 +61,7 @@ def test_noise_is_measured(snr):
     made = frame(3, snr=snr, photon_share=0.0)
     sd = made.look.contrast / snr
     assert scene.pixel_noise(made.image.astype(float)) == pytest.approx(sd, rel=0.1)
-    assert read(made.image).noise == pytest.approx(1 / snr, rel=0.3)
+    assert read(made).noise == pytest.approx(1 / snr, rel=0.4)
 
 
 def test_noise_does_not_see_a_gradient():
@@ -70,16 +78,17 @@ def test_half_width_is_measured(half_width, error):
             seed, bodies=2, shape=(200, 160), length=100, half_width=half_width, crossing=False
         )
         true = np.median([w.max() for w in made.half_widths])
-        measured.append(read(made.image).half_width / true)
+        measured.append(read(made).half_width / true)
     assert np.median(measured) == pytest.approx(1, abs=error)
 
 
 def test_a_given_half_width_is_used_where_bodies_are_like_that():
-    measured = read(frame().image).half_width
-    told = read(frame().image, half_width=1.3 * measured)
-    assert (told.half_width, told.contradicted) == (1.3 * measured, None)
-    wrong = read(frame().image, half_width=3 * measured)
-    assert (wrong.half_width, wrong.contradicted) == (measured, 3 * measured)
+    measured = read(frame()).half_width
+    told = read(frame(), half_width=1.3 * measured)
+    assert told.contradicted is None
+    assert told.half_width == pytest.approx(1.3 * measured, rel=0.1)
+    wrong = read(frame(), half_width=4 * measured)
+    assert (wrong.half_width, wrong.contradicted) == (measured, 4 * measured)
 
 
 def test_only_the_surroundings_of_the_sketches_tell_contrast_and_width():
@@ -88,10 +97,33 @@ def test_only_the_surroundings_of_the_sketches_tell_contrast_and_width():
     image[np.abs(rows - 40) < 2.5] = 1.0
     image[np.hypot(rows - 120, cols - 80) < 25] = 20.0
     image += 0.02 * np.random.default_rng(0).normal(size=image.shape)
-    near = rows < 70
-    seen = read(image, near=near)
-    assert seen.contrast == pytest.approx(1, rel=0.2)
+    sketch = np.array([[42.0, 20.0], [39.0, 140.0]])
+    ((_, seen),) = scene.read_scenes(image, [sketch], "auto", None)
+    assert seen.contrast == pytest.approx(1, rel=0.3)
     assert seen.half_width == pytest.approx(2.5, abs=1)
+
+
+def test_bright_and_dark_bodies_of_one_image_are_told_apart():
+    rows = np.indices((120, 160))[0]
+    image = 0.02 * np.random.default_rng(0).normal(size=(120, 160))
+    image[np.abs(rows - 30) < 2.5] = 1.0
+    image[np.abs(rows - 80) < 2.5] = -1.0
+    lines = [np.array([[row + 1.0, 20.0], [row, 140.0]]) for row in (80, 30, 79)]
+    found = {
+        seen.polarity: members for members, seen in scene.read_scenes(image, lines, "auto", None)
+    }
+    assert found == {"bright": [1], "dark": [0, 2]}
+
+
+def test_a_bright_blob_is_no_ridge():
+    rows, cols = np.indices((120, 160))
+    image = 0.02 * np.random.default_rng(0).normal(size=(120, 160))
+    image[np.hypot(rows - 60, cols - 80) < 25] = 50.0
+    image[np.abs(rows - 20) < 2] += 0.3
+    seen = ridges.Ridges(image, 0.02).evidence(3, 1, 0.3)
+    assert seen[20, 20:140].min() > 0.9
+    rim = np.abs(np.hypot(rows - 60, cols - 80) - 25) < 3
+    assert (seen[rim] > 0.5).mean() < 0.1
 
 
 def test_pixels_that_are_not_finite_are_left_out():
@@ -99,12 +131,12 @@ def test_pixels_that_are_not_finite_are_left_out():
     holed = made.image.copy()
     holed[30:60, 20:40] = np.nan
     holed[0, 0], holed[100, 50] = np.inf, -np.inf
-    seen = read(holed)
+    seen = read(replace(made, image=holed))
     assert np.isfinite(seen.normal).all()
     np.testing.assert_array_equal(seen.valid, np.isfinite(holed))
     inside = np.s_[40:50, 27:33]  # of the hole: too far from anything to be guessed
     assert np.abs(seen.normal[inside]).max() < 0.5
-    whole = read(made.image)
+    whole = read(made)
     assert seen.contrast == pytest.approx(whole.contrast, rel=0.15)
 
 

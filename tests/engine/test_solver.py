@@ -19,8 +19,8 @@ LEVEL = LevelSettings(0.0, (6, 6, 6, 6, 6, 6))
 
 
 def seen_of(frame: synthetic.Scene) -> scene.Scene:
-    everywhere = np.ones(frame.image.shape, dtype=bool)
-    return scene.read_scene(frame.image, everywhere, "auto", 3.0)
+    ((_, seen),) = scene.read_scenes(frame.image, frame.centrelines, "auto", 3.0)
+    return seen
 
 
 def begin(lines, priors: bands.Priors) -> np.ndarray:

@@ -127,14 +127,16 @@ def test_an_empty_mask_has_an_empty_graph():
     assert graph.headings.shape == (0, 2, 2)
 
 
-def test_masks_of_thin_and_wide_bodies_and_no_specks():
-    image = mask_of(STRAIGHT).astype(float)
-    image[75:77, 20:22] = 1
-    mask = tracing.body_mask(image, HALF_WIDTH)
-    assert not mask[70:, :30].any()
-    assert mask[mask_of(STRAIGHT, half_width=1.5)].all()
-    assert not mask[~mask_of(STRAIGHT, half_width=4.5)].any()
-    assert not tracing.body_mask(np.zeros(SHAPE), HALF_WIDTH).any()
+def test_a_gap_is_bridged_straight_on():
+    parts = mask_of(line((45, 10), (45, 50))) | mask_of(line((45, 65), (45, 110)))
+    graph = tracing.trace(parts, HALF_WIDTH)
+    links = [sorted(p[:, 1].tolist()) for p in graph.pieces if len(p) == 2]
+    assert any(link == pytest.approx([50, 65], abs=4) for link in links)
+
+
+def test_what_lies_aside_is_not_bridged():
+    parts = mask_of(line((45, 10), (45, 50))) | mask_of(line((60, 65), (85, 65)))
+    assert not [p for p in tracing.trace(parts, HALF_WIDTH).pieces if len(p) == 2]
 
 
 @pytest.mark.parametrize("half_width", [1.2, 3.0, 6.0])

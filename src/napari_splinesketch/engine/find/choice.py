@@ -13,6 +13,8 @@ from napari_splinesketch.engine.types import Array
 SHARED, EXPLAINS = 1.0, 1.5
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
 along no other's."""
+TAKEN = 5.0
+"""The former along a fixed curve."""
 FREE_SHARED = 4.5
 """Pieces shorter than this many half-widths may be shared for a tenth of that: bodies cross."""
 PLAUSIBLE = 8.0
@@ -97,17 +99,18 @@ def choose(
     used = np.flatnonzero(np.any([c.covers.any(0) for c in candidates], axis=0))
     lengths = graph.lengths[used]
     price = np.where(graph.bridges[used] | (lengths < FREE_SHARED * half_width), 0.1, 1.0)
-    price = SHARED / usual * lengths * price
+    price = lengths * price / usual
     earned = EXPLAINS / usual * lengths
     rows = np.zeros((1, 0), dtype=int)
-    covered = taken[None, used].astype(np.float32)
+    covered = np.zeros((1, len(used)), np.float32)
     total = np.zeros(1)
     order = sorted(range(len(candidates)), key=lambda i: (len(candidates[i].cost), i))
     for i in order:
         mine = candidates[i]
         covers = mine.covers[:, used].astype(np.float32)
-        again = (covered * price) @ covers.T - ((1 - covered) * earned) @ covers.T
-        extended = total[:, None] + mine.cost[None] + again
+        own = mine.cost + covers @ (TAKEN * price * taken[used] - earned)
+        again = (covered * (SHARED * price + earned)) @ covers.T
+        extended = total[:, None] + own[None] + again
         best = np.argsort(extended, axis=None, kind="stable")[:BEAM]
         which, path = np.unravel_index(best, extended.shape)
         rows = np.concatenate([rows[which], path[:, None]], 1)

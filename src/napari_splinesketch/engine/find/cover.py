@@ -43,6 +43,7 @@ SAMPLES = 24
 SECONDS = 5.0
 """Longest search for the best set in one connected part of the graph."""
 
+
 def explain(
     graph: TraceGraph, weight: Float[Array, " E"], half_width: float, body: float = BODY
 ) -> list[Float[Array, "N 2"]]:

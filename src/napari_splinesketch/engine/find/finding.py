@@ -32,6 +32,8 @@ FIRST = 200
 """Routes whose every feature is looked at."""
 UNSEEN = 0.6
 """A path without evidence along so much of it is no body's."""
+TOO_FAR = 100.0
+"""Cost of a path that its sketch cannot mean."""
 CONTRASTS = (0.2, 4.0)
 """Of one body against the others', at least and at most."""
 
@@ -196,6 +198,7 @@ def _candidates(
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     cost = scoring.cost(sampled, total, sketch, half_width, evidence)
+    cost[~scoring.near_enough(sampled, sketch, half_width)] += TOO_FAR
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
     return Candidates(tuple(lines[i] for i in order), cost[order], along[order])
@@ -222,7 +225,8 @@ def _start(
     sampled = spline.resample(line, scoring.SAMPLES)
     along = ndimage.map_coordinates(evidence[rung], sampled.T, order=1)
     unseen = float(1 - np.minimum(along / scoring.SEEN, 1).mean())
-    if unseen > UNSEEN:
+    near = scoring.near_enough(sampled[None], sketch, WIDTHS[rung])[0]
+    if unseen > UNSEEN or not near:
         return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
     around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 2, rung + 2))

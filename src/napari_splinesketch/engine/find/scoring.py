@@ -11,6 +11,8 @@ from napari_splinesketch.engine.types import Array
 SAMPLES = 48
 SEEN = 0.8
 """Evidence from here on is a body for sure."""
+FARTHEST = 3.0
+"""No sketch means a path that is on average farther from it, in its tolerances."""
 BULGE = 0.25
 """Of a body between two vertices of its sketch, px for each px from the nearer one."""
 FINEST = 1.0
@@ -64,6 +66,12 @@ def rough_cost(
         ]
     )
     return known @ WEIGHTS[[FEATURES.index(name) for name in ("unseen", "apart", "short")]]
+
+
+def near_enough(lines: Float[Array, "C S 2"], sketch: Line, half_width: float):
+    """(C,) which paths a sketch may mean, whatever the image is like."""
+    apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2)
+    return (apart / tolerance(sketch, half_width)).mean(1) < FARTHEST
 
 
 def sketch_cost(line: Line, sketch: Line, half_width: float) -> float:

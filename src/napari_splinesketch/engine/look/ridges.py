@@ -1,5 +1,6 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
+import itertools
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +21,9 @@ FINE = 3.0
 """Wide ridges are measured on an image reduced until they have about this half-width, px."""
 ANGLES = 8
 """Directions across which a ridge may run, in half a turn."""
+SLOPE = 0.2
+"""Of the difference along a ridge, this share counts against it: the round rim of a blob is higher
+than two of its sides too, but on a steep slope."""
 CERTAIN = 5.0
 """A ridge so many times as high as what is usual around it counts fully."""
 AROUND, AROUND_PX = 10.0, 16
@@ -102,6 +106,7 @@ def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
 
 
 def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
+    """A reduced image at its full size (H, W) again."""
     if factor == 1:
         return image
     wide = ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True)
@@ -109,17 +114,23 @@ def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H 
 
 
 def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
+    """By how much pixels are above, and below, both their sides, in their best direction."""
     reach = int(np.ceil(away))
     wide = np.pad(smooth, reach, mode="edge")
     rows, columns = smooth.shape
-    above = np.full(smooth.shape, np.inf, np.float32)
-    below = np.full(smooth.shape, -np.inf, np.float32)
+    sides = []
     for angle in np.pi * np.arange(ANGLES) / ANGLES:
         r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
         one = wide[reach + r : reach + r + rows, reach + c : reach + c + columns]
         two = wide[reach - r : reach - r + rows, reach - c : reach - c + columns]
-        np.minimum(above, np.maximum(one, two), out=above)
-        np.maximum(below, np.minimum(one, two), out=below)
+        sides.append((np.maximum(one, two), np.minimum(one, two)))
+    above = np.full(smooth.shape, np.inf, np.float32)
+    below = np.full(smooth.shape, -np.inf, np.float32)
+    for k, (most, least) in enumerate(sides):
+        along = sides[(k + ANGLES // 2) % ANGLES]
+        slope = SLOPE * (along[0] - along[1])
+        np.minimum(above, most + slope, out=above)
+        np.maximum(below, least - slope, out=below)
     return smooth - above, below - smooth
 
 
@@ -133,8 +144,8 @@ def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
     size = np.abs(height)
     medians = np.array(
         [
-            [np.median(size[a:b, c:d]) for c, d in zip(columns[:-1], columns[1:], strict=True)]
-            for a, b in zip(rows[:-1], rows[1:], strict=True)
+            [np.median(size[a:b, c:d]) for c, d in itertools.pairwise(columns)]
+            for a, b in itertools.pairwise(rows)
         ],
         dtype=np.float32,
     )

@@ -22,7 +22,7 @@ FAINTEST = 0.5
 CREST = 0.9
 """Height of a body's ridge above its sides, as a share of the body's contrast."""
 BELIEVED = 0.6
-"""A half-width that was told is believed where ridges of that width are so high, against the best."""
+"""A half-width that was told is believed where its ridges are so high against the best ones."""
 
 Line = Float[Array, "N 2"]
 
