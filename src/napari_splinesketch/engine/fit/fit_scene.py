@@ -13,6 +13,7 @@ from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting, model, pairs
 from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import LevelSettings, Settings
 from napari_splinesketch.engine.types import Array, Curve
@@ -105,6 +106,8 @@ def fit_scene(
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
     flat = seen.background_kind != "textured" and not settings.everything
     priors = bands.default_priors(len(starts) + len(fixed), seen.half_width)
+    for mean, start in zip(priors.mean, starts, strict=False):
+        mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(start.half_width), start.contrast
     priors = model.restrict(priors, parts, flat)
 
     def on_polish(share: float, lines: Centrelines) -> None:
@@ -152,12 +155,6 @@ def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int
     return allowed[-1]
 
 
-def _resume(start: Start, mean: Float[Array, " G"], knots: int) -> Float[Array, " D"]:
-    """Where a polish begins."""
-    overrides = {"log_width_0": np.log(start.half_width), "contrast": start.contrast}
-    return bands.start_values(spline.fit_knots(start.line, knots), mean, **overrides)
-
-
 def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, report):
     """Full resolution, group by group: bodies of a group have the same number of knots."""
     bodies: list[Body] = [None] * len(starts)  # type: ignore[list-item]
@@ -166,7 +163,12 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
     for knots, members in sorted(groups.items()):
         count = len(members)
         mine = priors.of([*members, *range(len(starts), len(starts) + len(fixed))])
-        theta = np.array([_resume(starts[i], priors.mean[0], knots) for i in members])
+        theta = np.array(
+            [
+                bands.start_values(spline.fit_knots(starts[i].line, knots), priors.mean[i])
+                for i in members
+            ]
+        )
         if fixed:
             theta = np.concatenate([theta, _still(fixed, corner, knots, priors)])
 
