@@ -5,6 +5,7 @@ import pytest
 
 from napari_splinesketch import Progress, refine, synthetic
 from napari_splinesketch.engine.fit import fitting, solver
+from napari_splinesketch.engine.refine import _Progress
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import CANCELLED
 
@@ -34,6 +35,14 @@ def test_fractions_never_fall_and_stages_are_named(preset):
     assert stages[0] == "looking at the image"
     assert stages[-1] == "polishing"
     assert all(stages)
+
+
+def test_a_fraction_below_the_last_or_above_one_is_not_passed_on():
+    seen = []
+    report = _Progress(lambda progress: seen.append(progress.fraction), [], 1)
+    for fraction in (0.2, 0.6, 0.4, 1.7):
+        report("polishing", fraction)
+    assert seen == [0.2, 0.6, 0.6, 1.0]
 
 
 def test_centrelines_are_those_of_all_sketches_and_arrive():

@@ -84,6 +84,15 @@ def test_a_state_changes_by_giving_another() -> None:
     assert not back.deleted
 
 
+def test_of_several_that_were_deleted_the_last_comes_back() -> None:
+    state = State((record(1),)).locked([(0, 1)], True).without([(0, 1)])
+    again = state.with_records(record(1)).reviewed([(0, 1)], "rejected").without([(0, 1)])
+    assert [(r.locked, r.review) for r in again.deleted] == [(True, "open"), (False, "rejected")]
+    back = again.restored((0, 1))
+    assert [(r.locked, r.review) for r in back.records] == [(False, "rejected")]
+    assert not back.deleted
+
+
 def test_pictures_that_are_shared_weigh_nothing() -> None:
     grid = Grid(np.zeros(2), np.ones(2))
     first, second = (Patch(grid, np.zeros((10, 10), np.float32)) for _ in range(2))
