@@ -61,8 +61,8 @@ def test_tracking_imports_neither_jax_nor_a_window() -> None:
     assert not imported_by(*names) & (GUI | {"jax"})
 
 
-@pytest.mark.parametrize("package", ["batch", "training"])
-def test_batches_and_training_sets_import_neither_jax_nor_a_window(package: str) -> None:
+@pytest.mark.parametrize("package", ["batch", "images", "training"])
+def test_batches_images_and_training_sets_import_neither_jax_nor_a_window(package: str) -> None:
     names = modules_of(package)
     assert len(names) > 3
     assert not imported_by(*names) & (GUI | {"jax", "distributed"})

@@ -12,6 +12,8 @@ from napari_splinesketch import __version__
 from napari_splinesketch.cli import main
 from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
+from napari_splinesketch.cli.jobs import COMMANDS, RefineJob
+from napari_splinesketch.cli.options import declared
 from napari_splinesketch.labels import Label, Labels, read_labels, table, write_labels
 
 from .fakes import FakeEngine, film
@@ -196,3 +198,41 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--version"])
     assert __version__ in capsys.readouterr().out
+
+
+def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(ValueError, match=r"--half-width is -1; give a number above 0"):
+        RefineJob(image="a.tif", sketches=Path("a.csv"), output=Path("b.csv"), half_width=-1)
+    with pytest.raises(SystemExit):
+        main(["refine", "a.tif", "a.csv", "-o", "b.csv", "--half-width", "-1"])
+    assert "--half-width is -1.0; give a number above 0" in capsys.readouterr().err
+    for name, (kind, *_) in COMMANDS.items():
+        with pytest.raises(SystemExit):
+            main([name, "--help"])
+        told = capsys.readouterr().out
+        for one, opt in declared(kind):
+            assert (f"--{one.name.replace('_', '-')}" if opt.help else str(opt.metavar)) in told
+
+
+def test_one_line_a_frame_or_one_a_curve(
+    engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tifffile.imwrite("film.tif", film(2), photometric="minisblack")
+    write_labels("a.csv", Labels((vertical(9), vertical(20, identity=1), vertical(9, frame=1))))
+    command = ["refine", "film.tif", "a.csv", "-o", "b.csv", "--overwrite"]
+    assert main(command) == 0
+    said = capsys.readouterr()
+    assert [line.split(";")[0] for line in said.out.splitlines()] == [
+        "frame 0: 2 good, 0 check, 0 failed",
+        "frame 1: 1 good, 0 check, 0 failed",
+        "2 frames: 3 good, 0 check, 0 failed",
+    ]
+    assert said.err == ""
+    assert main([*command, "--verbose"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    assert main([*command, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["provenance"]["preset"] == "balanced"
+    assert told["provenance"]["software"] == f"napari-splinesketch {__version__}"

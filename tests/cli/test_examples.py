@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from napari_splinesketch.cli import main
-from napari_splinesketch.cli.parser import make_parser
+from napari_splinesketch.cli.commands import make_parser
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
 from .fakes import FakeEngine, curve, film
@@ -26,7 +26,7 @@ def examples() -> list[str]:
     parser = make_parser()
     commands = next(action for action in parser._actions if isinstance(action, SubParsers))
     texts = [parser.description or ""]
-    texts += [command.description for command in commands.choices.values()]
+    texts += [command.format_help() for command in commands.choices.values()]
     texts += [
         "\n".join(re.findall(r"```bash\n(.*?)```", path.read_text(encoding="utf-8"), re.S))
         for path in (ROOT / "docs" / "files.md", ROOT / "docs" / "index.md")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from napari_splinesketch.cli.images import LUMINANCE, ImageError, open_frames
+from napari_splinesketch.images.frames import LUMINANCE, ImageError, open_frames
 
 from .fakes import film
 
@@ -79,6 +79,27 @@ def test_a_tiff_knows_its_pixel_size(tmp_path: Path) -> None:
     ):
         with open_frames(str(tmp_path / name)) as frames:
             assert (frames.scale, frames.units) == expected, name
+
+
+OME = {
+    "a comment with other pixels": ("<Image ", '<!-- <Pixels PhysicalSizeX="9"/> --><Image ', True),
+    "apostrophes": ('PhysicalSizeX="0.25"', "PhysicalSizeX='0.25'", True),
+    "not XML at all": ("</Image>", "<Image & ", False),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "known"), OME.values(), ids=OME.keys())
+@pytest.mark.filterwarnings("ignore")
+def test_the_description_of_ome_is_parsed(tmp_path: Path, old: str, new: str, known: bool) -> None:
+    sizes = {"PhysicalSizeX": 0.25, "PhysicalSizeY": 0.5}
+    write(tmp_path / "a.ome.tif", FRAMES, metadata={"axes": "TYX", **sizes})
+    with tifffile.TiffFile(tmp_path / "a.ome.tif") as file:
+        told = str(file.ome_metadata)
+    assert old in told
+    tifffile.tiffcomment(tmp_path / "a.ome.tif", told.replace(old, new, 1).encode())
+    with open_frames(str(tmp_path / "a.ome.tif")) as frames:
+        assert np.array_equal(frames[0], FRAMES[0])
+        assert (frames.scale, frames.units) == (((0.5, 0.25), "µm") if known else (None, None))
 
 
 def test_colour_becomes_luminance(tmp_path: Path) -> None:

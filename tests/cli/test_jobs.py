@@ -20,9 +20,8 @@ import tifffile
 from distributed import Client
 
 from napari_splinesketch.batch import cluster as clusters
+from napari_splinesketch.batch.frame_task import FrameDone, FrameTask, Source
 from napari_splinesketch.cli import main
-from napari_splinesketch.cli.frame_source import Source
-from napari_splinesketch.cli.frame_task import FrameDone, FrameTask
 from napari_splinesketch.labels import Label, Labels, write_labels
 from napari_splinesketch.synthetic import scene
 
@@ -195,7 +194,7 @@ class Elsewhere:
     def submit(self, work: Callable[..., FrameDone], task: FrameTask) -> Future[FrameDone]:
         future: Future[FrameDone] = Future()
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("napari_splinesketch.cli.frame_source.open_frames", _nowhere)
+            patch.setattr("napari_splinesketch.batch.frame_task.open_frames", _nowhere)
             future.set_result(work(pickle.loads(pickle.dumps(task))))
         return future
 
@@ -259,7 +258,7 @@ def test_a_worker_of_another_version_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("napari_splinesketch.cli.frame_task.__version__", "0.0.1")
+    monkeypatch.setattr("napari_splinesketch.batch.frame_task.__version__", "0.0.1")
     assert main([*COMMAND, "-o", "other.csv"]) == 2
     assert "install the same version everywhere" in capsys.readouterr().err
 

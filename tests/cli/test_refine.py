@@ -115,7 +115,7 @@ def test_a_bad_curve_is_reported_and_the_others_are_done(
 ) -> None:
     sketches = [Label.from_sketch(line, identity=i) for i, line in enumerate((LINE, LINE / 100))]
     write_labels("sketches.csv", Labels(tuple(sketches)), overwrite=True)
-    assert refine() == 1
+    assert refine("--verbose") == 1
     assert "failed: the sketch is tiny" in capsys.readouterr().out
     assert [label.status for label in read_labels("labels.csv").labels] == ["good", "failed"]
 
@@ -268,7 +268,7 @@ REFUSED = {
     "not a TIFF": (["--masks", "m.png"], "m.png: expected a name that ends with .tif or .tiff"),
     "not a picture": (["--overlay", "o.csv"], "ends with .png"),
     "same name": (["--masks", "a.tif", "--reconstruction", "a.tif"], "the same name"),
-    "units alone": (["--units", "µm"], "--units are given without --pixel-size"),
+    "units alone": (["--units", "µm"], "--units needs --pixel-size"),
     "three sizes": (["--pixel-size", "1", "2", "3"], "has 3 numbers"),
     "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
     "no such channel": (["--channel", "2"], "no axis"),
@@ -320,11 +320,12 @@ def test_unreadable_files_are_one_sentence(
 
 
 def test_progress_never_falls_and_reaches_every_frame(folder: Path, engine: FakeEngine) -> None:
-    from napari_splinesketch.cli.refining import Job, refine_job
+    from napari_splinesketch.cli.jobs import RefineJob
+    from napari_splinesketch.cli.refining import run
 
     seen: list[tuple[float, int]] = []
-    job = Job(image="film.tif", sketches=Path("sketches.csv"), output=Path("labels.csv"))
-    refine_job(job, lambda done, total: seen.append((done, total)))
+    job = RefineJob(image="film.tif", sketches=Path("sketches.csv"), output=Path("labels.csv"))
+    run(job, lambda done, total: seen.append((done, total)))
     assert [done for done, _ in seen] == [0.5, 1, 1.5, 2, 2.5, 3]
     assert {total for _, total in seen} == {3}
 

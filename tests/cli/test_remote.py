@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 import napari_splinesketch
-from napari_splinesketch.cli import main, zarr_image
-from napari_splinesketch.cli.frame_source import Source
-from napari_splinesketch.cli.images import ImageError, open_frames
+from napari_splinesketch.batch.frame_task import Source
+from napari_splinesketch.cli import main
+from napari_splinesketch.images import zarr_image
+from napari_splinesketch.images.frames import ImageError, open_frames
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.provenance import checksum
 
@@ -28,7 +29,7 @@ zarr = pytest.importorskip("zarr")
 pytest.importorskip("aiohttp")
 fsspec = pytest.importorskip("fsspec")
 numcodecs = pytest.importorskip("numcodecs")
-remote = pytest.importorskip("napari_splinesketch.cli.remote")
+remote = pytest.importorskip("napari_splinesketch.images.remote")
 FRAMES = film(4)
 LINE = np.array([[5.0, 6.0], [25.0, 46.0]])
 

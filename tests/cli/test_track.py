@@ -116,7 +116,7 @@ def test_what_is_lost_is_reported(
 
     monkeypatch.setattr(napari_splinesketch, "refine", upper_half_only, raising=False)
     write_labels("lines.csv", Labels(read_labels("lines.csv").labels[:2]), overwrite=True)
-    assert track("--smooth", "off") == 1
+    assert track("--smooth", "off", "--verbose") == 1
     assert numbers() == {1: [4, 9], 2: [4], 3: [4], 4: [4], 5: [4]}
     said = capsys.readouterr().out
     assert "2 missing, 1 lost" in said

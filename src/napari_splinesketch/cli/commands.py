@@ -1,35 +1,66 @@
-"""What each command does."""
+"""What each command does, and how it ends."""
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from napari_splinesketch.cli import report, terminal
-from napari_splinesketch.cli.images import is_part_of
-from napari_splinesketch.cli.parser import make_parser
-from napari_splinesketch.cli.terminal import plain
-from napari_splinesketch.files import check_outputs, owned, same_file
+from napari_splinesketch import __version__
+from napari_splinesketch.batch.reports import words
+from napari_splinesketch.cli import jobs, report, terminal
+from napari_splinesketch.cli.options import add_options, given
+from napari_splinesketch.files import is_inside, owned
 
 if TYPE_CHECKING:
-    from napari_splinesketch.cli.run import FrameJob, Outcome
+    from napari_splinesketch.cli.run import Outcome
 
-AnyJob = TypeVar("AnyJob", bound="FrameJob")
+AnyJob = TypeVar("AnyJob", bound=jobs.FrameJob)
 KEPT = "finished frames are kept: add --resume"
+
+
+class _Parser(argparse.ArgumentParser):
+    """Keeps the line breaks of its texts, and takes long ones only when they are asked for."""
+
+    def __init__(self, *given: Any, **more: Any) -> None:
+        super().__init__(
+            *given, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **more
+        )
+
+    def format_help(self) -> str:
+        if callable(self.description):
+            self.description = self.description()
+        return super().format_help()
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Describe the whole command line."""
+    parser = _Parser("napari-splinesketch", description=jobs.ABOUT, epilog=jobs.EXIT_CODES)
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, (options, summary, text) in jobs.COMMANDS.items():
+        command = commands.add_parser(name, help=summary)
+        command.description = text  # pyright: ignore[reportAttributeAccessIssue]  (or gives one)
+        add_options(command, options)
+    return parser
 
 
 def run(arguments: Sequence[str] | None) -> int:
     """Run one command; returns its exit code."""
     name, kept = "", False
     try:
-        options = make_parser().parse_args(arguments)
-        name, kept = options.command, options.command in ("refine", "suggest", "track")
-        commands = {"demo": _demo, "refine": _refine, "suggest": _suggest, "track": _track}
-        commands |= {"convert": _convert, "compare": _compare, "export-training": _export_training}
-        return commands[name](options)
+        parser = make_parser()
+        options = parser.parse_args(arguments)
+        name, kind = options.command, jobs.COMMANDS[options.command][0]
+        kept = issubclass(kind, jobs.FrameJob)
+        try:
+            job = given(kind, options)
+        except ValueError as error:
+            parser.error(str(error))
+        return _COMMANDS[name](job)
     except SystemExit:  # of --help and --version, maybe into `| head`
         terminal.tell(())
         raise
@@ -42,154 +73,143 @@ def run(arguments: Sequence[str] | None) -> int:
             terminal.say(f"{error}; {KEPT}")
             return report.INTERRUPTED
         if not isinstance(error, (ValueError, OSError)):
-            raise  # what the user can mend is said in one sentence; this is our mistake and shows
+            raise  # what the user can correct is said in one sentence; this is our mistake
         terminal.say(f"napari-splinesketch {name}: {_sentence(error)}")
         return report.NOTHING
 
 
-def _demo(options: argparse.Namespace) -> int:
+def _demo(job: jobs.DemoJob) -> int:
     from napari_splinesketch.cli import demo, refining
 
     reason = demo.why_no_window()
-    if options.output is None and reason is None:
+    if job.output is None and reason is None:
         from napari_splinesketch.plugin.demo import open_demo
 
         open_demo()
         return report.DONE
-    folder = options.output or demo.free_folder()
-    if options.output is None:
-        terminal.say(f"No window: {reason}. Working without one; results go to {folder}.")
-    with demo.demo_job(folder, overwrite=options.overwrite) as job:
-        return _run(options, job, refining.refine_job)
+    folder = job.output or demo.free_folder()
+    if job.output is None:
+        terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
+    with demo.refine_job(job, folder) as refine:
+        return _frames(refine, refining.run)
 
 
-def _refine(options: argparse.Namespace) -> int:
-    from napari_splinesketch.cli import refining
+def _frames_of(module: str) -> Callable[[jobs.FrameJob], int]:
+    """Do a command that goes through frames, with the function `run` of a module that is slow."""
 
-    return _run(options, refining.Job(**_given(options, refining.Job)), refining.refine_job)
+    def do(job: jobs.FrameJob) -> int:
+        return _frames(job, import_module(f"napari_splinesketch.cli.{module}").run)
 
-
-def _suggest(options: argparse.Namespace) -> int:
-    from napari_splinesketch.cli import suggesting
-
-    job = suggesting.SuggestJob(**_given(options, suggesting.SuggestJob))
-    return _run(options, job, suggesting.suggest_job)
+    return do
 
 
-def _track(options: argparse.Namespace) -> int:
-    from napari_splinesketch.cli import tracking
-
-    job = tracking.TrackJob(**_given(options, tracking.TrackJob))
-    return _run(options, job, tracking.track_job)
-
-
-def _given(options: argparse.Namespace, job: type) -> dict[str, Any]:
-    """Give the options that a job has."""
-    scale, units = _pixel_size(options)
-    given = {**vars(options), "scale": scale, "units": units}
-    return {field.name: given[field.name] for field in fields(job)}
-
-
-def _run(
-    options: argparse.Namespace,
-    job: "AnyJob",
-    work: "Callable[[AnyJob, Callable[[float, int], None]], Outcome]",
-) -> int:
-    """Do a job that goes through frames and report what was done; gives the exit code."""
+def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -> int:
+    """Do a command that goes through frames and report what was done; gives the exit code."""
     with terminal.progress() as progress:
         outcome = work(job, progress)
     for note in outcome.notes:
         terminal.say(note)
-    if options.json:
-        written = [str(path) for path in job.outputs()]
-        told = report.as_json(outcome.frames, written=written, notes=outcome.notes)
+    if job.json:
+        written = [str(path) for path in job.files("written")]
+        more = {"written": written, "notes": outcome.notes, "provenance": outcome.provenance}
+        told = report.as_json(outcome.frames, **more)
     else:
-        told = report.as_text(outcome.frames)
-    written = terminal.tell(told)
-    return report.exit_code(outcome.frames) if written else report.FAILURES
+        told = report.as_text(outcome.frames, verbose=job.verbose)
+    return report.exit_code(outcome.frames) if terminal.tell(told) else report.FAILURES
 
 
-def _convert(options: argparse.Namespace) -> int:
+def _convert(job: jobs.ConvertJob) -> int:
     from napari_splinesketch.labels import write_labels
     from napari_splinesketch.labels.by_frame import open_labels
     from napari_splinesketch.labels.stream import facts_of, scaled
 
-    with _writing(options, options.target, inputs=[options.source]):
-        labels = open_labels(options.source)
-        scale, units = _pixel_size(options)
-        if scale:
-            labels = scaled(labels, scale, units)
-        losses = write_labels(options.target, labels, overwrite=options.overwrite)
+    with _owning(job):
+        labels = open_labels(job.source)
+        if job.scale:
+            labels = scaled(labels, job.scale, job.units)
+        losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.notes, *losses]
     for note in notes:
         terminal.say(note)
     count = facts_of(labels).count
-    return _show(
-        options,
-        {"written": str(options.target), "curves": count, "notes": notes},
-        f"{count} {'curve' if count == 1 else 'curves'} written to {plain(options.target)}",
-    )
+    text = f"{count} {'curve' if count == 1 else 'curves'} written to {job.target}"
+    return _show(job, {"written": str(job.target), "curves": count, "notes": notes}, [text])
 
 
-@contextmanager
-def _writing(
-    options: argparse.Namespace, output: Path, *, inputs: Sequence[Path], image: str | None = None
-) -> Iterator[None]:
-    """Own an output that can be written and is no input, or say why not."""
-
-    def is_input(path: Path) -> bool:
-        image_too = image is not None and is_part_of(path, image)
-        return image_too or any(same_file(path, own) for own in inputs)
-
-    check_outputs([output], is_input, overwrite=options.overwrite)
-    with owned(output):
-        yield
-
-
-def _compare(options: argparse.Namespace) -> int:
+def _compare(job: jobs.CompareJob) -> int:
     from napari_splinesketch.cli import comparing
     from napari_splinesketch.labels import read_labels
 
-    paths = (options.labels, options.truth)
-    picture, image = options.picture, options.image
-    with _writing(options, picture, inputs=paths, image=image) if picture else nullcontext():
-        labels, truth = map(read_labels, paths)
-        result = comparing.compare(labels, truth, tolerance=options.tolerance)
-        if picture:
-            comparing.draw(picture, labels, truth, image=image, overwrite=options.overwrite)
+    with _owning(job):
+        labels, truth = read_labels(job.labels), read_labels(job.truth)
+        result = comparing.compare(labels, truth, tolerance=job.tolerance)
+        if job.picture:
+            comparing.draw(job.picture, labels, truth, image=job.image, overwrite=job.overwrite)
     for note in (*labels.notes, *truth.notes):
         terminal.say(note)
-    return _show(options, asdict(result), comparing.as_text(result))
+    return _show(job, asdict(result), comparing.as_text(result))
 
 
-def _export_training(options: argparse.Namespace) -> int:
-    from napari_splinesketch.cli import training
+def _export_training(job: jobs.TrainingJob) -> int:
+    from napari_splinesketch.images.frames import open_frames
+    from napari_splinesketch.training import Split, export_training
 
-    job = training.TrainingJob(
-        **{field.name: getattr(options, field.name) for field in fields(training.TrainingJob)}
-    )
-    manifest = training.training_job(job)
-    return _show(options, manifest, training.as_text(options.output, manifest))
+    if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
+        raise ValueError(
+            f"{job.output} holds what is read, and is not replaced; choose another name"
+        )
+    with open_frames(job.image, channel=job.channel, z=job.z) as images:
+        manifest = export_training(
+            job.output,
+            images,
+            job.labels,
+            keep=job.keep,
+            split=Split(job.split, job.block, job.gap, job.seed),
+            whole_frames=job.whole_frames,
+            name=images.name,
+            overwrite=job.overwrite,
+        )
+    return _show(job, manifest, _counts(job.output, manifest))
 
 
-def _pixel_size(options: argparse.Namespace) -> tuple[tuple[float, float] | None, str | None]:
-    sizes = options.pixel_size
-    if sizes is None:
-        if options.units:
-            raise ValueError("--units are given without --pixel-size; give the size of a pixel too")
-        return None, None
-    if len(sizes) > 2:
-        raise ValueError(f"--pixel-size has {len(sizes)} numbers; give one, or two (y and x)")
-    return (sizes[0], sizes[-1]), options.units
+def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
+    yield "part   frames  bodies"
+    for part, counts in manifest["counts"].items():
+        yield f"{part:5} {counts['frames']:7d} {counts['bodies']:7d}"
+    left_out = len(manifest["split"]["left_out"])
+    if left_out:
+        yield f"{left_out} frames between the parts are left out"
+    yield f"written to {folder}"
+
+
+_COMMANDS: dict[str, Callable[[Any], int]] = {
+    "demo": _demo,
+    "refine": _frames_of("refining"),
+    "suggest": _frames_of("suggesting"),
+    "track": _frames_of("tracking"),
+    "convert": _convert,
+    "compare": _compare,
+    "export-training": _export_training,
+}
+
+
+@contextmanager
+def _owning(job: jobs.Job) -> Iterator[None]:
+    """Own outputs that can be written and are no inputs, or say why not."""
+    job.check()
+    with ExitStack() as inside:
+        for path in job.files("written"):
+            inside.enter_context(owned(path))
+        yield
+
+
+def _show(job: jobs.Job, values: object, text: Sequence[str] | Iterator[str]) -> int:
+    """Print a result; gives the exit code."""
+    lines = json.dumps(values, indent=2).split("\n") if job.json else text
+    return report.DONE if terminal.tell(lines) else report.FAILURES
 
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
-    return report.words(error) if isinstance(error, ValueError) else str(error)
-
-
-def _show(options: argparse.Namespace, values: object, text: str) -> int:
-    """Print a result; gives the exit code."""
-    lines = [json.dumps(values, indent=2)] if options.json else map(plain, text.split("\n"))
-    return report.DONE if terminal.tell(lines) else report.FAILURES
+    return words(error) if isinstance(error, ValueError) else str(error)

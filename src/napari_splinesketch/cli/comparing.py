@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from napari_splinesketch.cli.images import open_frames
-from napari_splinesketch.cli.pictures import write_overlay
+from napari_splinesketch.images.frames import open_frames
+from napari_splinesketch.images.pictures import write_overlay
 from napari_splinesketch.labels import Label, Labels
 from napari_splinesketch.labels.masks import image_shape
+from napari_splinesketch.labels.stream import in_frames
 
 
 @dataclass(frozen=True)
@@ -61,14 +62,14 @@ def compare(labels: Labels, truth: Labels, *, tolerance: float) -> Comparison:
         for i, j in matching.pairs:
             normals.append(metrics.normal_distance(curves[i], truths[j]))
             ends.append(metrics.end_error(curves[i], truths[j]))
-    count, ours_count, theirs_count = len(distances), len(labels.labels), len(truth.labels)
+    count, all_ours, all_theirs = len(distances), len(labels.labels), len(truth.labels)
     return Comparison(
-        tolerance=tolerance,
-        curves=ours_count,
-        truths=theirs_count,
-        pairs=count,
-        precision=count / ours_count if ours_count else 1.0,
-        recall=count / theirs_count if theirs_count else 1.0,
+        tolerance,
+        all_ours,
+        all_theirs,
+        count,
+        precision=count / all_ours if all_ours else 1.0,
+        recall=count / all_theirs if all_theirs else 1.0,
         dtw_median=_rounded(np.median, distances),
         dtw_mean=_rounded(np.mean, distances),
         dtw_p95=_rounded(lambda values: np.percentile(values, 95), distances),
@@ -77,7 +78,7 @@ def compare(labels: Labels, truth: Labels, *, tolerance: float) -> Comparison:
     )
 
 
-def as_text(result: Comparison) -> str:
+def as_text(result: Comparison) -> list[str]:
     """Give the comparison in words."""
     lines = [
         f"{result.curves} curves, {result.truths} truths, {result.pairs} pairs "
@@ -90,7 +91,7 @@ def as_text(result: Comparison) -> str:
             f"95 % below {result.dtw_p95} px",
             f"normal distance {result.normal_distance} px, end error {result.end_error} px (means)",
         ]
-    return "\n".join(lines)
+    return lines
 
 
 def draw(
@@ -116,7 +117,7 @@ def draw(
     """
     ours, theirs = _by_frame(labels), _by_frame(truth)
     frame = min(ours.keys() | theirs.keys(), default=0)
-    curves, truths = ours.get(frame, []), theirs.get(frame, [])
+    curves, truths = ours.get(frame, ()), theirs.get(frame, ())
     if image:
         with open_frames(image) as images:
             pixels = images[frame]
@@ -125,11 +126,8 @@ def draw(
     write_overlay(path, pixels, curves, truth=truths, overwrite=overwrite)
 
 
-def _by_frame(labels: Labels) -> dict[int, list[Label]]:
-    frames: dict[int, list[Label]] = {}
-    for label in labels.labels:
-        frames.setdefault(label.frame, []).append(label)
-    return frames
+def _by_frame(labels: Labels) -> dict[int, tuple[Label, ...]]:
+    return {frame[0].frame: frame for frame in in_frames(labels).read()}
 
 
 def _rounded(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from napari_splinesketch.cli.refining import Job
+from napari_splinesketch.cli.jobs import DemoJob, RefineJob
 
 IMAGE, SKETCHES = "worms_dense.png", "worms_dense_sketches.csv"
 FOLDER = "splinesketch-demo"
@@ -39,25 +39,27 @@ def free_folder() -> Path:
 
 
 @contextmanager
-def demo_job(folder: Path, *, overwrite: bool) -> Iterator[Job]:
+def refine_job(demo: DemoJob, folder: Path) -> Iterator[RefineJob]:
     """Give the job that refines the shipped sketches on the shipped frame.
 
     Parameters
     ----------
+    demo
+        What the user asked for.
     folder
         Where labels.csv, overlay.png and reconstruction.tif go; made where it does not exist.
-    overwrite
-        Replace files of these names.
     """
     data = files("napari_splinesketch.data")
     with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
         folder.mkdir(parents=True, exist_ok=True)
-        yield Job(
+        yield RefineJob(
             image=str(image),
             sketches=sketches,
             output=folder / "labels.csv",
             overlay=folder / "overlay.png",
             reconstruction=folder / "reconstruction.tif",
             resume=True,
-            overwrite=overwrite,
+            overwrite=demo.overwrite,
+            json=demo.json,
+            verbose=demo.verbose,
         )

@@ -1,141 +1,17 @@
 """What a run reports: per curve and frame, as a table for people or JSON for scripts."""
 
 import json
-import tempfile
-import weakref
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Protocol
+from dataclasses import asdict
 
-import numpy as np
-
-from napari_splinesketch.cli.terminal import plain
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.batch.reports import CurveReport, FrameReport, Reports
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
 TRACKING = ("drift", "missing", "lost")
 OTHER = ("sketch", *TRACKING)
 """What is counted only where it occurs."""
-
-
-@dataclass(frozen=True)
-class CurveReport:
-    """One curve in numbers, px; None where nothing is known.
-
-    Attributes
-    ----------
-    curve
-        Its identity.
-    length
-        Arc length.
-    half_width
-        Median along the curve.
-    sd
-        Median standard error along the normal.
-    status
-        "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body that is
-        tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
-        where it is not looked for any more.
-    reasons
-        Why the status is not "good".
-    """
-
-    curve: int
-    length: float
-    half_width: float | None
-    sd: float | None
-    status: str
-    reasons: tuple[str, ...]
-
-    @classmethod
-    def of(cls, curve: Curve, identity: int) -> "CurveReport":
-        """Sum up a curve."""
-        return cls(
-            identity,
-            round(curve.length, 3),
-            _number(np.median(curve.half_width)),
-            _number(np.median(curve.sd)),
-            curve.status,
-            curve.reasons,
-        )
-
-
-@dataclass(frozen=True)
-class FrameReport:
-    """One frame.
-
-    Attributes
-    ----------
-    frame
-        Its number, from 0.
-    curves
-        In the order of the sketches; empty where the frame could not be refined.
-    error
-        Why the frame could not be refined, or None.
-    seconds
-        Wall time of the refinement.
-    sha256
-        Checksum of the pixels, or None where they could not be read.
-    """
-
-    frame: int
-    curves: tuple[CurveReport, ...] = ()
-    error: str | None = None
-    seconds: float = 0.0
-    sha256: str | None = None
-
-    @classmethod
-    def from_json(cls, values: dict) -> "FrameReport":
-        """Take back what `asdict` gave."""
-        curves = tuple(
-            CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
-            for curve in values["curves"]
-        )
-        return cls(**{**values, "curves": curves})
-
-
-def words(error: Exception) -> str:
-    """Say why a frame could not be worked on, in one line."""
-    text = " ".join(str(error).split())
-    if isinstance(error, np.linalg.LinAlgError):
-        return f"the fit has no solution ({text}); change the sketches, --half-width or --preset"
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
-
-
-class Reports(Protocol):
-    """The reports of a run, to be gone through more than once."""
-
-    def __iter__(self) -> Iterator[FrameReport]:
-        """Give them in the order of the frames."""
-        ...
-
-    def __len__(self) -> int:
-        """Count them."""
-        ...
-
-
-class Spool:
-    """Reports in a file without a name: a long run has more of them than memory should hold."""
-
-    def __init__(self, reports: Iterable[FrameReport]) -> None:
-        self._file = tempfile.TemporaryFile("w+", encoding="utf-8")
-        weakref.finalize(self, self._file.close)
-        self._count = 0
-        for report in reports:
-            self._file.write(json.dumps(asdict(report)) + "\n")
-            self._count += 1
-
-    def __iter__(self) -> Iterator[FrameReport]:
-        """Read them, one after another."""
-        self._file.seek(0)
-        for line in self._file:
-            yield FrameReport.from_json(json.loads(line))
-
-    def __len__(self) -> int:
-        """Count them."""
-        return self._count
 
 
 def exit_code(frames: Reports) -> int:
@@ -147,49 +23,58 @@ def exit_code(frames: Reports) -> int:
 def as_json(frames: Reports, **more: object) -> Iterator[str]:
     """Give the report as JSON, line by line."""
     head = json.dumps({**more, "counts": _total(frames)}, indent=2)
-    yield head.removesuffix("\n}") + ',\n  "frames": ['
+    yield from (head.removesuffix("\n}") + ',\n  "frames": [').split("\n")
     last = len(frames) - 1
     for number, frame in enumerate(frames):
         yield f"    {json.dumps(asdict(frame))}{',' if number < last else ''}"
-    yield "  ]\n}"
+    yield from ("  ]", "}")
 
 
-def as_text(frames: Reports) -> Iterator[str]:
-    """Give a table with one line a curve, then what went wrong, then the counts."""
-    yield "frame curve  length  half-width      sd  status"
+def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
+    """Give one line a frame, or one a curve, and then the counts."""
+    if verbose:
+        yield "frame curve  length  half-width      sd  status"
     for frame in frames:
-        for curve in frame.curves:
-            why = f": {'; '.join(curve.reasons)}" if curve.reasons else ""
-            yield plain(
-                f"{frame.frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
-                f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}{why}"
-            )
-    for frame in frames:
+        if verbose:
+            yield from (_curve_line(frame.frame, curve) for curve in frame.curves)
         if frame.error:
-            yield plain(f"frame {frame.frame}: {frame.error}")
+            yield f"frame {frame.frame}: {frame.error}"
+        elif not verbose:
+            yield f"frame {frame.frame}: {_in_words(_total([frame]))}; {frame.seconds:.1f} s"
     yield summary(frames)
 
 
 def summary(frames: Reports) -> str:
     """Give one line of counts."""
     total = _total(frames)
-    text = ", ".join(f"{total[key]} {key}" for key in ("good", "check", "failed"))
-    if "sketch" in total:
-        text = f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
-    text += "".join(f", {total[key]} {key}" for key in TRACKING if key in total)
-    lost = total["frames not refined"]
+    text, lost = _in_words(total), total["frames not refined"]
     if lost:
         text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
     count = f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'}"
     seconds = sum(frame.seconds for frame in frames)
-    return f"{count}: {text}; {seconds:.1f} s (lengths in px)"
+    return f"{count}: {text}; {seconds:.1f} s "
+
+
+def _in_words(total: dict[str, int]) -> str:
+    if "sketch" in total:
+        return f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
+    shown = ("good", "check", "failed", *(key for key in TRACKING if key in total))
+    return ", ".join(f"{total[key]} {key}" for key in shown)
+
+
+def _curve_line(frame: int, curve: CurveReport) -> str:
+    why = f": {'; '.join(curve.reasons)}" if curve.reasons else ""
+    return (
+        f"{frame:5d} {curve.curve:5d} {_cell(curve.length, 7, 1)} "
+        f"{_cell(curve.half_width, 11, 2)} {_cell(curve.sd, 7, 3)}  {curve.status}{why}"
+    )
 
 
 def _counts(frame: FrameReport) -> Counter[str]:
     return Counter(curve.status for curve in frame.curves)
 
 
-def _total(frames: Reports) -> dict[str, int]:
+def _total(frames: Iterable[FrameReport]) -> dict[str, int]:
     statuses: Counter[str] = Counter()
     for frame in frames:
         statuses.update(_counts(frame))
@@ -198,10 +83,6 @@ def _total(frames: Reports) -> dict[str, int]:
         **{status: statuses[status] for status in OTHER if status in statuses},
         "frames not refined": sum(frame.error is not None for frame in frames),
     }
-
-
-def _number(value: np.floating) -> float | None:
-    return round(float(value), 4) if np.isfinite(value) else None
 
 
 def _cell(value: float | None, width: int, digits: int) -> str:

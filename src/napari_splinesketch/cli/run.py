@@ -1,56 +1,81 @@
-"""A run over the frames of an image: what the commands that make one have in common."""
+"""A run over the frames of an image: one loop, whoever does the work and in whatever order."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial as bind
-from pathlib import Path
 
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.cli.images import Frames, is_part_of, open_frames
-from napari_splinesketch.cli.partial import Partial
-from napari_splinesketch.cli.report import Reports, Spool
-from napari_splinesketch.engine.types import Polarity
-from napari_splinesketch.files import check_outputs, owned, same_file
+from napari_splinesketch.batch.flow import DeadlyError, Here, through
+from napari_splinesketch.batch.frame_task import (
+    Finder,
+    FrameDone,
+    FrameTask,
+    Reading,
+    Source,
+    do_frame,
+    failed,
+)
+from napari_splinesketch.batch.partial import Partial
+from napari_splinesketch.batch.reports import Reports, Spool
+from napari_splinesketch.batch.workers import workers_of
+from napari_splinesketch.cli.jobs import FrameJob, SharedJob
+from napari_splinesketch.cli.terminal import Report, was_interrupted
+from napari_splinesketch.files import checksum_of_file, owned
+from napari_splinesketch.images.frames import Frames, open_frames
 from napari_splinesketch.labels import Labels, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.json_tree import Members
 from napari_splinesketch.labels.provenance import provenance
 from napari_splinesketch.labels.stream import ByFrame
 
+FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
+FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
+"""Options that a frame's labels do not depend on, or that are compared in another way."""
 
-@dataclass(frozen=True, kw_only=True)
-class FrameJob:
-    """What a command was asked for; the attributes are its options."""
 
-    image: str
-    output: Path
-    polarity: Polarity = "auto"
-    half_width: float | None = None
-    channel: int | None = None
-    z: int | None = None
-    scale: tuple[float, float] | None = None
-    units: str | None = None
-    resume: bool = False
-    overwrite: bool = False
+@dataclass(frozen=True)
+class Outcome:
+    """What a command did.
 
-    def outputs(self) -> tuple[Path, ...]:
-        """Give every file that the job writes."""
-        return (self.output,)
+    Attributes
+    ----------
+    frames
+        A report of each frame that was worked on.
+    notes
+        What was left out of the sketches, or could not be written into the labels.
+    provenance
+        Where the labels come from.
+    """
 
-    def inputs(self) -> tuple[Path, ...]:
-        """Give every file that the job reads, beside the image."""
-        return ()
+    frames: Reports
+    notes: tuple[str, ...]
+    provenance: Mapping[str, object]
 
-    def check(self) -> None:
-        """Refuse a job whose outputs could not be written, before it has cost any time."""
-        writer_of(self.output)
-        check_outputs(self.outputs(), self._reads, overwrite=self.overwrite)
 
-    def _reads(self, path: Path) -> bool:
-        return is_part_of(path, self.image) or any(same_file(path, own) for own in self.inputs())
+class Tally:
+    """Counts the frames that are done, and tells.
+
+    Parameters
+    ----------
+    report
+        Told how many frames are done, counting part of the one being worked on, and of how many.
+    """
+
+    def __init__(self, report: Report) -> None:
+        self._report, self._done, self._share, self.count = report, 0, 0.0, 0
+
+    def add(self) -> None:
+        """Count a frame."""
+        self._done, self._share = self._done + 1, 0.0
+        self.part(0.0)
+
+    def part(self, share: float) -> None:
+        """Tell how much is done of the one being worked on; that never falls."""
+        self._share = max(self._share, share)
+        self._report(self._done + self._share, self.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,41 +92,71 @@ class Run:
         Keeps what is finished.
     head
         The size of a pixel, as labels without curves.
+    settings
+        Options that the labels depend on.
+    tally
+        Counts the frames that are done.
     """
 
     job: FrameJob
     images: Frames
     partial: Partial
     head: Labels
+    settings: Mapping[str, object]
+    tally: "Tally"
 
-    def write(
-        self, frames: Iterable[int], preset: str = "", /, **options: object
-    ) -> tuple[Reports, ByFrame, tuple[str, ...]]:
-        """Write the labels of all frames, however many.
+    def keep(self, done: FrameDone) -> None:
+        """Keep a frame that is done; what a library made of Ctrl-C is no result."""
+        if was_interrupted():
+            raise KeyboardInterrupt
+        self.partial.save(done.report, done.table, done.reconstruction)
+        self.tally.add()
+
+    def shared(self, job: SharedJob, finders: Iterable[tuple[int, Finder]]) -> None:
+        """Work on frames that do not need one another, here or shared among workers."""
+        with workers_of(job.jobs, job.scheduler, self.tally.part) as workers:
+            source = Source.of(job.image, job.channel, job.z, self.images)
+            reading = Reading(self.images, source, here=isinstance(workers, Here))
+            tasks = self._tasks(finders, reading)
+            for task, done in through(workers, do_frame, tasks, mend=reading.again):
+                self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
+
+    def _tasks(
+        self, finders: Iterable[tuple[int, Finder]], reading: Reading
+    ) -> Iterator[FrameTask]:
+        """Give the frames that are not finished; those of an earlier run count as done."""
+        for frame, finder in finders:
+            if self.partial.done(frame):
+                self.tally.add()
+            else:
+                yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
+
+    def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> tuple[Outcome, ByFrame]:
+        """Write the labels of all frames, however many; gives the labels too.
 
         Parameters
         ----------
         frames
             Their numbers, rising.
-        preset, options
-            For the provenance.
-
-        Returns
-        -------
-        The reports, the labels, and what their format cannot hold.
+        notes
+            What is known already.
         """
         reports = Spool(map(self.partial.finished, frames))
-        labels = self._labels(reports, preset, options)
+        labels = self._labels(reports)
         output, overwrite = self.job.output, self.job.overwrite
         writer = writer_of(output)
+        losses: tuple[str, ...] = ()
         if writer.write is table.write:  # as the frames are kept: there is nothing to be read
             tables = (self.partial.table(done.frame) for done in reports)
             table.join(output, tables, labels.scale, overwrite=overwrite)
         else:
             writer.write(output, labels, overwrite=overwrite)
-        return reports, labels, writer.lost(labels)
+            losses = writer.lost(labels)
+        # The reports have the checksums of the frames.
+        source = {key: value for key, value in labels.provenance.items() if key != "image"}
+        return Outcome(reports, (*notes, *losses), source), labels
 
-    def _labels(self, reports: Reports, preset: str, options: dict[str, object]) -> ByFrame:
+    def _labels(self, reports: Reports) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
         head = self.head
         if first is not None:
@@ -110,15 +165,10 @@ class Run:
                 shape=first.shape,
                 dtype=str(first.dtype),
                 checksums=Members(bind(_checksums, reports)),
-                preset=preset,
-                options={
-                    "polarity": self.job.polarity,
-                    "half_width": self.job.half_width,
-                    **options,
-                },
+                preset=str(self.settings.get("preset", "")),
+                options={key: self.settings[key] for key in self.settings if key != "preset"},
             )
-            shape = first.shape[0], first.shape[1]
-            head = Labels((), head.scale, head.units, shape, source)
+            head = replace(head, shape=first.shape, provenance=source)
         kept = (done.frame for done in reports if self.partial.has_labels(done.frame))
         frames = np.fromiter(kept, dtype=np.int64)
         return ByFrame(frames, head, lambda: (self.partial.labels(int(f)) for f in frames))
@@ -128,37 +178,21 @@ def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
     return ((str(done.frame), done.sha256) for done in reports if done.sha256)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What a command did.
-
-    Attributes
-    ----------
-    frames
-        A report of each frame that was worked on.
-    notes
-        What was left out of the sketches, or could not be written into the labels.
-    """
-
-    frames: Reports
-    notes: tuple[str, ...]
-
-
 @contextmanager
-def open_run(job: FrameJob, drawn: Labels | None = None, /, **settings: object) -> Iterator[Run]:
-    """Open the image of a job; what is finished is deleted when the block ends well.
+def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
+    """Open the image of a job and own its outputs; what is finished goes when the block ends well.
 
     Parameters
     ----------
     job
         What the user asked for.
+    report
+        Told how many frames are done, and of how many.
     drawn
         Tells the size of a pixel, where neither the job nor the image does.
-    settings
-        What the results depend on, beside what all jobs have.
     """
     with ExitStack() as inside:
-        for path in job.outputs():
+        for path in job.files("written"):
             inside.enter_context(owned(path))
         job.check()  # once more: another run may have ended just before it was ours
         images = inside.enter_context(open_frames(job.image, channel=job.channel, z=job.z))
@@ -166,16 +200,19 @@ def open_run(job: FrameJob, drawn: Labels | None = None, /, **settings: object) 
         for known in (drawn, images, job):  # the last word is the user's
             if known and known.scale:
                 head = Labels(scale=known.scale, units=known.units)
+        settings = {
+            "command": type(job).__name__.removesuffix("Job").lower(),
+            **{f.name: getattr(job, f.name) for f in fields(job) if f.name not in FREE},
+        }
         depends = {
             "version": __version__,
             "image": [images.name, images.count],
-            "polarity": job.polarity,
-            "half-width": job.half_width,
-            "channel": job.channel,
-            "z": job.z,
             "pixel size": [head.scale, head.units],
+            "sketches": [checksum_of_file(path) for path in job.files("read")],
+            "reconstruction": bool(getattr(job, "reconstruction", None)),
             **settings,
         }
         partial = Partial(job.output, depends, resume=job.resume)
-        yield Run(job, images, partial, head)
+        settings |= {"sketches": [path.name for path in job.files("read")]}
+        yield Run(job, images, partial, head, settings, Tally(report))
         partial.remove()

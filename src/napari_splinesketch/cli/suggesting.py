@@ -7,66 +7,50 @@ import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
-from napari_splinesketch.cli.frame_run import Report, SharedJob, work
-from napari_splinesketch.cli.frame_task import Found
-from napari_splinesketch.cli.images import ImageError
-from napari_splinesketch.cli.report import CurveReport
+from napari_splinesketch.batch.frame_task import Found
+from napari_splinesketch.batch.reports import CurveReport
+from napari_splinesketch.cli.jobs import SuggestJob
 from napari_splinesketch.cli.run import Outcome, open_run
+from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.labels import Label
 
 
-@dataclass(frozen=True, kw_only=True)
-class SuggestJob(SharedJob):
-    """What `suggest` was asked for."""
-
-    sensitivity: float = 0.5
-    frame: int | None = None
-
-
-def suggest_job(job: SuggestJob, report: Report) -> Outcome:
+def run(job: SuggestJob, report: Report) -> Outcome:
     """Suggest sketches on every frame, or on the one asked for, and write them.
 
     A frame that cannot be read is reported, and the others go on.
     """
     job.check()
-    own = {"command": "suggest", "sensitivity": job.sensitivity}
-    with open_run(job, **own, frame=job.frame) as run:
-        images = run.images
+    with open_run(job, report) as work:
+        images = work.images
         if job.frame is not None and not 0 <= job.frame < images.count:
             count = f"{images.name} has {images.count}, counted from 0"
             raise ImageError(f"no frame {job.frame}: {count}")
         frames = range(images.count) if job.frame is None else [job.frame]
-        finders = (
-            (frame, Suggester(frame, job.sensitivity, job.polarity, job.half_width))
-            for frame in frames
-        )
-        work(job, run, finders, len(frames), report)
-        reports, _, losses = run.write(frames, **own)
-    return Outcome(reports, losses)
+        work.tally.count = len(frames)
+        options = (job.sensitivity, job.polarity, job.half_width)
+        work.shared(job, ((frame, Suggester(frame, options)) for frame in frames))
+        outcome, _ = work.write(frames)
+    return outcome
 
 
 @dataclass(frozen=True)
 class Suggester:
-    """Suggests sketches on one frame; the options are those of the job."""
+    """Suggests sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
 
     frame: int
-    sensitivity: float
-    polarity: Polarity
-    half_width: float | None
+    options: tuple[float, Polarity, float | None]
 
     def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
         """Suggest them."""
-        lines = napari_splinesketch.suggest(image, self.sensitivity, self.polarity, self.half_width)
+        lines = napari_splinesketch.suggest(image, *self.options)
         labels = tuple(
             Label.from_sketch(line, frame=self.frame, identity=i) for i, line in enumerate(lines)
         )
-        reports = (
-            CurveReport(
-                label.curve, round(float(label.arc_length[-1]), 3), None, None, "sketch", ()
-            )
-            for label in labels
-        )
+        lengths = (round(float(label.arc_length[-1]), 3) for label in labels)
+        reports = (CurveReport(i, length, None, None, "sketch") for i, length in enumerate(lengths))
         return Found(labels, tuple(reports))
 
     def instead(self) -> tuple[Label, ...]:

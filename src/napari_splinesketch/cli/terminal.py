@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+Report = Callable[[float, int], None]
+"""Told how many frames are done, counting part of the one being worked on, and how many to do."""
 BAR = "{percentage:3.0f}% |{bar}| {n:.1f} of {total:.0f} frames, {rate_fmt}, {remaining} left"
 _interrupted = False
 
@@ -35,7 +37,7 @@ def tell(lines: Iterable[str]) -> bool:
     Where nobody reads any further, as with `| head`, the rest is dropped in silence.
     """
     try:
-        sys.stdout.writelines(f"{line}\n" for line in lines)
+        sys.stdout.writelines(f"{plain(line)}\n" for line in lines)
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_output()

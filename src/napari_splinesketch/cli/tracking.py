@@ -1,23 +1,21 @@
 """Tracking bodies through a film, from the frames that have sketches."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial as bind
-from pathlib import Path
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 import napari_splinesketch
-from napari_splinesketch.cli.images import Frames, ImageError
-from napari_splinesketch.cli.report import CurveReport, FrameReport, words
-from napari_splinesketch.cli.run import FrameJob, Outcome, Run, open_run
-from napari_splinesketch.cli.terminal import was_interrupted
-from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.batch.frame_task import FrameDone
+from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
+from napari_splinesketch.cli.jobs import TrackJob
+from napari_splinesketch.cli.run import Outcome, Run, open_run
+from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Progress, Refinement
+from napari_splinesketch.images.frames import Frames, ImageError
 from napari_splinesketch.labels import Label, Labels, read_labels, table
-from napari_splinesketch.labels.files import checksum_of_file
 from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
@@ -25,21 +23,7 @@ DRIFT, MISSING, LOST = "drift", "missing", "lost"
 """What a report says of a body that tracking does not trust, or does not find."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackJob(FrameJob):
-    """What `track` was asked for."""
-
-    sketches: Path
-    preset: PresetName = "balanced"
-    last: int | None = None
-    smooth: Literal["on", "off"] = "on"
-
-    def inputs(self) -> tuple[Path, ...]:
-        """Give every file that the job reads, beside the image."""
-        return (self.sketches,)
-
-
-def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
+def run(job: TrackJob, report: Report) -> Outcome:
     """Refine the sketches, carry the curves to the last frame, and write them all.
 
     Sketches in later frames are refined there: new numbers join, known ones start anew. A frame
@@ -52,29 +36,19 @@ def track_job(job: TrackJob, report: Callable[[float, int], None]) -> Outcome:
         drawn.setdefault(label.frame, []).append(label)
     if not drawn:
         raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
-    settings = {
-        "command": "track",
-        "sketches": checksum_of_file(job.sketches),
-        "preset": job.preset,
-        "last": job.last,
-        "smooth": job.smooth,
-    }
-    with open_run(job, sketches, **settings) as run:
-        frames = _frames(job, run.images, min(drawn))
+    with open_run(job, report, sketches) as work:
+        frames = _frames(job, work.images, min(drawn))
+        work.tally.count = len(frames)
         bodies: dict[int, Body] = {}
-        done = 0
-        for frame in frames:
-            finished = run.partial.done(frame)
-            if finished is None:
-                break
-            bodies = _after(bodies, finished, run.partial.labels(frame), drawn.get(frame, []))
-            done += 1
-            report(done, len(frames))
-        _track(job, run, frames[done:], drawn, bodies, bind(_tell, report, done, len(frames)))
-        report(len(frames), len(frames))
-        options = {"command": "track", "sketches": job.sketches.name}
-        reports, _, losses = run.write(frames, job.preset, **options)
-    return Outcome(reports, (*sketches.notes, *losses))
+        left = list(frames)
+        while left and (done := work.partial.done(left[0])):  # in an earlier run
+            bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], []))
+            work.tally.add()
+            del left[0]
+        for result in _Film(job, work, drawn).follow(left, bodies):
+            work.keep(result)
+        outcome, _ = work.write(frames, sketches.notes)
+    return outcome
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -87,107 +61,96 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     return range(first, last + 1)
 
 
-def _tell(report: Callable[[float, int], None], done: int, count: int, progress: Progress) -> None:
-    report(done + 0.99 * progress.fraction * (count - done), count)
+class _Film:
+    """What tracking asks for, and what becomes of its answers."""
 
-
-def _track(
-    job: TrackJob,
-    run: Run,
-    frames: Sequence[int],
-    drawn: Mapping[int, list[Label]],
-    bodies: Mapping[int, Body],
-    report: Callable[[Progress], None],
-) -> None:
-    """Refine the sketches of each frame, place the bodies of the frames before; keep both."""
-    reader = _Reader(job, run, drawn)
-    following = follow(
-        frames,
-        bodies.values(),
-        lambda frame, _: View(reader.image(frame)),
-        refine=bind(_refine, job),
-        preset=job.preset,
-        given=reader.given,
-        on_progress=lambda progress: report(progress),
-        smooth=job.smooth == "on",
-    )
-    began = time.perf_counter()
-    for tracked in following:
-        if tracked.error and was_interrupted():
-            raise KeyboardInterrupt
-        seconds = round(time.perf_counter() - began, 3)
-        opened = reader.opened.pop(tracked.frame)
-        curves = opened.curves | dict(zip(tracked.ids, tracked.curves, strict=True))
-        error = opened.error or tracked.error or None
-        reports = _reports(curves, tracked)
-        scale, units = run.head.scale, run.head.units
-        labels = Labels.from_curves(
-            tuple(curves.values()), frame=tracked.frame, ids=curves, scale=scale, units=units
-        )
-        finished = FrameReport(tracked.frame, reports, error, seconds, opened.digest)
-        run.partial.save(finished, table.text(labels), None)
-        began = time.perf_counter()
-
-
-@dataclass
-class _Opened:
-    """A frame until it is decided: its image, its checksum, its sketches' curves, or the error."""
-
-    image: np.ndarray | None = None
-    digest: str | None = None
-    curves: dict[int, Curve] = field(default_factory=dict)
-    error: str = ""
-
-
-class _Reader:
-    """Reads frames, and refines what was drawn in them."""
-
-    def __init__(self, job: TrackJob, run: Run, drawn: Mapping[int, list[Label]]):
-        self.opened: dict[int, _Opened] = {}
+    def __init__(self, job: TrackJob, run: Run, drawn: Mapping[int, list[Label]]) -> None:
         self._job, self._run, self._drawn = job, run, drawn
+        self._here: dict[int, _Frame] = {}
+        self._finished = 0
 
-    def given(self, frame: int) -> Given:
-        opened = self.opened[frame] = _Opened()
-        drawn = self._drawn.get(frame, [])
+    def follow(self, frames: Sequence[int], bodies: Mapping[int, Body]) -> Iterator[FrameDone]:
+        """Carry bodies through frames, and give each frame as it is done."""
+
+        def on_progress(progress: Progress) -> None:
+            self._run.tally.part(progress.fraction * len(frames) - self._finished)
+
+        began = time.perf_counter()
+        for tracked in follow(
+            frames,
+            bodies.values(),
+            lambda frame, lines: View(self._frame(frame).image()),
+            refine=self._refine,
+            preset=self._job.preset,
+            given=lambda frame: Given(self._frame(frame).good),
+            on_progress=on_progress,
+            smooth=self._job.smooth == "on",
+        ):
+            yield self._done(tracked, time.perf_counter() - began)
+            self._finished += 1
+            began = time.perf_counter()
+
+    def _done(self, tracked: Tracked, seconds: float) -> FrameDone:
+        here = self._here.pop(tracked.frame)
+        curves = here.curves | dict(zip(tracked.ids, tracked.curves, strict=True))
+        error = here.error or tracked.error or None
+        told = _reports(curves, tracked)
+        report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256)
+        size = {"scale": self._run.head.scale, "units": self._run.head.units}
+        labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves, **size)
+        return FrameDone(report, table.text(labels))
+
+    def _frame(self, frame: int) -> "_Frame":
+        if frame not in self._here:
+            drawn = self._drawn.get(frame, [])
+            self._here[frame] = _Frame(self._run.images, frame, drawn, self._refine_drawn)
+        return self._here[frame]
+
+    def _refine_drawn(self, image: np.ndarray, lines: Sequence[np.ndarray]) -> Refinement:
+        def on_progress(progress: Progress) -> None:
+            self._run.tally.part(progress.fraction / 2)
+
+        return self._refine(image, lines, self._job.preset, fixed=(), on_progress=on_progress)
+
+    def _refine(self, image: Any, lines: Any, preset: Any, /, **more: Any) -> Refinement:
+        look = {"polarity": self._job.polarity, "half_width": self._job.half_width}
+        return napari_splinesketch.refine(image, lines, preset, **look, **more)
+
+
+class _Frame:
+    """A frame's pixels, and the curves of what is drawn on it."""
+
+    def __init__(
+        self,
+        images: Frames,
+        frame: int,
+        drawn: Sequence[Label],
+        refine: Callable[[np.ndarray, Sequence[np.ndarray]], Refinement],
+    ) -> None:
+        self.curves: dict[int, Curve] = {}
+        self.error, self.sha256, self._image = "", None, None
         try:
-            opened.image = self._run.images[frame]
-            opened.digest = checksum(opened.image)
+            self._image = images[frame]
+            self.sha256 = checksum(self._image)
             if drawn:
-                lines = [label.points for label in drawn]
-                result = _refine(self._job, opened.image, lines, self._job.preset, fixed=())
-                opened.curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
+                result = refine(self._image, [label.points for label in drawn])
+                self.curves = {d.curve: c for d, c in zip(drawn, result.curves, strict=True)}
         except ConnectionError:  # where the film is: other frames would fail too
             raise
-        except Exception as reason:  # one bad frame must not stop the others
-            if was_interrupted():
-                raise KeyboardInterrupt from None
-            opened.error = words(reason)
-        return Given({n: c for n, c in opened.curves.items() if c.status != "failed"})
+        except Exception as error:  # one bad frame must not stop the others
+            self.error = words(error)
 
-    def image(self, frame: int) -> np.ndarray:
-        opened = self.opened[frame]
-        if opened.image is None:
-            raise ValueError(opened.error)
-        image, opened.image = opened.image, None
+    @property
+    def good(self) -> dict[int, Curve]:
+        """Those that tracking goes on from."""
+        return {number: c for number, c in self.curves.items() if c.status != "failed"}
+
+    def image(self) -> np.ndarray:
+        """Give the pixels, once: frames wait without them. ImageError where there are none."""
+        image, self._image = self._image, None
+        if image is None:
+            raise ImageError(self.error)
         return image
-
-
-def _refine(
-    job: TrackJob,
-    image: np.ndarray,
-    lines: Sequence[np.ndarray],
-    preset: PresetName,
-    /,
-    **options: object,
-) -> Refinement:
-    return napari_splinesketch.refine(
-        image,
-        lines,
-        preset,
-        polarity=job.polarity,
-        half_width=job.half_width,
-        **options,  # pyright: ignore[reportArgumentType]
-    )
 
 
 def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:

@@ -1,10 +1,15 @@
 """One frame's share of a run: what a worker is given, does, and gives back."""
 
 import os
+import secrets
 import sys
+import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial as bind
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -12,12 +17,78 @@ from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
+from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
 from napari_splinesketch.batch.threads import limit_threads
-from napari_splinesketch.cli.frame_source import UnreachableError
-from napari_splinesketch.cli.report import CurveReport, FrameReport, words
-from napari_splinesketch.cli.terminal import was_interrupted
+from napari_splinesketch.images.frames import Frames, ImageError, is_url, open_frames
 from napari_splinesketch.labels import Label, Labels, table
 from napari_splinesketch.labels.provenance import checksum
+
+
+class UnreachableError(ImageError):
+    """An image that cannot be opened from here, or is another one than expected."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """An image or film by its name.
+
+    Attributes
+    ----------
+    pattern
+        What `open_frames` takes.
+    channel, z
+        As there.
+    count
+        The number of frames it has.
+    run
+        Tells one run from the next: the image may have changed between them.
+    """
+
+    pattern: str
+    channel: int | None
+    z: int | None
+    count: int
+    run: str = field(default_factory=lambda: secrets.token_hex(8))
+
+    @classmethod
+    def of(cls, pattern: str, channel: int | None, z: int | None, images: Frames) -> "Source":
+        """Name an open image so that other processes find it, whatever folder they are in."""
+        if not is_url(pattern):
+            pattern = str(Path(pattern).absolute())
+        return cls(pattern, channel, z, images.count)
+
+    def read(self, frame: int) -> Real[np.ndarray, "H W"]:
+        """Read a frame; UnreachableError where the image is not to be found."""
+        with _opened.lock:
+            return _opened.images(self)[frame]
+
+
+class _Opened:
+    """The image that this process reads from; opened when it is first asked for."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self._inside = ExitStack()
+        self._source: Source | None = None
+
+    def images(self, source: Source) -> Frames:
+        if source != self._source:
+            self._inside.close()
+            self._source = None
+            try:
+                found = open_frames(source.pattern, channel=source.channel, z=source.z)
+                self._images = self._inside.enter_context(found)
+            except (ImageError, OSError) as error:
+                raise UnreachableError(str(error)) from None
+            if self._images.count != source.count:
+                counts = f"{self._images.count} frames; expected {source.count}"
+                self._inside.close()
+                raise UnreachableError(f"{source.pattern} has {counts}")
+            self._source = source
+        return self._images
+
+
+_opened = _Opened()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +187,6 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     except ConnectionError:  # where the image is: other frames would fail too
         raise
     except Exception as error:  # one bad frame must not stop the others
-        if was_interrupted():
-            raise KeyboardInterrupt from None
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
     report = FrameReport(task.frame, found.reports, None, seconds, digest)
@@ -139,3 +208,34 @@ def failed(
 
 def _table(task: FrameTask, labels: tuple[Label, ...]) -> str:
     return table.text(Labels(labels, task.scale, task.units))
+
+
+class Reading:
+    """How a frame's pixels come to who works on it: read there where the image is, or sent."""
+
+    def __init__(self, images: Frames, source: Source, *, here: bool) -> None:
+        self._images, self._source = images, source
+        self._here, self._send = here, False
+
+    def of(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
+        """Give what reads a frame."""
+        if self._here:
+            return bind(self._images.__getitem__, frame)
+        return self._sent(frame) if self._send else bind(self._source.read, frame)
+
+    def again(self, task: FrameTask, done: FrameDone) -> FrameTask | None:
+        """Send the pixels where a worker cannot open the image."""
+        if done.reached:
+            return None
+        self._send = True
+        return replace(task, read=self._sent(task.frame))
+
+    def _sent(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
+        try:
+            return bind(np.asarray, self._images[frame])
+        except ImageError as error:
+            return bind(_refuse, str(error))
+
+
+def _refuse(why: str) -> Real[np.ndarray, "H W"]:
+    raise ImageError(why)

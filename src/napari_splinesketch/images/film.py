@@ -6,7 +6,7 @@ from pathlib import Path
 
 import imageio.v3
 
-from napari_splinesketch.cli.images import Frames, ImageError
+from napari_splinesketch.images.frames import Frames, ImageError
 
 
 @contextmanager

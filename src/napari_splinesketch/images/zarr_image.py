@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.cli.images import (
+from napari_splinesketch.images.frames import (
     Frames,
     ImageError,
     SilentServerError,
@@ -47,7 +47,7 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
             scale, units = _scale(image["axes"], level)
             node = node[level["path"]]
         if is_url(address):
-            from napari_splinesketch.cli.remote import bound
+            from napari_splinesketch.images.remote import bound
 
             bound(node)
         shape, leading = tuple(node.shape), len(node.shape) - 2
@@ -77,7 +77,7 @@ def _open(address: str) -> Any:
 
     if not is_url(address):
         return zarr.open(address, mode="r")
-    from napari_splinesketch.cli.remote import open_remote
+    from napari_splinesketch.images.remote import open_remote
 
     return open_remote(address)
 

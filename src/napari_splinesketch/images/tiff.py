@@ -1,6 +1,5 @@
 """TIFF, ImageJ hyperstacks and OME-TIFF, read one frame at a time."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from napari_splinesketch.cli.images import Frames, ImageError, choose_planes
+from napari_splinesketch.images.frames import Frames, ImageError, choose_planes
 
 MICROMETRE = {"um", "micron", "microns", "micrometer", "\\u00b5m", "μm", "µm"}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
@@ -62,7 +61,10 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
 def _scale(file: tifffile.TiffFile) -> Scale:
     """Size of a pixel as OME or ImageJ wrote it."""
     if file.ome_metadata:
-        return _ome_scale(file.ome_metadata)
+        try:
+            return _ome_scale(file.ome_metadata)
+        except Exception:  # whatever is wrong with a description: the pixels are there
+            return None, None
     if file.imagej_metadata:
         unit = str(file.imagej_metadata.get("unit", ""))
         x, y = file.series[0].keyframe.resolution
@@ -72,14 +74,14 @@ def _scale(file: tifffile.TiffFile) -> Scale:
 
 
 def _ome_scale(xml: str) -> Scale:
-    found = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", xml)
-    attributes = dict(re.findall(r'(\w+)="([^"]*)"', found.group())) if found else {}
-    try:
-        x, y = (float(attributes[f"PhysicalSize{axis}"]) for axis in "XY")
-    except (KeyError, ValueError):
+    """Take the size of the first image's pixels from its parsed description."""
+    image = tifffile.xml2dict(xml)["OME"]["Image"]
+    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
+    sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
+    units = {_unit(str(pixels.get(f"PhysicalSize{axis}Unit", "µm"))) for axis in "YX"}
+    if len(units) > 1 or not all(isinstance(size, (int, float)) and size > 0 for size in sizes):
         return None, None
-    units = [_unit(attributes.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "XY"]
-    return ((y, x), units[0]) if units[0] == units[1] and min(x, y) > 0 else (None, None)
+    return (float(sizes[0]), float(sizes[1])), units.pop()
 
 
 def _unit(name: str) -> str:

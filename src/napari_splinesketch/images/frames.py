@@ -87,7 +87,7 @@ def open_frames(
     if path.is_file():
         opener = _file(path, channel, z)
     elif is_url(pattern) or _is_zarr(path):
-        from napari_splinesketch.cli.zarr_image import open_zarr
+        from napari_splinesketch.images.zarr_image import open_zarr
 
         opener = open_zarr(pattern, channel, z)
     else:
@@ -125,11 +125,11 @@ def _is_zarr(path: Path) -> bool:
 def _file(path: Path, channel: int | None, z: int | None):
     suffix = path.suffix.lower()
     if suffix in TIFFS:
-        from napari_splinesketch.cli.tiff_image import open_tiff
+        from napari_splinesketch.images.tiff import open_tiff
 
         return open_tiff(path, channel, z)
     if suffix in FILMS:
-        from napari_splinesketch.cli.film import open_film
+        from napari_splinesketch.images.film import open_film
 
         return open_film(path)
     if suffix in STILLS:

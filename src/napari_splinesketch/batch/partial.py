@@ -12,7 +12,7 @@ import numpy as np
 import tifffile
 from jaxtyping import Float
 
-from napari_splinesketch.cli.report import FrameReport
+from napari_splinesketch.batch.reports import FrameReport
 from napari_splinesketch.labels import Label, table
 from napari_splinesketch.labels.files import atomic
 
@@ -115,10 +115,9 @@ class Partial:
         """Give the labels of a finished frame."""
         return table.read(self.table(frame)).labels
 
-    def reconstruction(self, frame: int) -> Float[np.ndarray, "H W"] | None:
-        """Give the reconstruction of a finished frame, or None where it has none."""
-        path = self._path(frame, ".tif")
-        return tifffile.imread(path) if path.exists() else None
+    def reconstruction(self, frame: int) -> Float[np.ndarray, "H W"]:
+        """Give the reconstruction of a finished frame."""
+        return tifffile.imread(self._path(frame, ".tif"))
 
     def remove(self) -> None:
         """Delete everything, once the run's output is written."""

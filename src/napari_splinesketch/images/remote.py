@@ -12,7 +12,7 @@ from zarr.abc.store import ByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import FsspecStore
 
-from napari_splinesketch.cli.images import SilentServerError
+from napari_splinesketch.images.frames import SilentServerError
 
 PATIENCE = 30.0
 """How long a server may take to connect, and how long it may then send nothing, s."""

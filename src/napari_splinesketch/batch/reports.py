@@ -1,0 +1,134 @@
+"""What a run reports of each frame and curve, however many there are."""
+
+import json
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Protocol
+
+import numpy as np
+
+from napari_splinesketch.engine.types import Curve
+
+
+@dataclass(frozen=True)
+class CurveReport:
+    """One curve in numbers, px; None where nothing is known.
+
+    Attributes
+    ----------
+    curve
+        Its identity.
+    length
+        Arc length.
+    half_width
+        Median along the curve.
+    sd
+        Median standard error along the normal.
+    status
+        "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body that is
+        tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
+        where it is not looked for any more.
+    reasons
+        Why the status is not "good".
+    """
+
+    curve: int
+    length: float
+    half_width: float | None
+    sd: float | None
+    status: str
+    reasons: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, curve: Curve, identity: int) -> "CurveReport":
+        """Sum up a curve."""
+        return cls(
+            identity,
+            round(curve.length, 3),
+            _number(np.median(curve.half_width)),
+            _number(np.median(curve.sd)),
+            curve.status,
+            curve.reasons,
+        )
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """One frame.
+
+    Attributes
+    ----------
+    frame
+        Its number, from 0.
+    curves
+        In the order of the sketches; empty where the frame could not be refined.
+    error
+        Why the frame could not be refined, or None.
+    seconds
+        Wall time of the refinement.
+    sha256
+        Checksum of the pixels, or None where they could not be read.
+    """
+
+    frame: int
+    curves: tuple[CurveReport, ...] = ()
+    error: str | None = None
+    seconds: float = 0.0
+    sha256: str | None = None
+
+    @classmethod
+    def from_json(cls, values: dict) -> "FrameReport":
+        """Take back what `asdict` gave."""
+        curves = tuple(
+            CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
+            for curve in values["curves"]
+        )
+        return cls(**{**values, "curves": curves})
+
+
+def words(error: Exception) -> str:
+    """Say why a frame could not be worked on, in one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, np.linalg.LinAlgError):
+        return f"the fit has no solution ({text}); change the sketches, --half-width or --preset"
+    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+
+
+class Reports(Protocol):
+    """The reports of a run, to be gone through more than once."""
+
+    def __iter__(self) -> Iterator[FrameReport]:
+        """Give them in the order of the frames."""
+        ...
+
+    def __len__(self) -> int:
+        """Count them."""
+        ...
+
+
+class Spool:
+    """Reports in a file without a name: a long run has more of them than memory should hold."""
+
+    def __init__(self, reports: Iterable[FrameReport]) -> None:
+        self._file = tempfile.TemporaryFile("w+", encoding="utf-8")
+        weakref.finalize(self, self._file.close)
+        self._count = 0
+        for report in reports:
+            self._file.write(json.dumps(asdict(report)) + "\n")
+            self._count += 1
+
+    def __iter__(self) -> Iterator[FrameReport]:
+        """Read them, one after another."""
+        self._file.seek(0)
+        for line in self._file:
+            yield FrameReport.from_json(json.loads(line))
+
+    def __len__(self) -> int:
+        """Count them."""
+        return self._count
+
+
+def _number(value: np.floating) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None

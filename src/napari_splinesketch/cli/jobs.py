@@ -1,0 +1,378 @@
+"""Every command: its options and its help."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from napari_splinesketch.cli.options import check, declared, opt
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.files import check_outputs, same_file
+from napari_splinesketch.images.frames import is_part_of
+
+TIFF = (".tif", ".tiff")
+PICTURE = (".png", ".jpg", ".tif")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What every command can be asked for; numbers are checked when it is made."""
+
+    json: bool = opt("print the result as JSON, for scripts", default=False)
+    overwrite: bool = opt("replace existing files, but never one that is read", default=False)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are not allowed."""
+        check(self)
+
+    def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
+        """Give every file that is read, beside the image, or written."""
+        roles = {one.name: "written" if o.endings else o.role for one, o in declared(type(self))}
+        named = (getattr(self, name) for name, its in roles.items() if its == role)
+        return tuple(path for path in named if path is not None)
+
+    def check(self) -> None:
+        """Refuse outputs that could not be written, before it has cost any time."""
+        image = getattr(self, "image", None)
+
+        def is_input(path: Path) -> bool:
+            image_too = image is not None and is_part_of(path, image)
+            return image_too or any(same_file(path, own) for own in self.files("read"))
+
+        check_outputs(self.files("written"), is_input, overwrite=self.overwrite)
+        for one, what in declared(type(self)):
+            path = getattr(self, one.name)
+            if what.endings and path and path.suffix.lower() not in what.endings:
+                endings = " or ".join(what.endings)
+                raise ValueError(f"{path}: expected a name that ends with {endings}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaledJob(Job):
+    """A command that can be told the size of a pixel."""
+
+    pixel_size: tuple[float, ...] | None = opt(
+        "size of a pixel in --units; one number where pixels are square",
+        ("Y", "X"),
+        above=0,
+        default=None,
+    )
+    units: str | None = opt("unit of --pixel-size, such as µm", "NAME", default=None)
+
+    @property
+    def scale(self) -> tuple[float, float] | None:
+        """(y, x) size of a pixel, or None."""
+        return (self.pixel_size[0], self.pixel_size[-1]) if self.pixel_size else None
+
+    def check(self) -> None:
+        """Refuse a size of a pixel that is none, and outputs that could not be written."""
+        if self.pixel_size is None and self.units:
+            raise ValueError("--units needs --pixel-size; give the size of a pixel too")
+        if self.pixel_size is not None and len(self.pixel_size) > 2:
+            raise ValueError(
+                f"--pixel-size has {len(self.pixel_size)} numbers; give one, or two (y and x)"
+            )
+        super().check()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageJob(Job):
+    """A command that reads an image."""
+
+    image: str = opt(metavar="IMAGE")
+    channel: int | None = opt("channel of a multi-channel image, from 0", "N", default=None)
+    z: int | None = opt("plane of an image that has planes and times, from 0", "N", default=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameJob(ScaledJob, ImageJob):
+    """A command that goes through the frames of an image."""
+
+    output: Path = opt("file of labels to write", "LABELS", short="-o", role="written")
+    polarity: Polarity = opt(
+        "whether bodies are brighter or darker than the background (auto: look)", default="auto"
+    )
+    half_width: float | None = opt(
+        "rough distance from a body's centreline to its edge (default: measure)",
+        "PX",
+        above=0,
+        default=None,
+    )
+    resume: bool = opt("continue an interrupted run of this command", default=False)
+    verbose: bool = opt("report every curve, not one line per frame", default=False)
+
+    def check(self) -> None:
+        """Refuse outputs that could not be written, before it has cost any time."""
+        from napari_splinesketch.labels.formats import writer_of
+
+        writer_of(self.output)
+        super().check()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SketchedJob(FrameJob):
+    """A command that refines sketches."""
+
+    sketches: Path = opt(metavar="SKETCHES", role="read")
+    preset: PresetName = opt("speed or accuracy (default: {default})", default="balanced")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharedJob(FrameJob):
+    """A command whose frames can be shared among workers."""
+
+    jobs: int = opt(
+        "work on N frames at a time, each in its own process (default: {default})",
+        "N",
+        least=1,
+        default=1,
+    )
+    scheduler: str | None = opt(
+        "work on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786",
+        "ADDRESS",
+        default=None,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse two kinds of workers at once."""
+        super().__post_init__()
+        if self.jobs > 1 and self.scheduler:
+            raise ValueError("--jobs and --scheduler exclude each other; choose one")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefineJob(SharedJob, SketchedJob):
+    """What `refine` was asked for."""
+
+    seed: int = opt("seed of random numbers, where a preset uses any", "N", default=0)
+    reconstruction: Path | None = opt(
+        "also write the image as the model explains it", "TIFF", endings=TIFF, default=None
+    )
+    masks: Path | None = opt(
+        "also write masks: body i has the value i + 1", "TIFF", endings=TIFF, default=None
+    )
+    overlay: Path | None = opt(
+        "also draw the curves over the first frame", "PNG", endings=PICTURE, default=None
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuggestJob(SharedJob):
+    """What `suggest` was asked for."""
+
+    sensitivity: float = opt(
+        "0 suggests only what stands out, 1 also what is faint or short (default: {default})",
+        "S",
+        least=0,
+        most=1,
+        default=0.5,
+    )
+    frame: int | None = opt("suggest on this frame only, from 0", "N", default=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackJob(SketchedJob):
+    """What `track` was asked for."""
+
+    last: int | None = opt("stop after this frame, from 0", "N", default=None)
+    smooth: Literal["on", "off"] = opt(
+        "use the frames before and after where one frame leaves doubt (default: {default})",
+        default="on",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoJob(Job):
+    """What `demo` was asked for."""
+
+    output: Path | None = opt(
+        "open no window; write the results into this folder", "FOLDER", short="-o", default=None
+    )
+    verbose: bool = opt("report every curve", default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertJob(ScaledJob):
+    """What `convert` was asked for."""
+
+    source: Path = opt(metavar="IN", role="read")
+    target: Path = opt(metavar="OUT", role="written")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareJob(Job):
+    """What `compare` was asked for."""
+
+    labels: Path = opt(metavar="LABELS", role="read")
+    truth: Path = opt(metavar="TRUTH", role="read")
+    tolerance: float = opt(
+        "largest average DTW at which a curve counts as found (default: {default})",
+        "PX",
+        above=0,
+        default=2.0,
+    )
+    picture: Path | None = opt(
+        "draw curves and truth of the first frame", "PNG", endings=PICTURE, default=None
+    )
+    image: str | None = opt(
+        "image to draw them over (default: a blank sheet)", "IMAGE", default=None
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingJob(ImageJob):
+    """What `export-training` was asked for."""
+
+    labels: Path = opt(metavar="LABELS", role="read")
+    output: Path = opt("folder to write", "FOLDER", short="-o")
+    keep: Literal["accepted", "good"] = opt(
+        "learn from the curves that were accepted, or from all that are good and not rejected "
+        "(default: {default})",
+        default="accepted",
+    )
+    split: tuple[float, float, float] = opt(
+        "shares of the film (default: 0.8 0.1 0.1)",
+        ("TRAIN", "VAL", "TEST"),
+        default=(0.8, 0.1, 0.1),
+    )
+    block: int | None = opt(
+        "frames that stay together (default: 1/20 of the film)", "N", default=None
+    )
+    gap: int | None = opt(
+        "frames left out between parts (default: 1/10 of a block)", "N", default=None
+    )
+    seed: int = opt("which blocks go where (default: {default})", "N", least=0, default=0)
+    whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
+
+
+EXIT_CODES = """\
+exit codes:
+  0    everything was done
+  1    done, but some frames or curves could not be refined, or were lost; the report says
+       which
+  2    nothing was done: an option or a file is wrong; the message says which
+  130  interrupted; finished frames are kept, and --resume continues from there"""
+
+ABOUT = """\
+Sketch a rough line over each slender body in an image and get sub-pixel splines with widths
+and uncertainties.
+
+  napari-splinesketch demo                              see it work, on swimming worms
+  napari-splinesketch refine worms.tif lines.csv -o labels.csv
+  napari-splinesketch suggest worms.tif -o suggested.csv
+  napari-splinesketch track film.tif film.csv -o labels.csv
+  napari-splinesketch convert labels.csv labels.geojson
+  napari-splinesketch compare labels.csv truth.csv
+  napari-splinesketch export-training film.tif labels.csv -o training
+
+Each command has its own help: napari-splinesketch refine --help"""
+
+DEMO = """\
+Open a window with swimming worms and a few rough lines, ready for Refine. With --output, or
+where no window can be opened, refine them without one and write labels.csv, overlay.png and
+reconstruction.tif.
+
+exit codes: 0 done; 1 some curves could not be refined; 2 nothing was done"""
+
+REFINE = f"""\
+Refine the sketches on every frame that has any. Curves keep the order and the numbers of their
+sketches; a sketch that cannot be refined comes back as drawn, marked "failed".
+
+IMAGE is a TIFF (including ImageJ hyperstacks and OME-TIFF), PNG, OME-Zarr, AVI or MP4, a folder
+with one image per frame, a glob in quotes ("day1/*.png"), or the URL of an OME-Zarr (https://...,
+s3://...). SKETCHES is any file of lines that can be read: a Shapes layer saved by napari, ImageJ
+ROIs, the labels of an earlier run, ...
+
+examples:
+  napari-splinesketch refine worms.tif sketches.csv -o labels.csv
+  napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
+  napari-splinesketch refine film.tif sketches.csv -o labels.csv --jobs 2
+  napari-splinesketch refine worms.png sketches.csv -o labels.csv \\
+      --overlay overlay.png --reconstruction model.tif --masks masks.tif
+
+{EXIT_CODES}"""
+
+SUGGEST = f"""\
+Suggest a sketch for each slender body that stands out, on every frame or on one. The lines are a
+first draft: check and correct them, then refine. IMAGE is anything that `refine` takes.
+
+examples:
+  napari-splinesketch suggest worms.tif -o suggested.csv
+  napari-splinesketch suggest film.tif -o suggested.shapes.csv --frame 0 --sensitivity 0.7
+
+{EXIT_CODES}"""
+
+TRACK = f"""\
+Refine the sketches of the first frame that has any, and follow the bodies to the last frame, each
+under its number. Sketches on later frames are refined there: a new number adds a body, a known
+one corrects it. A body whose curve is not trusted (its length or width jumps, or it lies on
+another body) is reported as "drift"; one that is not found is "missing", and after three frames
+"lost". IMAGE and SKETCHES are anything that `refine` takes. Each frame needs the one before it,
+so one process does all of them; several films can be tracked side by side.
+
+examples:
+  napari-splinesketch track film.tif film.csv -o labels.csv
+  napari-splinesketch track film.tif film.csv -o labels.csv --preset fast --last 1 --resume
+
+{EXIT_CODES}"""
+
+COMPARE = """\
+Match the curves of each frame one to one with the truth and measure every pair: average DTW
+(dynamic time warping), distance along the normal, and distance between the ends, all in px.
+
+example:
+  napari-splinesketch compare labels.csv truth.csv --tolerance 2 --image worms.tif \\
+      --picture comparison.png
+
+exit codes: 0 compared; 2 not compared, and the message says why"""
+
+TRAINING = """\
+Write the frames of a film that have accepted curves as a training set: images, splines, masks,
+and a split into train, val and test. Curves that nobody accepted count neither as bodies nor as
+background: each frame has a mask of what to ignore. LABELS is a file that records what was
+accepted: labels CSV, GeoJSON or WCON, exported from the window.
+
+examples:
+  napari-splinesketch export-training film.tif labels.csv -o training --keep good
+  napari-splinesketch export-training film.tif labels.csv -o training --keep good \\
+      --split 0.7 0.2 0.1 --block 50 --gap 10 --whole-frames
+
+exit codes: 0 written; 2 not written, and the message says why"""
+
+
+def convert_text() -> str:
+    """Give the help of `convert`, with every format: reading them up takes a moment."""
+    from napari_splinesketch.labels.formats import READERS, WRITERS
+
+    def listed(formats: tuple[object, ...]) -> str:
+        return "\n".join(f"  {form.suffix:16} {form.name}" for form in formats)  # pyright: ignore
+
+    return f"""\
+Read labels or sketches from one file and write them to another; the ends of their names decide
+the formats. You are told what the new format has no place for.
+
+formats written:
+{listed(WRITERS)}
+
+formats read:
+{listed(READERS)}
+
+examples:
+  napari-splinesketch convert labels.csv labels.geojson
+  napari-splinesketch convert labels.csv rois.zip
+  napari-splinesketch convert sketches.csv labels.wcon --pixel-size 0.5 --units µm
+
+exit codes: 0 converted; 2 not converted, and the message says why"""
+
+
+COMMANDS: dict[str, tuple[type[Job], str, str | Callable[[], str]]] = {
+    "demo": (DemoJob, "see it work, on swimming worms", DEMO),
+    "refine": (RefineJob, "refine the sketches on an image or film", REFINE),
+    "suggest": (SuggestJob, "suggest sketches on an image or film", SUGGEST),
+    "track": (TrackJob, "follow sketched bodies through a film", TRACK),
+    "convert": (ConvertJob, "convert labels to another format", convert_text),
+    "compare": (CompareJob, "measure labels against the truth", COMPARE),
+    "export-training": (TrainingJob, "write a training set", TRAINING),
+}
+"""The options, a summary and the help of each command."""

@@ -1,0 +1,102 @@
+"""Options of a command, each declared once: as a field of the command's frozen dataclass."""
+
+import argparse
+import math
+from dataclasses import MISSING, Field, dataclass, field, fields
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Opt:
+    """What the command line adds to a field.
+
+    Attributes
+    ----------
+    help
+        What it is; {default} stands for the default. Without it, the field is an argument by
+        place.
+    metavar
+        What stands for its value in the help.
+    above, least, most
+        Which numbers are allowed.
+    short
+        A second, short name.
+    role
+        Whether it names a file that is read, or one that is written.
+    endings
+        How the name of a file that is written may end; any where there is none.
+    """
+
+    help: str = ""
+    metavar: str | tuple[str, ...] | None = None
+    above: float = -math.inf
+    least: float = -math.inf
+    most: float = math.inf
+    short: str = ""
+    role: Literal["", "read", "written"] = ""
+    endings: tuple[str, ...] = ()
+
+    def problem(self, value: float) -> str:
+        """Say what is wrong with a number; nothing where it is allowed."""
+        if self.above < value < math.inf and self.least <= value <= self.most:
+            return ""
+        if self.most < math.inf:
+            return f"give a number from {self.least:g} to {self.most:g}"
+        least = f"above {self.above:g}" if self.above > -math.inf else f"from {self.least:g}"
+        return f"give a number {least}"
+
+
+def opt(*given: Any, default: Any = MISSING, **more: Any) -> Any:
+    """Declare an option, as `Opt` takes it; without a default it must be given."""
+    return field(default=default, metadata={"opt": Opt(*given, **more)})
+
+
+def declared(options: type) -> list[tuple[Field[Any], Opt]]:
+    """Give every field with what is declared of it; arguments by place come first."""
+    found = [(one, one.metadata["opt"]) for one in fields(options)]
+    return sorted(found, key=lambda one: bool(one[1].help))
+
+
+def check(options: object) -> None:
+    """Refuse numbers that are not allowed, with a ValueError."""
+    for one, opt in declared(type(options)):
+        value = getattr(options, one.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, (int, float)) and opt.problem(number):
+                raise ValueError(f"{_flag(one)} is {number}; {opt.problem(number)}")
+
+
+def add_options(parser: argparse.ArgumentParser, options: type) -> None:
+    """Let a parser take the options of a command."""
+    hints = get_type_hints(options)
+    for one, opt in declared(options):
+        kinds = get_args(hints[one.name])
+        kind = kinds[0] if NoneType in kinds else hints[one.name]
+        if not opt.help:
+            parser.add_argument(one.name, metavar=opt.metavar, type=kind)
+            continue
+        flags = [*([opt.short] if opt.short else []), _flag(one)]
+        text = opt.help.replace("{default}", str(one.default)).replace("%", "%%")
+        if kind is bool:
+            parser.add_argument(*flags, action="store_true", help=text)
+            continue
+        more: dict[str, Any] = {"metavar": opt.metavar, "type": kind}
+        if get_origin(kind) is Literal:
+            more = {"choices": get_args(kind)}
+        elif get_origin(kind) is tuple:
+            sizes = get_args(kind)
+            more |= {"nargs": "+" if sizes[-1] is ... else len(sizes), "type": sizes[0]}
+        required = one.default is MISSING
+        parser.add_argument(*flags, required=required, default=one.default, help=text, **more)
+
+
+def given(options: type, parsed: argparse.Namespace) -> Any:
+    """Make a command's options of what was parsed."""
+    values = {one.name: getattr(parsed, one.name) for one, _ in declared(options)}
+    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    return options(**values | lists)
+
+
+def _flag(one: Field[Any]) -> str:
+    return f"--{one.name.replace('_', '-')}"
