@@ -171,7 +171,7 @@ def without_keys(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> None:
         hand.press_button(dock.refine)
         settle(dock)
 
-    hand.press_button(dock.new)
+    hand.press_button(dock.draw)
     for line in worms[:-1]:
         hand.drag(*line)
     refine()

@@ -125,10 +125,10 @@ def label(path: Path, last: int | None) -> tuple[SplinesketchDock, Any, dict[str
     print(dock.notice.text(), dock.results.text(), flush=True)
     if last is not None:
         for _ in range(last):
-            click(dock.track.next)
+            click(dock.track.buttons["next_frame"])
             live(lambda: controller.progress is None)
     else:
-        click(dock.track.track)
+        click(dock.track.buttons["track"])
         live(lambda: controller.progress is None)
     print(dock.notice.text(), flush=True)
     return dock, viewer, counts

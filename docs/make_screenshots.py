@@ -38,13 +38,12 @@ if TYPE_CHECKING:
 def stills(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
     """Go through the demo and take a picture at every step."""
     import window as w
-    from qtpy.QtWidgets import QPushButton
 
     w.look(viewer, *NEAR)
     w.shoot(viewer, folder / "sketches.png")
     w.refine(dock)
     w.shoot(viewer, folder / "window.png")
-    eyes = dock.visibility.findChildren(QPushButton)
+    eyes = list(dock.eyes.buttons.values())[1:]
     for eye in eyes:
         w.click(eye)
     w.shoot(viewer, folder / "model.png")
@@ -61,16 +60,16 @@ def reviewing(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
 
     w.look(viewer, *NEAR)
     w.click(dock.review)
-    dock.panel.reviewing.next()
+    dock.controller.reviewing.next()
     w.shoot(viewer, folder / "review.png")
     dock.look.by.setCurrentIndex(1)
     dock.look.by.activated.emit(1)
     w.shoot(viewer, folder / "colours.png")
     dock.look.by.setCurrentIndex(0)
     dock.look.by.activated.emit(0)
-    dock.proofs.entry("residual").trigger()
+    dock.eyes.entry("residual").trigger()
     w.shoot(viewer, folder / "residual.png")
-    dock.proofs.entry("residual").trigger()
+    dock.eyes.entry("residual").trigger()
     w.click(dock.review)
     w.wait(0.5)
 

@@ -77,7 +77,7 @@ def with_us(count: int) -> dict[str, Gap]:
     fake.go.set()
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
     engine.refine, engine.warm_up = fake.refine, lambda report: None
-    engine.suggest = lambda task, report: tuple(made)
+    engine.suggest = lambda task, report: (None, tuple(made))
 
     def steps(viewer: Any, act: Act) -> None:
         dock = add_dock(viewer)
@@ -140,9 +140,8 @@ def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
     select(viewer, act, "select a curve", curves.data[count // 3])
     assert len(controller.selection) == 1, controller.selection
     act("open the table", lambda: click(dock.review), lambda: dock.panel.panel is not None)
-    accept, following = controller.actions["accept"], controller.actions["next"]
-    act("accept, and on to the next", accept.run)
-    act("on to the next", following.run)
+    act("accept, and on to the next", lambda: controller.actions.run("accept"))
+    act("on to the next", lambda: controller.actions.run("next"))
     act("delete a curve", controller.delete, shown(count))
     act("undo", lambda: click(dock.undo), shown(count + 1))
     act("zoom", lambda: setattr(viewer.scene.camera, "zoom", 5))

@@ -11,7 +11,7 @@ from napari.utils.key_bindings import coerce_keybinding
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QLineEdit
 
-from napari_splinesketch.plugin.actions import Action, Actions
+from napari_splinesketch.plugin.commands import COMMANDS, Command, Commands
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .hand import QTest, canvas
@@ -30,16 +30,15 @@ def heard() -> list[str]:
 
 
 @pytest.fixture
-def table(heard: list[str]) -> Actions:
-    """Two actions, bound in a viewer in which another plugin has a key."""
+def table(heard: list[str]) -> Commands:
+    """Two commands, bound in a viewer in which another plugin has a key."""
     viewer = ViewerModel()
     viewer.bind_key("K", lambda viewer: heard.append("other"))
-    made = Actions(viewer, lambda: True)
-    made.add(*(Action(n, n, k, lambda n=n: heard.append(n), n) for n, k in ("aJ", "bK")))
-    return made
+    rows = tuple(Command(n, n, k, lambda c, n=n: heard.append(n), n) for n, k in ("aJ", "bK"))
+    return Commands(viewer, heard, lambda: True, rows)
 
 
-def test_keys_run_actions_and_are_given_back(table: Actions, heard: list[str]) -> None:
+def test_keys_run_actions_and_are_given_back(table: Commands, heard: list[str]) -> None:
     viewer: Any = table._viewer
     press(viewer, "J")
     press(viewer, "K")
@@ -56,22 +55,28 @@ def test_keys_run_actions_and_are_given_back(table: Actions, heard: list[str]) -
     assert heard[4:] == []
 
 
-def test_a_second_table_takes_the_keys_over(table: Actions, heard: list[str]) -> None:
+def test_a_second_table_takes_the_keys_over(table: Commands, heard: list[str]) -> None:
     viewer: Any = table._viewer
-    again = Actions(viewer, lambda: True)
-    again.add(Action("a", "a", "J", lambda: heard.append("again"), "a"))
+    rows = (Command("a", "a", "J", lambda c: heard.append("again"), "a"),)
+    again = Commands(viewer, heard, lambda: True, rows)
     table.close()
     press(viewer, "J")
     assert heard == ["again"]
+    assert again.bound("a")
 
 
 @pytest.mark.window
 def test_keys_of_the_dock(viewer: Any, dock: SplinesketchDock) -> None:
     actions = list(dock.controller.actions)
+    assert [action.id for action in actions] == [command.id for command in COMMANDS]
     text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")
     groups = yaml.safe_load(text)["contributions"]["configurations"]
     offered = {name: entry["default"] for name, entry in groups["keys"]["properties"].items()}
     assert {action.id: action.key for action in actions} == offered
+    titles = {name: entry["title"] for name, entry in groups["keys"]["properties"].items()}
+    assert {action.id: action.name for action in actions} == titles
+    shown = {*dock.curve.buttons, *dock.track.buttons}
+    assert shown == {action.id for action in actions if action.place in ("curve", "film")}
     keys = [action.key for action in actions if action.key]
     assert len(set(keys)) == len(keys), "no two have the same"
     field = QLineEdit()

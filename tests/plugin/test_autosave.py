@@ -92,7 +92,7 @@ def test_saved_work_goes_on_where_it_was(
     dock = add_dock(viewer)
     fit_view(viewer)
     viewer.dims.set_point(0, 1)
-    click(dock.new)
+    click(dock.draw)
     first = cast(Any, dock.controller.choices.sketches)
     for line in LINES:
         draw(viewer, first, [image.data_to_world((1, *point))[1:] for point in line])
@@ -231,4 +231,4 @@ def test_damaged_work_never_stops_the_dock(
     third.open(path)
     last = add_dock(third)
     until(lambda: "could not be read" in last.offer.problem.text(), SOON)
-    assert last.new.isEnabled()
+    assert last.draw.isEnabled()

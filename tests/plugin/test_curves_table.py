@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from qtpy.QtCore import QAbstractItemModel, Qt
 
+from napari_splinesketch.plugin.columns import COLUMNS, SHOWN, as_text, features
 from napari_splinesketch.plugin.measures import Ruler, measure, severity, three_digits
 from napari_splinesketch.plugin.records import Record
-from napari_splinesketch.plugin.review.model import COLUMNS, CurvesModel
+from napari_splinesketch.plugin.review.model import CurvesModel
 from napari_splinesketch.plugin.review.sorting import CurvesInOrder, Shown
-from napari_splinesketch.plugin.review.text import as_text
 
 from .fakes import as_drawn
 
@@ -35,7 +35,7 @@ MIXED = (
 
 
 def column(model: QAbstractItemModel, title: str) -> list[str]:
-    at = [c.title for c in COLUMNS].index(title)
+    at = [c.title for c in SHOWN].index(title)
     return [model.index(row, at).data() for row in range(model.rowCount())]
 
 
@@ -63,7 +63,7 @@ def test_the_worst_come_first() -> None:
     # Failed; to check, by residual; good, by standard error or residual.
     assert column(rows, "Curve") == ["3", "4", "1", "2", "5", "1"]
     assert severity(MIXED[4].curve) > severity(MIXED[0].curve)
-    rows.sort([c.title for c in COLUMNS].index("Mean w (%)"), Qt.SortOrder.DescendingOrder)
+    rows.sort([c.title for c in SHOWN].index("Half-width (%)"), Qt.SortOrder.DescendingOrder)
     assert column(rows, "Curve")[-1] == "3", "what is not known comes last"
 
 
@@ -93,7 +93,7 @@ def test_cells_speak_of_status_review_and_unit() -> None:
     ]  # fmt: skip
     assert column(model, "Reviewed")[-2:] == ["✓ accepted", "✗ rejected"]
     assert column(model, "Length (%)")[0] == "25.0"
-    assert column(model, "Mean w (%)")[2] == "–"
+    assert column(model, "Half-width (%)")[2] == "–"
     assert column(model, "Reasons")[1] == "it moved"
     titles = [
         model.headerData(i, Qt.Orientation.Horizontal, Qt.ItemDataRole.DisplayRole)
@@ -139,14 +139,24 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
     model = CurvesModel()
     model.show_records(tuple(record(i) for i in range(1, 301)), Ruler())
     assert not asked
-    assert model.index(5, 4).data() == "50.0"
-    assert model.index(5, 4).data() == "50.0"
+    assert model.index(5, 5).data() == "50.0"
+    assert model.index(5, 5).data() == "50.0"
     assert len(asked) == 1
 
 
 def test_the_table_as_text() -> None:
     lines = as_text(MIXED[:2], Ruler((0.5, 0.5), "µm")).splitlines()
-    assert lines[0].startswith("curve,frame,status,review,length")
-    assert lines[1].split(",")[:5] == ["1", "0", "good", "open", "25.0"]
-    assert lines[2].endswith("µm,0.05,it moved")
+    assert lines[0].startswith("curve,frame,reasons,status,review,length")
+    assert lines[1].split(",")[:6] == ["1", "0", "", "good", "open", "25.0"]
+    assert lines[2].split(",")[2] == "it moved"
+    assert lines[2].endswith(",False,µm")
     assert "\t" in as_text(MIXED, Ruler(), separator="\t")
+
+
+def test_layers_table_and_files_read_one_table_of_columns() -> None:
+    names = [column.name for column in COLUMNS]
+    assert list(features(MIXED).columns) == names
+    header = as_text((), Ruler()).strip().split(",")
+    assert header == ["curve", *names[1:], "units"]
+    first_text = next(column for column in SHOWN if column.kind == "text")
+    assert first_text.name == "reasons"

@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from qtpy.QtCore import QPoint
 from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
 
 from napari_splinesketch.labels import read_labels
 from napari_splinesketch.labels.formats import WRITERS
+from napari_splinesketch.plugin.boxes import Column
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
@@ -45,9 +47,9 @@ def test_drawing_with_the_mouse_then_refine(
 ) -> None:
     image(viewer)
     fit_view(viewer)
-    click(dock.new)
+    click(dock.draw)
     layer = viewer.layers["cells sketches"]
-    assert dock.sketches.currentText() == "cells sketches"
+    assert dock.sketches.native.currentText() == "cells sketches"
     assert layer.mode == "add_line"
     assert viewer.layers.selection.active is layer
     for line in LINES:
@@ -69,8 +71,8 @@ def test_drawing_with_the_mouse_then_refine(
     assert viewer.layers.selection.active is layer, "she can draw on at once"
     assert layer.mode == "add_polyline"
     assert threading.main_thread() is not fake.calls[0]["thread"]
-    assert "2 curves" in dock.results.text()
-    assert "2 good" in dock.results.text()
+    assert dock.results.text() == "2 good"
+    assert "Refined 2 curves in " in dock.notice.text()
 
 
 def test_a_selection_is_refined_alone_among_its_neighbours(
@@ -120,11 +122,12 @@ def test_status_is_told_by_colour_breadth_and_sign(
     curves = viewer.layers["cells curves"]
     assert list(curves.features["status"]) == ["good", "check"]
     assert list(curves.features["reasons"]) == ["", "its ends <are> lost"]
-    assert list(curves.text.values) == ["", "2 ?"]
+    assert list(viewer.layers["cells marks"].text.values) == ["2 ?"]
     assert curves.edge_width[1] > curves.edge_width[0]
     assert not np.array_equal(curves.edge_color[0], curves.edge_color[1])
-    assert "1 to check" in dock.results.text()
-    assert "curve 2: its ends &lt;are&gt; lost" in dock.results.text()
+    assert dock.results.text() == "1 good · 1 to check"
+    dock.controller.selected = (0, 2)
+    assert dock.curve.title.text() == "Curve 2: to check: its ends <are> lost"
 
 
 def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock) -> None:
@@ -142,12 +145,12 @@ def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock)
 
 def test_what_cannot_be_done_says_why(viewer: Any, dock: SplinesketchDock) -> None:
     assert not dock.refine.isEnabled()
-    assert not dock.new.isEnabled()
+    assert not dock.draw.isEnabled()
     assert "Open an image" in dock.refine.toolTip()
     assert "Open an image" in dock.hint.text()
     layer = image(viewer)
-    assert "New sketch" in dock.hint.text()
-    click(dock.new)
+    assert "Press Draw lines" in dock.hint.text()
+    click(dock.draw)
     assert "Nothing to refine yet" in dock.hint.text()
     assert not dock.export.isEnabled()
     assert "refine first" in dock.export.toolTip()
@@ -171,7 +174,7 @@ def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeE
     dock.controller.refine("all")
     until(lambda: dock.progress.bar.value() == 50)
     assert dock.progress.isVisible()
-    assert dock.progress.stage.text() == "Tracing bodies…"
+    assert dock.stage.text() == "Tracing bodies…"
     assert not dock.refine.isEnabled()
     assert "running" in dock.refine.toolTip()
     click(dock.progress.cancel)
@@ -185,7 +188,7 @@ def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeE
         np.testing.assert_array_equal(old, new)
     fake.go.set()
     refine_all(dock)
-    assert not dock.notice.isVisible()
+    assert "Refined 2 curves" in dock.notice.text()
 
 
 def test_export_writes_what_is_shown(
@@ -279,13 +282,12 @@ def test_what_the_image_needed_unfolds(
     assert not dock.notes.isVisible()
     refine(dock)
     assert dock.notes.isVisible()
-    assert not dock.notes.text.isVisible()
+    text = dock.said
+    assert not text.isVisible()
     click(dock.notes.title)
-    assert dock.notes.text.isVisible()
-    assert "varies &lt;much&gt;.<br>" in dock.notes.text.text()
+    assert "varies &lt;much&gt;.<br>" in text.text()
     dock.resize(250, 700)
     QTest.qWait(50)
-    text = dock.notes.text
     assert text.mapTo(dock, text.rect().topRight()).x() <= 250
     assert text.height() >= text.heightForWidth(text.width()), "all of it is seen"
     fake.notes = ()
@@ -301,7 +303,7 @@ def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
     curves = viewer.layers["cells curves"]
     curves.selected_data = {0}
     curves.remove_selected()
-    until(lambda: "1 curve<" in dock.results.text())
+    until(lambda: dock.results.text() == "1 good")
     assert [record.id for record in dock.controller.records()] == [2]
     until(lambda: len(outlines(viewer.layers["cells outlines"])) == 1)
     curves.data = [curves.data[0] + 7]
@@ -321,13 +323,13 @@ def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
     until(lambda: not dock.controller.records())
     refine(dock)
     assert viewer.layers["cells curves"].nshapes == 2
-    assert len(viewer.layers) == 6
+    assert len(viewer.layers) == 7
 
 
 def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     refine(dock)
-    buttons = dock.visibility.findChildren(QAbstractButton)
+    buttons = list(dock.eyes.buttons.values())[1:]
     assert [b.isChecked() for b in buttons] == [True, True, False]
     click(buttons[2])
     assert viewer.layers["cells reconstruction"].visible
@@ -365,25 +367,63 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
 def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     refine(dock)
-    assert [dock.image.itemText(i) for i in range(dock.image.count())] == ["cells"]
-    assert [dock.sketches.itemText(i) for i in range(dock.sketches.count())] == ["cells sketches"]
+    assert [layer and layer.name for layer in dock.image.choices] == ["cells"]
+    assert [layer and layer.name for layer in dock.sketches.choices] == ["cells sketches", None]
+
+
+def test_draw_lines_goes_on_in_the_same_layer_and_the_combo_adds_one(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    layer = sketched(viewer)
+    refine(dock)
+    layer.mode = "select"
+    click(dock.draw)
+    assert viewer.layers.selection.active is layer
+    assert layer.mode == "add_line"
+    assert dock.controller.choices.sketches is layer
+    assert len(dock.controller.records()) == 2
+    combo = dock.sketches.native
+    combo.setCurrentIndex(combo.count() - 1)
+    combo.activated.emit(combo.count() - 1)
+    assert dock.controller.choices.sketches is viewer.layers["cells sketches [1]"]
+
+
+def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    dock.resize(250, 500)
+    QTest.qWait(50)
+    column = dock.findChild(Column)
+    assert column is not None and column.verticalScrollBar() is not None
+    bar: Any = column.verticalScrollBar()
+    places = [dock.refine.mapTo(dock, QPoint(0, 0)), dock.export.mapTo(dock, QPoint(0, 0))]
+    refine(dock)
+    dock.controller.selected = (0, 1)
+    dock.controller.say("Something that takes a few words to say.")
+    QTest.qWait(50)
+    assert bar.value() == 0
+    assert places == [dock.refine.mapTo(dock, QPoint(0, 0)), dock.export.mapTo(dock, QPoint(0, 0))]
+    above = dock.curve.mapTo(dock, QPoint(0, 0)).y() - places[0].y() - dock.refine.height()
+    assert 0 < above < 12, "the selected curve's buttons stand directly under Refine"
+    dock.review.setFocus()
+    dock.review.setEnabled(False)
+    assert bar.value() == 0
 
 
 def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> None:
     first = sketched(viewer)
     second = viewer.add_shapes([[[0, 0], [30, 30]]], shape_type="line", name="more")
-    assert dock.sketches.currentText() == "more"
+    assert dock.sketches.native.currentText() == "more"
     second.name = "other"
-    assert dock.sketches.currentText() == "other"
-    dock.sketches.setCurrentIndex(dock.sketches.findText("cells sketches"))
-    dock.sketches.activated.emit(dock.sketches.currentIndex())
+    assert dock.sketches.native.currentText() == "other"
+    dock.sketches.native.setCurrentIndex(dock.sketches.native.findText("cells sketches"))
+    dock.sketches.native.activated.emit(dock.sketches.native.currentIndex())
     assert dock.refine.text() == "Refine 2 new lines"
     viewer.layers.remove(first)
-    assert dock.sketches.currentText() == "other"
+    assert dock.sketches.native.currentText() == "other"
     assert dock.refine.text() == "Refine 1 new line"
     viewer.layers.clear()
-    assert not dock.image.isEnabled()
-    assert not dock.sketches.isEnabled()
+    assert not dock.image.native.isEnabled()
+    assert not dock.sketches.native.isEnabled()
 
 
 @pytest.mark.window
@@ -395,9 +435,9 @@ def test_a_dock_that_is_opened_again_knows_the_results(
     viewer.window.remove_dock_widget(dock)
     again = SplinesketchDock(viewer)
     viewer.window.add_dock_widget(again, name="again")
-    assert "2 curves" in again.results.text()
+    assert again.results.text() == "2 good"
     refine_all(again)
-    assert len(viewer.layers) == 6
+    assert len(viewer.layers) == 7
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])

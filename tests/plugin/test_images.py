@@ -20,7 +20,7 @@ PLACE = {"scale": (0.5, 2.0), "translate": (3.0, -4.0), "rotate": 12.0, "units":
 
 def refined(viewer: Any, dock: SplinesketchDock, image: Any) -> tuple[Any, Any]:
     """Refine a line drawn in a layer of its own; give curve and reconstruction."""
-    click(dock.new)
+    click(dock.draw)
     viewer.layers[f"{image.name} sketches"].add(LINE, shape_type="line")
     refine(dock)
     return viewer.layers[f"{image.name} curves"], viewer.layers[f"{image.name} reconstruction"]

@@ -4,18 +4,19 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.plugin.adapter.curve_lines import MARKED
+from napari_splinesketch.plugin.adapter.marks import MOST, View, readable
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.gently import CHUNK
+from napari_splinesketch.plugin.records import Record
 
-from .fakes import FakeEngine
+from .fakes import FakeEngine, as_drawn
 from .hand import assert_drawn, click, refine, until
 
 
 def test_many_curves_come_and_go_a_few_at_a_time(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
-    count = MARKED + 20
+    count = 220
     rows = np.arange(count) * 4.0
     lines = [np.array([[row, 10.0], [row + 1, 60]]) for row in rows]
     viewer.add_image(np.zeros((900, 80), np.float32), name="cells")
@@ -26,7 +27,12 @@ def test_many_curves_come_and_go_a_few_at_a_time(
     curves = viewer.layers["cells curves"]
     assert curves.nshapes == count
     assert list(curves.features["id"]) == list(range(1, count + 1))
-    assert not any(curves.text.values.tolist() if curves.text.values.size > 1 else [])
+    viewer.scene.camera.zoom = 8.0
+    viewer.scene.camera.center = (0, *lines[3].mean(axis=0))
+    marks = viewer.layers["cells marks"]
+    until(lambda: marks.text.values.tolist() == ["4 ?"], 10)
+    viewer.scene.camera.center = (0, *lines[200].mean(axis=0))
+    until(lambda: len(marks.data) == 0, 10)
     kept = [id(data) for data in curves.data]
     curves.events.data.connect(lambda event: steps.append(len(event.data_indices)))
     dock.controller.delete((0, 5), (0, 9))
@@ -44,15 +50,48 @@ def test_many_curves_come_and_go_a_few_at_a_time(
     assert len(sketches.data) == count
 
 
-def test_few_curves_keep_their_numbers_beside_them(
-    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
-) -> None:
+def test_marks_are_in_view_and_never_overprinted() -> None:
+    rng = np.random.default_rng(0)
+    places = rng.uniform(0, 400, (1000, 2))
+    records = [
+        Record(i, i % 2, line, as_drawn(line, status="good" if i % 3 else "check"))
+        for i, at in enumerate(places, 1)
+        for line in [at + np.array([[0, 0], [0, 30]])]
+    ]
+    view = View(1, np.array([100.0, 50.0]), np.array([300.0, 350.0]), np.array([0.5, 0.5]))
+    found = list(readable(records, view))
+    assert 20 < len(found) <= MOST
+    assert all(record.frame == 1 and record.curve.status == "check" for record, _ in found)
+    at = np.array([place for _, place in found])
+    assert (at > view.low).all() and (at < view.high).all()
+    apart = np.abs(at[:, None] - at)
+    over = (apart[..., 0] < 8) & (apart[..., 1] < 5 * 4.5)
+    assert over.sum() <= len(found) + 2 * (apart[..., 1] > 3 * 4.5)[over].sum()
+
+
+def test_marks_follow_what_is_known(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:
     viewer.add_image(np.zeros((90, 80), np.float32), name="cells")
     viewer.add_shapes([[[r, 9], [r, 60]] for r in (10, 30, 50)], shape_type="line")
     fake.changes = {1: {"status": "check", "reasons": ("why",)}}
     refine(dock)
     curves = next(layer for layer in viewer.layers if layer.name.endswith("curves"))
-    assert curves.text.values.tolist() == ["", "2 ?", ""]
-    dock.controller.delete((0, 1))
+    marks = next(layer for layer in viewer.layers if layer.name.endswith("marks"))
+    assert marks.text.values.tolist() == ["2 ?"]
+    dock.controller.delete((0, 2))
     until(lambda: curves.nshapes == 2, 30)
-    until(lambda: curves.text.values.tolist() == ["2 ?", ""], 30)
+    until(lambda: len(marks.data) == 0, 30)
+
+
+def test_lines_that_have_curves_step_back(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.zeros((90, 80), np.float32), name="cells")
+    lines = viewer.add_shapes(
+        [[[r, 9], [r, 60]] for r in (10, 30)], shape_type="line", edge_color="blue"
+    )
+    refine(dock)
+    lines.add([[50, 9], [50, 60]], shape_type="line", edge_color="blue")
+    assert np.round(lines.edge_color[:, 3], 2).tolist() == [0.3, 0.3, 1.0]
+    assert (lines.edge_color[:, :3] == [0, 0, 1]).all(), "colours are the user's own"
+    dock.controller.delete((0, 1))
+    until(lambda: np.round(lines.edge_color[:, 3], 2).tolist() == [1.0, 0.3, 1.0], 20)

@@ -32,7 +32,7 @@ def film(viewer: Any) -> Any:
 
 
 def ask(dock: SplinesketchDock, proof: Any) -> None:
-    dock.proofs.entry(proof).trigger()
+    dock.eyes.entry(proof).trigger()
     QTest.qWait(20)
 
 
@@ -82,7 +82,7 @@ def test_every_proof_lies_on_the_image(
     assert stack.data[1, 1, 20, 30] == 2, "where bodies cross, both have their mask"
     kinds = [type(layer) for layer in (residual, lines, masks, stack)]
     assert kinds == [Image, Shapes, Labels, Labels]
-    assert not dock.proofs.entry("body").isChecked()
+    assert not dock.eyes.entry("body").isChecked()
     ask(dock, "body")
     assert "Select one curve" in dock.notice.text()
     assert [layer.name for layer in viewer.layers].count("film selected body") == 0
@@ -104,7 +104,7 @@ def test_proofs_follow_while_they_are_in_view(
     dock.controller.delete((1, 1))
     until(lambda: masks.data[1][20, 12] == 0, 5)
     masks.visible = False
-    assert not dock.proofs.entry("masks").isChecked()
+    assert not dock.eyes.entry("masks").isChecked()
     made = []
     maker = pictures.MAKERS["masks"]
     slow = pictures.Maker(maker.source, lambda known: made.append(1) or maker.make(known))
@@ -140,7 +140,7 @@ def test_colours_tell_a_number_and_the_legend_its_range(
     assert dock.look.low.text() == "15.0"
     assert dock.look.high.text() == "32.0 µm"
     np.testing.assert_allclose(curves.edge_color[:, :3] * 255, [[253, 231, 37], [65, 68, 135]])
-    assert list(curves.text.values) == ["", "2 ?"], "marks still tell the status"
+    assert list(viewer.layers["cells marks"].text.values) == ["2 ?"], "marks still tell the status"
     assert curves.edge_width[1] > curves.edge_width[0]
     unknown = as_drawn(LINES[0][:, 1:], sd=np.full(100, np.inf))
     assert ribbon(unknown) is None

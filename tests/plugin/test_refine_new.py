@@ -83,5 +83,28 @@ def test_lines_are_refined_as_they_are_drawn(
     assert layer.mode == "add_line"
 
 
+def test_a_line_drawn_again_replaces_the_curve_in_one_step(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    refine(dock)
+    before = dock.controller.records()
+    layer.add([[21, 22], [20, 62]], shape_type="line")
+    assert dock.refine.text() == "Refine 1 changed"
+    refine(dock)
+    assert [record.id for record in dock.controller.records()] == [1, 2]
+    assert np.allclose(dock.controller.records()[0].sketch, [[21, 22], [20, 62]])
+    assert not dock.refine.isEnabled(), "the old line is left alone"
+    dock.controller.refine("all")
+    until(lambda: not dock.controller.progress, 20)
+    assert len(dock.controller.records()) == 2
+    click(dock.undo)
+    click(dock.undo)
+    assert dock.controller.records() == before
+    layer.add([[26, 20], [26, 60]], shape_type="line")
+    refine(dock)
+    assert len(dock.controller.records()) == 4, "a body beside it, not the same"
+
+
 def test_the_part_that_the_engine_explains_is_known() -> None:
     assert engine.MARGIN == islands.MARGIN

@@ -52,6 +52,8 @@ def test_a_sample_is_ready_to_refine(
     if key == "generated":
         truth = viewer.layers["generated truth"]
         assert not truth.visible
-        assert truth.name not in [dock.sketches.itemText(i) for i in range(dock.sketches.count())]
+        assert truth.name not in [
+            dock.sketches.native.itemText(i) for i in range(dock.sketches.native.count())
+        ]
         for line, sketch in zip(truth.data, viewer.layers["generated sketches"].data, strict=True):
             assert 1 < average_dtw(line, sketch) < 15

@@ -9,7 +9,6 @@ import pytest
 from napari.settings import get_plugin_settings
 from npe2 import PluginManifest
 from qtpy.QtCore import QPoint, Qt
-from qtpy.QtGui import QKeySequence
 
 from napari_splinesketch.plugin import settings
 from napari_splinesketch.plugin.settings import PLUGIN, Settings
@@ -57,13 +56,12 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
                      scale=(0.5, 0.5), units=("um", "um"))  # fmt: skip
     viewer.add_shapes([[[10, 10], [10, 60]]], shape_type="line", name="x sketches",
                       scale=(0.5, 0.5), units=("um", "um"))  # fmt: skip
-    box = dock.settings_box
+    box = dock.settings_form
     assert not box.isVisible()
     click(dock.settings.title)
     assert box.isVisible()
-    box.polarity.setFocus()
-    QTest.keyClick(box.polarity, Qt.Key.Key_Down)
-    box.polarity.activated.emit(box.polarity.currentIndex())
+    box.widgets["polarity"].native.setFocus()
+    QTest.keyClick(box.widgets["polarity"].native, Qt.Key.Key_Down)
     box.half_width.setFocus()
     box.half_width.selectAll()
     QTest.keyClicks(box.half_width, "1.5")
@@ -75,17 +73,15 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert fake.calls[0]["polarity"] == "bright"
     assert fake.calls[0]["half_width"] == pytest.approx(3.0)
     assert fake.calls[0]["preset"] == "fast"
-    # Another key, by hand; the old one is free again.
-    edit = box.keys["next"]
-    edit.setFocus()
-    edit.setKeySequence(QKeySequence("H"))
-    edit.editingFinished.emit()
+    # Another key, in napari's preferences; the one that had it is free again.
+    chosen: Any = get_plugin_settings(PLUGIN)
+    chosen.keys.next = "H"
     canvas(viewer).setFocus()
     QTest.keyClick(canvas(viewer), Qt.Key.Key_N)
     assert dock.controller.selected is None
     QTest.keyClick(canvas(viewer), Qt.Key.Key_H)
     until(lambda: dock.controller.selected == (0, 1), 5)
-    assert box.keys["draw"].keySequence().isEmpty(), "a key does one thing"
+    assert chosen.keys.draw == "", "a key does one thing"
     # Another dock, another session, napari's preferences.
     kept = settings.load()
     assert (kept.preset, kept.polarity, kept.half_width) == ("fast", "bright", 1.5)
@@ -94,16 +90,16 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     viewer.window.remove_dock_widget(dock)
     again = add_dock(viewer)
     assert again.preset.currentText() == "Fast"
-    assert again.settings_box.half_width.value() == 1.5
+    assert again.settings_form.half_width.value() == 1.5
     assert again.controller.actions["next"].key == "H"
     kept_by_napari: Any = get_plugin_settings(PLUGIN)
     kept_by_napari.refining.preset = "thorough"
     assert again.preset.currentText() == "Thorough"
     click(again.settings.title)
-    pixels = again.settings_box.pixels
+    pixels = again.settings_form.widgets["lengths_in_pixels"].native
     QTest.mouseClick(pixels, Qt.MouseButton.LeftButton, pos=QPoint(8, pixels.height() // 2))
     assert again.controller.ruler.unit == "px"
-    assert again.settings_box.half_width.text() == "1.500 µm"
+    assert again.settings_form.half_width.text() == "1.500 µm"
 
 
 @pytest.mark.window

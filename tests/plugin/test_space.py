@@ -144,7 +144,7 @@ def test_sketches_drawn_on_a_turned_image_land_under_the_mouse(
     image = viewer.add_image(np.random.default_rng(1).random((4, 90, 60)), name="film", **place)
     viewer.dims.set_point(0, image.data_to_world((2, 0, 0))[0])
     fit_view(viewer)
-    click(dock.new)
+    click(dock.draw)
     sketches = viewer.layers["film sketches"]
     assert isinstance(sketches, Shapes)
     truth = np.array([[2, 20.0, 10], [2, 70.0, 40]])

@@ -54,7 +54,7 @@ def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
 ) -> None:
     viewer.add_image(film[0], name="worms")
     fit_view(viewer)
-    click(dock.new)
+    click(dock.draw)
     layer = viewer.layers["worms sketches"]
     draw(viewer, layer, [(5, 5), (9, 60)])
     press_suggest(dock)
@@ -78,7 +78,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     fit_view(viewer)
     slider = dock.suggest.slider
     QTest.keyClick(slider, Qt.Key.Key_Home)
-    assert dock.films.sensitivity == 0
+    assert dock.controller.films.sensitivity == 0
     press_suggest(dock)
     layer = viewer.layers["worms sketches"]
     few = layer.nshapes
@@ -90,7 +90,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     layer.selected_data = set()
     for _ in range(70):
         QTest.keyClick(slider, Qt.Key.Key_Right)
-    assert dock.films.sensitivity == pytest.approx(0.7)
+    assert dock.controller.films.sensitivity == pytest.approx(0.7)
     press_suggest(dock)
     assert layer.nshapes > few
     lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
@@ -108,7 +108,7 @@ def test_nothing_new_is_said_and_cancel_changes_nothing(
     assert "No further body stands out" in dock.notice.text()
     assert not dock.undo.isVisible()
     viewer.add_image(film[0], name="worms")
-    dock.films.suggest()
+    dock.controller.films.suggest()
     click(dock.progress.cancel)
     QTest.qWait(1500)
     assert "Nothing was changed" in dock.notice.text()

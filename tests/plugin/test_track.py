@@ -42,14 +42,14 @@ def over(dock: SplinesketchDock) -> None:
 
 def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: SplinesketchDock) -> None:
     assert film.track.isVisible()
-    click(film.track.next)
+    click(film.track.buttons["next_frame"])
     over(film)
     assert keys(film) == [(1, 1), (1, 2), (2, 1), (2, 2)]
     assert viewer.dims.current_step[0] == 2
     assert not any(record.drawn for record in film.controller.records(2))
     assert viewer.layers["film curves"].nshapes == 4, "it is over when all is in view"
     assert "To put a curve right, draw a line over it" in film.hint.text()
-    click(film.track.next)
+    click(film.track.buttons["next_frame"])
     over(film)
     assert keys(film)[-2:] == [(3, 1), (3, 2)]
     click(film.undo)
@@ -61,7 +61,7 @@ def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(
     viewer: Any, film: SplinesketchDock, fake: FakeEngine
 ) -> None:
     controller = film.controller
-    click(film.track.track)
+    click(film.track.buttons["track"])
     over(film)
     assert keys(film) == [(t, i) for t in range(1, 6) for i in (1, 2)]
     assert "Tracked to frame 5: 2 curves there" in film.notice.text()
@@ -70,7 +70,7 @@ def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(
     controller.delete((4, 2))
     before = {(r.frame, r.id): r.curve for r in controller.records()}
     fake.calls.clear()
-    click(film.track.track)
+    click(film.track.buttons["track"])
     over(film)
     after = {(r.frame, r.id): r.curve for r in controller.records()}
     assert {key for key in after if after[key] is before[key]} == {
@@ -95,10 +95,10 @@ def test_cancelling_keeps_what_is_done(
         return whole(*arguments, **options)
 
     engine.refine = slow
-    click(film.track.track)
+    click(film.track.buttons["track"])
     until(lambda: (3, 2) in keys(film), 20)
     assert film.progress.isVisible()
-    assert "frame 4" in film.progress.stage.text().lower()
+    assert "frame 4" in film.stage.text().lower()
     click(film.progress.cancel)
     assert "2 frames tracked by then stay" in film.notice.text()
     fake.go.set()
@@ -111,7 +111,7 @@ def test_drift_is_flagged_and_lost_bodies_are_named(
 ) -> None:
     monkeypatch.setattr(import_module("napari_splinesketch.tracking.follow"), "PATIENCE", 2)
     fake.changes = {0: {"half_width": np.full(100, 9.0)}}
-    click(film.track.track)
+    click(film.track.buttons["track"])
     over(film)
     flagged = [r for r in film.controller.records(2) if r.curve.status == "check"]
     assert flagged
@@ -125,7 +125,7 @@ def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:
     assert not dock.track.isVisible()
     viewer.add_image(np.zeros((3, 60, 70)), name="film")
     assert dock.track.isVisible()
-    assert "refine it first" in dock.track.next.toolTip()
+    assert "refine it first" in dock.track.buttons["next_frame"].toolTip()
     viewer.dims.set_point(0, 2)
-    assert "last frame" in dock.track.next.toolTip()
-    assert not dock.track.track.isEnabled()
+    assert "last frame" in dock.track.buttons["next_frame"].toolTip()
+    assert not dock.track.buttons["track"].isEnabled()

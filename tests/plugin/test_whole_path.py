@@ -49,7 +49,7 @@ def test_lines_drawn_with_the_mouse_become_the_bodies(
     image = viewer.add_image(film, name="film", **PLACE)
     viewer.dims.set_point(0, 1)
     fit_view(viewer)
-    click(real.new)
+    click(real.draw)
     sketches = viewer.layers["film sketches"]
     truth = frames[1].centrelines
     for body in truth:

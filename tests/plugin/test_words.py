@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.plan import Plan, Scope, Target
 from napari_splinesketch.plugin.records import Record
@@ -18,10 +19,6 @@ LINE = np.array([[0.0, 0], [0, 40]])
 def records(*curves: tuple[str, tuple[str, ...]]) -> list[Record]:
     made = [as_drawn(LINE, status=status, reasons=reasons) for status, reasons in curves]
     return [Record(i + 1, 0, LINE, curve) for i, curve in enumerate(made)]
-
-
-def plain(rich: str) -> str:
-    return re.sub("<[^>]*>", " ", rich.replace("<br>", "\n").replace("&nbsp;", ""))
 
 
 def plan(scope: Scope, new: int, old: int) -> Plan:
@@ -45,33 +42,29 @@ def test_button(made: Plan, text: str) -> None:
     assert words.button(made) == text
 
 
-def test_summary_counts_and_gives_reasons_together() -> None:
-    said = plain(
-        words.summary(
-            records(
-                ("good", ()),
-                ("check", ("its position is uncertain by up to 0.8 px", "it left the frame")),
-                ("check", ("its position is uncertain by up to 0.6 px",)),
-                ("check", ("its position is uncertain by up to 1.2 px",)),
-                ("failed", ("it lies on the same body as curve 2",)),
-            ),
-            2.34,
-        )
-    )
-    assert "5 curves  in 2.3 s" in said
-    assert "1 good" in said
-    assert "? 3 to check" in said
-    assert "curves 2, 3, 4: its position is uncertain by up to 0.6–1.2 px" in said
-    assert "curve 2: it left the frame" in said
-    assert "! 1 failed" in said
-    assert "curve 5: it lies on the same body as curve 2" in said
-    assert said.index("good") < said.index("check") < said.index("failed")
+def test_the_summary_is_one_line() -> None:
+    check = ("check", ("its position is uncertain by up to 0.8 px", "it left the frame"))
+    said = words.summary(records(("good", ()), *[check] * 3))
+    assert said == "1 good · 3 to check"
+    said = words.summary(records(("good", ()), check, ("failed", ("it is too short",))))
+    assert said == "1 good · 1 to check · 1 !"
+    assert words.summary(records(("failed", ("why",)))) == "1 failed"
+    assert words.summary([]) == ""
 
 
-def test_summary_does_not_list_a_hundred_numbers() -> None:
-    said = plain(words.summary(records(*[("check", ("why",))] * 100), None))
-    assert "curves 1, 2, 3, 4, 5, 6 and 94 more: why" in said
-    assert " in " not in said.splitlines()[0]
+def test_the_selected_curve_says_why_it_is_doubtful() -> None:
+    (one,) = records(("check", ("it moved", "it is short")))
+    assert words.selected([one]) == "Curve 1: to check: it moved; it is short"
+    assert words.selected([one, one]) == "2 curves are selected"
+    assert "No curve" in words.selected([])
+
+
+def test_times_are_those_that_the_user_waits() -> None:
+    assert words.done("Refined", 1, "curve", 2.58) == "Refined 1 curve in 2.6 s."
+    assert words.stage(Progress("frame 3", 0.5), 12.4) == "Frame 3… About 12 s left."
+    assert words.stage(Progress("frame 3", 0.5), 150) == "Frame 3… About 2 min left."
+    assert words.stage(Progress("frame 3", 0.5), None) == "Frame 3…"
+    assert words.stage(None, 3.0) == ""
 
 
 def test_reasons_name_curves_by_their_numbers() -> None:

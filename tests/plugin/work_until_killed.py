@@ -22,7 +22,7 @@ def main() -> None:
     viewer.open(sys.argv[1])
     dock = add_dock(viewer)
     fit_view(viewer)
-    click(dock.new)
+    click(dock.draw)
     sketches = dock.controller.choices.sketches
     assert sketches is not None
     for line in LINES[:2]:

@@ -8,13 +8,12 @@ import tifffile
 from jaxtyping import Float, Real, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
+from napari_splinesketch import palette
 from napari_splinesketch.labels import Label
 from napari_splinesketch.labels.files import atomic
 from napari_splinesketch.labels.geometry import edges
 
-COLOURS = {"good": "#56B4E9", "check": "#E69F00", "failed": "#D55E00", "sketch": "#CC79A7"}
-"""Told apart by colour-blind readers too (after Okabe and Ito)."""
-TRUTH = "#009E73"
+COLOURS = palette.STATUS | {"sketch": palette.SKETCH}
 SIDE = 2048
 
 
@@ -48,7 +47,7 @@ def write_overlay(
     font = ImageFont.load_default(size=12 + 2 * zoom)
     thick = 1 + zoom // 4
     for label in truth:
-        pen.line(_place(label.points, zoom), fill=TRUTH, width=thick)
+        pen.line(_place(label.points, zoom), fill=palette.TRUTH, width=thick)
     for label in labels:
         colour = COLOURS[label.status]
         pen.line(_place(label.points, zoom), fill=colour, width=thick)

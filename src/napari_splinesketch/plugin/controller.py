@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from napari.components import ViewerModel
@@ -13,17 +14,20 @@ from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.actions import Actions
 from napari_splinesketch.plugin.adapter.labels import labels_of
 from napari_splinesketch.plugin.adapter.pixels import block_around
 from napari_splinesketch.plugin.adapter.preview import Preview
 from napari_splinesketch.plugin.adapter.roles import is_result
 from napari_splinesketch.plugin.adapter.sketches import (
-    draw_or_select,
+    begin_drawing,
+    drawing,
     new_sketch_layer,
+    select_curves,
 )
+from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.corrections import Corrections
 from napari_splinesketch.plugin.files import export
+from napari_splinesketch.plugin.films import Films
 from napari_splinesketch.plugin.gently import MANY, Soon
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
@@ -31,11 +35,14 @@ from napari_splinesketch.plugin.knot_editing import KnotEditing
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.records import Record, key_of
 from napari_splinesketch.plugin.request import Request, Requests
+from napari_splinesketch.plugin.review.reviewing import Reviewing
 from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
-from napari_splinesketch.plugin.standard_actions import standard_actions
 from napari_splinesketch.plugin.work import Work, remove_results
 
 SAVING = "Saving"
+
+KNOWN_AFTER = 2.0
+"""Seconds after which the time that is left is worth a guess."""
 
 
 class Controller(SettingsKeeper):
@@ -55,7 +62,11 @@ class Controller(SettingsKeeper):
     corrections
         What can be done to the shape of a curve.
     knots
-        Leading a curve by its knots.
+        Moving a curve by its knots.
+    films, reviewing
+        Suggesting and tracking; going from curve to curve.
+    left
+        About how long what runs still will, s; None where nobody knows.
     """
 
     def __init__(self, viewer: ViewerModel):
@@ -71,8 +82,12 @@ class Controller(SettingsKeeper):
         self._told: list[Image] = []
         self.corrections = Corrections(self, partial(self.refine, "selected"))
         self.knots = KnotEditing(self, partial(self.refine, "selected"))
-        self.actions = Actions(viewer, self._is_meant)
-        self.actions.add(*standard_actions(self))
+        self.films = Films(self)
+        self.reviewing = Reviewing(self)
+        self.left: float | None = None
+        self._began = 0.0
+        self.actions = Commands(viewer, self, self._is_meant)
+        self.use_keys()
         self.clicked.connect(lambda shift: self.corrections.pick(add=shift))
         self.choices.changed.connect(self._follow)
         self._soon = Soon(lambda: self.changed.emit())
@@ -140,6 +155,7 @@ class Controller(SettingsKeeper):
             What it is about: it ends when one of its layers is removed.
         """
         self.progress, self.notice = Progress("starting", 0.0), Notice()
+        self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
         self._job = Job(work)
         self._job.progressed.connect(self._on_progress)
@@ -194,13 +210,26 @@ class Controller(SettingsKeeper):
         else:
             super().redo()
 
-    def draw_or_select(self) -> None:
-        """Draw lines; or, while drawing, go back to selecting curves."""
-        curves = self.work.layers.layer("curves") if self.work else None
+    @property
+    def waited(self) -> float:
+        """For how long the user has waited for what she started last, s."""
+        return perf_counter() - self._began
+
+    def draw(self) -> None:
+        """Draw lines into the chosen layer, or into a new one where there is none."""
         if self.choices.sketches is None:
             self.new_sketches()
         else:
-            draw_or_select(self.viewer, self.choices.sketches, curves)
+            begin_drawing(self.choices.sketches, self.viewer)
+
+    def draw_or_select(self) -> None:
+        """Draw lines; or, while drawing, go back to selecting curves."""
+        layer = self.choices.sketches
+        curves = self.work.layers.layer("curves") if self.work else None
+        if layer is not None and curves is not None and drawing(self.viewer, layer):
+            select_curves(self.viewer, curves)
+        else:
+            self.draw()
 
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""
@@ -276,6 +305,7 @@ class Controller(SettingsKeeper):
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
+        self.left = time_left(self.waited, progress.fraction)
         self.changed.emit()
 
     def _see(self, frame: int, progress: Progress) -> None:
@@ -304,13 +334,14 @@ class Controller(SettingsKeeper):
             for t, curve in zip(targets, curves, strict=True)
         ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
-        work.history.apply(what, work.state.refined(request.frame, fresh, refined))
+        state = work.state.set_aside([(request.frame, t.id) for t in targets if t.again])
+        work.history.apply(what, state.refined(request.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
-        self._drawing.start(work, last=partial(self._on_all_shown, work))
+        self._drawing.start(work, last=partial(self._on_all_shown, work, len(fresh)))
 
-    def _on_all_shown(self, work: Work) -> None:
+    def _on_all_shown(self, work: Work, number: int) -> None:
         work.layers.select(self.selection)
-        self._stop(Notice())
+        self._stop(Notice("done", words.done("Refined", number, "curve", self.waited)))
         self._refine_at_once()
 
     def _refine_at_once(self) -> None:
@@ -344,3 +375,8 @@ class Controller(SettingsKeeper):
         if half or (self.progress and self._on is work):
             name = (work.sketches if work.image in self.viewer.layers else work.image).name
             self._stop(Notice("cancelled", f"{name!r} was removed: what was running on it ended."))
+
+
+def time_left(spent: float, done: float) -> float | None:
+    """Guess from the share that is done how long the rest takes, s; None while nobody knows."""
+    return spent * (1 - done) / done if spent > KNOWN_AFTER and done > 0.05 else None

@@ -162,17 +162,44 @@ class SuggestTask:
     half_width: float | None = None
 
 
-def suggest(task: SuggestTask, on_progress: OnProgress) -> tuple[Float[np.ndarray, "N 2"], ...]:
-    """Read the pixels and suggest lines, px of the image; to be called in a thread."""
-    from napari_splinesketch.engine.find.suggest import suggest
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """An image that was read; gives lines for any sensitivity, in a thread.
 
+    Attributes
+    ----------
+    pixels, grid
+        The image, and where it lies.
+    polarity, half_width
+        As in `Task`; the half-width in pixels of the block.
+    """
+
+    pixels: np.ndarray
+    grid: Grid
+    polarity: Polarity
+    half_width: float | None
+
+    def choose(
+        self, sensitivity: float, known: Sequence[Float[np.ndarray, "N 2"]]
+    ) -> tuple[Float[np.ndarray, "N 2"], ...]:
+        """Give lines over bodies that stand out and are not known, px of the image."""
+        from napari_splinesketch.engine.find.suggest import suggest
+
+        lines = suggest(self.pixels, sensitivity, self.polarity, self.half_width)
+        return tuple(new_among([self.grid.to_image(line) for line in lines], known))
+
+
+Found = tuple[Prepared, tuple[Float[np.ndarray, "N 2"], ...]]
+
+
+def suggest(task: SuggestTask, on_progress: OnProgress) -> Found:
+    """Read the pixels and suggest lines, px of the image; to be called in a thread."""
     on_progress(Progress("reading the image", 0.0))
-    pixels = task.block.read()
-    on_progress(Progress("looking for bodies", 0.2))
     grid = task.block.grid
     half_width = task.half_width and task.half_width / grid.size
-    lines = suggest(pixels, task.sensitivity, task.polarity, half_width)
-    return tuple(new_among([grid.to_image(line) for line in lines], task.known))
+    prepared = Prepared(task.block.read(), grid, task.polarity, half_width)
+    on_progress(Progress("looking for bodies", 0.2))
+    return prepared, prepared.choose(task.sensitivity, task.known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,15 +1,19 @@
 """Suggesting sketches, and carrying curves from frame to frame."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
+from superqt.utils import QSignalDebouncer
 
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.actions import Action
 from napari_splinesketch.plugin.adapter.pixels import block_around
 from napari_splinesketch.plugin.adapter.sketches import (
     begin_drawing,
@@ -22,8 +26,8 @@ from napari_splinesketch.plugin.adapter.space import (
     go_to_frame,
     plane_problem,
 )
-from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.gently import BREATH_MS
+from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.records import Line
 from napari_splinesketch.plugin.request import OPEN
@@ -31,14 +35,35 @@ from napari_splinesketch.plugin.state import State
 from napari_splinesketch.plugin.tracks import Progressing, bodies_at, given_in, taken_in
 from napari_splinesketch.plugin.work import Work
 
-SUGGEST_TIP = (
-    "Draw a line over each body that stands out in this frame: lines like your own, to be\n"
-    "mended, deleted or taken back before you refine"
-)
-
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.controller import Controller
 
 SAME = 0.02
 """Lines no further apart are the same, px: layers hold single precision."""
+PREVIEW_AFTER_MS = 60
+"""Suggestions follow the slider when it has stood still for so long."""
+SUGGEST = "Suggest lines"
+"""The name of the step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suggested:
+    """What the last suggestions were chosen from: others are chosen when the slider moves.
+
+    Attributes
+    ----------
+    work, frame
+        What they are for.
+    known
+        Lines over bodies that need no other, px of the image.
+    prepared
+        Gives lines for a sensitivity.
+    """
+
+    work: Work
+    frame: int
+    known: Sequence[Line]
+    prepared: engine.Prepared
 
 
 class Films:
@@ -58,13 +83,11 @@ class Films:
     def __init__(self, controller: Controller):
         self.sensitivity = 0.5
         self._controller = controller
-        controller.actions.add(
-            Action("suggest", "Suggest", "W", self.suggest, "Suggest lines in this frame"),
-            Action(
-                "next_frame", "Next frame", "Q", self.next_frame, "Carry the curves one frame on"
-            ),
-            Action("track", "Track to the end", "", self.track, "Carry the curves to the end"),
-        )
+        self._suggested: Suggested | None = None
+        self._choosing: Job | None = None
+        self._soon = QSignalDebouncer()
+        self._soon.setTimeout(PREVIEW_AFTER_MS)
+        self._soon.triggered.connect(self._choose)
 
     def frames(self) -> int:
         """How many frames the chosen image has; 0 without one."""
@@ -79,15 +102,15 @@ class Films:
             return "Something is running"
         return plane_problem(controller.viewer, image) if image is not None else OPEN
 
-    def tracking_problem(self) -> str:
-        """Why there is nothing to carry over, or nothing."""
+    def tracking_problem(self, way: int) -> str:
+        """Why there is nothing to carry on (1) or back (-1), or nothing."""
         image = self._controller.choices.image
         problem = self.problem()
         if problem or image is None:
             return problem
         frame = current_frame(self._controller.viewer, image)
-        if frame + 1 >= frame_count(image):
-            return "This is the last frame"
+        if not 0 <= frame + way < frame_count(image):
+            return "This is the last frame" if way > 0 else "This is the first frame"
         work = self._controller.work
         if work is None or not bodies_at(work.state, frame):
             return "There are no curves in this frame: refine it first"
@@ -108,62 +131,61 @@ class Films:
         frame = current_frame(controller.viewer, image)
         height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
         corners = np.array([[0.0, 0.0], [height - 1, width - 1]])
-        cleared = work.state.suggested(frame, ())
         task = engine.SuggestTask(
             block_around(image, frame, [corners]),
-            tuple(self._known(work, layer, image, frame, cleared)),
+            tuple(self._known(work, layer, image, frame, work.state.suggested(frame, ()))),
             self.sensitivity,
             controller.settings.polarity,
             controller.half_width_in(image),
         )
-        done = partial(self._on_suggested, work, frame)
+        done = partial(self._on_suggested, work, frame, task)
         controller.start(partial(engine.suggest, task), done, "Suggesting", on=work)
 
-    def next_frame(self) -> None:
-        """Carry the curves to the next frame, and show it."""
-        self._track(1)
+    def change_sensitivity(self, value: float) -> None:
+        """Suggest other lines in the place of the last ones, soon."""
+        self.sensitivity = value
+        if self._suggested is not None:
+            self._soon.throttle()
 
-    def track(self) -> None:
-        """Carry the curves to the last frame."""
-        self._track(self.frames())
-
-    def _known(
-        self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
-    ) -> Sequence[Line]:
-        """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
-        drawn = drawn_in(self._controller.viewer, layer, image, frame).lines
-        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
-        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
-        mine = [line for line in drawn if not _among(line, groups.get(len(line)))]
-        curves = [r.curve.points for r in work.records if r.frame == frame]
-        return [*mine, *curves]
-
-    def _on_suggested(self, work: Work, frame: int, lines: tuple[Line, ...]) -> None:
-        controller = self._controller
-        if work is not controller.work:
-            controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
+    def _choose(self) -> None:
+        """Choose lines for another sensitivity, from what was found before."""
+        last, controller = self._suggested, self._controller
+        if last is None or last.work is not controller.work or controller.progress:
             return
-        said = words.count(len(lines), "line")
-        text = f"Suggested {said}. Mend or delete what is wrong, then refine."
-        if not lines:
-            text = "No further body stands out. More sensitivity may find fainter ones."
-        over = partial(controller.finish, Notice("done", text))
-        if lines or work.state.suggested(frame, ()).suggestions != work.state.suggestions:
-            controller.apply(f"Suggest {said}", work.state.suggested(frame, lines), over)
-        else:
-            over()
+        if self._choosing is not None:
+            self._soon.throttle()
+            return
+        choose = partial(last.prepared.choose, self.sensitivity, last.known)
+        self._choosing = Job(lambda _: choose())
+        self._choosing.done.connect(partial(self._on_chosen, last))
+        self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
+        self._choosing.start()
 
-    def _track(self, most: int) -> None:
+    def _on_chosen(self, last: Suggested, lines: tuple[Line, ...]) -> None:
+        self._choosing = None
+        controller, work = self._controller, last.work
+        if work is not controller.work or controller.progress:
+            return
+        state = work.state.suggested(last.frame, lines)
+        if work.history.done == SUGGEST:
+            controller.amend(state)
+        else:
+            controller.apply(SUGGEST, state)
+        controller.tell(Notice("done", _suggested(len(lines))))
+
+    def track(self, way: int, most: int | None = None) -> None:
+        """Carry the curves on (1) or back (-1), to the end or over some frames."""
         controller = self._controller
         image, work = controller.choices.image, controller.work
-        if self.tracking_problem() or image is None or work is None:
+        if self.tracking_problem(way) or image is None or work is None:
             return
-        first = current_frame(controller.viewer, image) + 1
-        frames = range(first, min(first + most, frame_count(image)))
+        here = current_frame(controller.viewer, image)
+        end = frame_count(image) if way > 0 else -1
+        frames = range(here + way, end, way)[:most]
         state = work.state
         task = engine.TrackTask(
             frames,
-            bodies_at(state, first - 1),
+            bodies_at(state, here, way),
             partial(block_around, image),
             {frame: given_in(state, frame) for frame in frames},
             controller.preset,
@@ -179,6 +201,32 @@ class Films:
             cancelled=going.cancelled,
             on=work,
         )
+
+    def _known(
+        self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
+    ) -> Sequence[Line]:
+        """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
+        drawn = drawn_in(self._controller.viewer, layer, image, frame).lines
+        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
+        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
+        mine = [line for line in drawn if not _among(line, groups.get(len(line)))]
+        curves = [r.curve.points for r in work.records if r.frame == frame]
+        return [*mine, *curves]
+
+    def _on_suggested(
+        self, work: Work, frame: int, task: engine.SuggestTask, found: engine.Found
+    ) -> None:
+        controller = self._controller
+        if work is not controller.work:
+            controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
+            return
+        prepared, lines = found
+        self._suggested = Suggested(work, frame, task.known, prepared)
+        over = partial(controller.finish, Notice("done", _suggested(len(lines))))
+        if lines or work.state.suggested(frame, ()).suggestions != work.state.suggestions:
+            controller.apply(SUGGEST, work.state.suggested(frame, lines), over)
+        else:
+            over()
 
     def _take(self, work: Work, task: engine.TrackTask, going: Progressing) -> None:
         """Take over the frames that are done by now."""
@@ -212,3 +260,11 @@ class Films:
 def _among(line: Line, others: Float[np.ndarray, "L N 2"] | None) -> bool:
     """Whether a line is one of others with as many points, up to the precision of layers."""
     return others is not None and bool((np.abs(others - line).max(axis=(1, 2)) < SAME).any())
+
+
+def _suggested(number: int) -> str:
+    """Say how many lines were suggested."""
+    if not number:
+        return "No further body stands out. Move the slider to the right to find fainter ones."
+    said = words.count(number, "line")
+    return f"Suggested {said}. Correct or delete what is wrong, then refine."

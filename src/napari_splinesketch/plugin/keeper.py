@@ -113,7 +113,11 @@ class Keeper:
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
-        self.notice = Notice("failed", text)
+        self.tell(Notice("failed", text))
+
+    def tell(self, notice: Notice) -> None:
+        """Tell the user what came of something."""
+        self.notice = notice
         self.changed.emit()
 
     def select(self, keys: Iterable[Key]) -> None:

@@ -1,4 +1,4 @@
-"""Leading a curve by its knots."""
+"""Moving a curve by its knots."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,7 +53,7 @@ class KnotEditing:
         return self._history
 
     def toggle(self) -> None:
-        """Show the knots of the selected curve, or keep the curve as it was led."""
+        """Show the knots of the selected curve, or keep the curve as it is now."""
         if self.active:
             self.keep()
         else:
@@ -74,7 +74,7 @@ class KnotEditing:
         keys = {"Enter": self.refine, "Escape": self.discard}
         image, knots = work.image, self._history.value
         self._layer = KnotLayer(keeper.viewer, image, name, record.frame, knots, keys)
-        self._preview = Preview(keeper.viewer, image, f"{work.name} as led")
+        self._preview = Preview(keeper.viewer, image, f"{work.name} edited")
         self._layer.moving.connect(self._show)
         # Later: napari is still busy with the edit that it tells of.
         self._layer.moved.connect(lambda: QTimer.singleShot(0, self._on_moved))
@@ -83,7 +83,7 @@ class KnotEditing:
         self._say(Notice("none", HELP))
 
     def keep(self) -> bool:
-        """Put the curve where its knots lead it; say if they were moved."""
+        """Put the curve where its knots are; say if they were moved."""
         work, record = self._work(), self._record
         moved = bool(self._history.done) and record is not None
         curve = self._curve() if moved else None
@@ -96,7 +96,7 @@ class KnotEditing:
         return moved
 
     def refine(self) -> None:
-        """Refine the curve from where its knots lead it, and no other."""
+        """Refine the curve from where its knots are, and no other."""
         record = self._record
         self.keep()
         if record is not None:

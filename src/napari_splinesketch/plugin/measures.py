@@ -92,7 +92,7 @@ def typical_sd(curve: Curve) -> float:
 
 @once
 def severity(curve: Curve) -> tuple[int, float]:
-    """Say how much a curve asks for a look: by status, then by residual and sd."""
+    """Say how much a curve needs review: by status, then by residual and sd."""
     numbers = curve.residual / NOTICEABLE_RESIDUAL, typical_sd(curve) / NOTICEABLE_SD
     return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
 

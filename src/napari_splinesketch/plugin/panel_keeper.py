@@ -10,7 +10,6 @@ from qtpy.QtWidgets import QWidget
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.gently import Soon
 from napari_splinesketch.plugin.review.panel import ReviewPanel
-from napari_splinesketch.plugin.review.reviewing import Reviewing
 
 NAME = "Curves"
 LAYOUT_MS = 20
@@ -35,7 +34,7 @@ class PanelKeeper:
     """The panel was shown or hidden."""
 
     def __init__(self, controller: Controller):
-        self.reviewing = Reviewing(controller)
+        self.reviewing = controller.reviewing
         self.panel: ReviewPanel | None = None
         self._controller = controller
         self._waiting: ref[QWidget] | None = None

@@ -8,11 +8,21 @@ from typing import Literal
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.metrics import resample
 from napari_splinesketch.plugin.once import once
 from napari_splinesketch.plugin.records import Key, Line, Record, identify, key_of
 from napari_splinesketch.plugin.state import State
 
 Scope = Literal["new", "selected", "all"]
+WITHIN = 1.25
+"""A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
+bodies that touch are two apart."""
+LIKE = 0.6
+"""Such a line is as long as the curve but for this factor, either way."""
+LEAST = 1.5
+"""Half-width that counts at least, px: a hand is no steadier."""
+SAMPLES = 16
+"""Points of a line that are compared."""
 SAME = 2
 """Decimals of a pixel to which a line is the same as before."""
 
@@ -33,6 +43,8 @@ class Target:
         Whether there is no such curve yet.
     drawn
         Whether the sketch is a line in the user's layer.
+    again
+        Whether it is a second line over a body that has a curve, which it replaces.
     """
 
     id: int
@@ -40,6 +52,7 @@ class Target:
     start: Line
     new: bool = True
     drawn: bool = True
+    again: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +71,8 @@ class Plan:
         How many lines it leaves out because their curves were accepted or locked.
     orphans
         Numbers of curves whose line the user has deleted: they stay.
+    deleted
+        How many lines it leaves out because their curves were deleted.
     """
 
     scope: Scope = "new"
@@ -65,6 +80,7 @@ class Plan:
     fixed: tuple[Curve, ...] = ()
     decided: int = 0
     orphans: tuple[int, ...] = ()
+    deleted: int = 0
 
 
 def make_plan(
@@ -103,8 +119,12 @@ def make_plan(
     deleted = {record.id for record in gone} - {record.id for record in here}
     selection = set(selection)
     ids, same = _matched(lines, here, gone, state)
+    again = _drawn_again(lines, ids, here)
     targets, decided = [], 0
     for i, (line, number) in enumerate(zip(lines, ids, strict=True)):
+        if i not in again and number in again.values():
+            continue
+        number = again.get(i, number)
         known = by_id.get(number)
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
         if not (asked or (not chosen and _wanted(scope, known, same[i], number in deleted))):
@@ -115,7 +135,7 @@ def make_plan(
             targets.append(Target(number, line, known.curve.points, new=False))
         else:
             start = _as_known(line, known) if same[i] else line
-            targets.append(Target(number, line, start, new=known is None))
+            targets.append(Target(number, line, start, known is None, again=i in again))
     lined = set(ids)
     alone = [] if chosen else [record for record in here if record.id not in lined]
     for record in alone:
@@ -126,7 +146,8 @@ def make_plan(
         decided += asked and _decided(record)
     moving = {target.id for target in targets}
     orphans = tuple(r.id for r in here if r.drawn and r.id not in lined)
-    return Plan(scope, tuple(targets), tuple(_fixed(here, moving)), decided, orphans)
+    left = len(lined & deleted - moving)
+    return Plan(scope, tuple(targets), tuple(_fixed(here, moving)), decided, orphans, left)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -192,3 +213,33 @@ def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:
         if record.id not in moving and record.curve.status != "failed":
             if record.review != "rejected":
                 yield record.curve
+
+
+def _drawn_again(
+    lines: Sequence[Line], ids: Sequence[int], here: Sequence[Record]
+) -> dict[int, int]:
+    """Find new lines that lie within a body that has a curve; the numbers of these curves."""
+    known = {record.id for record in here}
+    fresh = [i for i, number in enumerate(ids) if number not in known]
+    found: dict[int, int] = {}
+    for i in fresh:
+        near = [(_apart(lines[i], r), r.id) for r in here if r.id not in found.values()]
+        apart, number = min(near, default=(np.inf, 0))
+        if apart < WITHIN:
+            found[i] = number
+    return found
+
+
+def _apart(line: Line, record: Record) -> float:
+    """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
+    curve = record.curve
+    low, high = curve.points.min(axis=0), curve.points.max(axis=0)
+    if curve.status == "failed" or (line.min(axis=0) > high).any() or (line.max(0) < low).any():
+        return np.inf
+    length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    if not LIKE < length / max(curve.length, 1e-9) < 1 / LIKE:
+        return np.inf
+    some = resample(line, SAMPLES)
+    far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
+    width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
+    return float(far / max(width, LEAST))

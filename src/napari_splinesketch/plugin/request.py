@@ -12,7 +12,7 @@ from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 from napari_splinesketch.plugin.records import Key
 from napari_splinesketch.plugin.state import State
 
-STEPS = "Press New sketch, then draw a line over each body."
+STEPS = "Press Draw lines, then draw a line over each body."
 NOTHING = State()
 OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from napari_splinesketch import palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.plugin.adapter.roles import ROLE
 from napari_splinesketch.plugin.adapter.sketches import SUFFIX, line_style
@@ -17,8 +18,6 @@ SIZE = (192, 192)
 TURN = 20
 """How far the lines over the generated bodies are turned, degrees."""
 
-
-TRUTH_COLOUR = "#f0e442"
 AXES = ("t", "y", "x")
 
 
@@ -37,7 +36,7 @@ def generated() -> list[LayerData]:
     made = scene(SEED, bodies=3, shape=SIZE)
     rough = [rotate(line, TURN)[::33] for line in made.centrelines]
     image, sketches = _layers("generated", made.image, rough)
-    hidden = {"edge_color": TRUTH_COLOUR, "visible": False, "metadata": {ROLE: "truth"}}
+    hidden = {"edge_color": palette.TRUTH, "visible": False, "metadata": {ROLE: "truth"}}
     truth = _lines("generated truth", made.centrelines, SIZE) | hidden
     return [image, (list(made.centrelines), truth, "shapes"), sketches]
 

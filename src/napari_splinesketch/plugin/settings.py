@@ -12,6 +12,7 @@ from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.plugin.adapter.colours import COLOUR_BY, ColourBy
 
 PLUGIN = "napari-splinesketch"
+PREFERENCES = "Opens napari's preferences: the keys are on the page of Splinesketch"
 GROUPS = {
     "refining": ("preset", "polarity", "half_width", "half_width_unit"),
     "looking": ("colour_by", "lengths_in_pixels"),
@@ -19,6 +20,11 @@ GROUPS = {
 """The settings in the manifest that are one value each."""
 KEYS = "keys"
 """The group with one key for each action."""
+
+
+def shown(label: str, tip: str, **options: Any) -> dict[str, Any]:
+    """Let the form in the dock show a setting, with options for magicgui."""
+    return {"label": label, "tip": tip, **options}
 
 
 @dataclass(frozen=True)
@@ -44,11 +50,36 @@ class Settings:
     """
 
     preset: PresetName = "balanced"
-    polarity: Polarity = "auto"
-    half_width: float = 0.0
+    polarity: Polarity = field(
+        default="auto",
+        metadata=shown(
+            "Bodies are",
+            "Whether bodies are brighter or darker than what is around them",
+            choices=[
+                ("auto", "auto"),
+                ("brighter than the rest", "bright"),
+                ("darker than the rest", "dark"),
+            ],
+            widget_type="ComboBox",
+        ),
+    )
+    half_width: float = field(
+        default=0.0,
+        metadata=shown(
+            "Half-width",
+            "Rough distance from the centreline to the edge of a body;\n"
+            "0 measures it in the image, which is right for most",
+            min=0.0,
+            max=1e4,
+            step=0.5,
+        ),
+    )
     half_width_unit: str = "px"
     colour_by: ColourBy = "status"
-    lengths_in_pixels: bool = False
+    lengths_in_pixels: bool = field(
+        default=False,
+        metadata=shown("Lengths in pixels", "Give lengths in px although the image has a unit"),
+    )
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -7,8 +7,8 @@ from napari.layers import Image
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.plugin import settings
-from napari_splinesketch.plugin.actions import Actions
 from napari_splinesketch.plugin.adapter.space import ruler_of
+from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.keeper import Keeper
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.settings import Settings
@@ -29,7 +29,7 @@ class SettingsKeeper(Keeper):
         What the user chose.
     """
 
-    actions: Actions
+    actions: Commands
 
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
@@ -63,16 +63,27 @@ class SettingsKeeper(Keeper):
         settings.save(chosen)
 
     def use_keys(self) -> None:
-        """Give actions the keys that the user chose for them."""
+        """Give commands the keys that the user chose for them."""
         self.actions.rebind(self.settings.keys)
 
     def _take(self, chosen: Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
+            self._free(before, chosen)
             self.use_keys()
         for work in self._works:
             self._colour(work)
         self.changed.emit()
+
+    def _free(self, before: Settings, chosen: Settings) -> None:
+        """Take a key that was given to a command from the one that had it."""
+        given = {key for name, key in chosen.keys.items() if key != before.keys.get(name)} - {""}
+        lost = {
+            n: "" for n, key in chosen.keys.items() if key in given and before.keys.get(n) == key
+        }
+        if lost:
+            self.settings = replace(chosen, keys={**chosen.keys, **lost})
+            settings.save(self.settings)
 
     def _attend(self, work: Work) -> None:
         super()._attend(work)

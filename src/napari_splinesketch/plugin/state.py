@@ -78,6 +78,12 @@ class State:
         left = tuple(record for record in self.deleted if key_of(record) != key)
         return replace(self.with_records(*back), deleted=left)
 
+    def set_aside(self, keys: Collection[Key]) -> "State":
+        """Delete curves that are drawn again: under other numbers, as theirs go on."""
+        last = max((record.id for record in (*self.records, *self.deleted)), default=0)
+        aside = [replace(r, id=last + i) for i, r in enumerate(self._among(keys), 1)]
+        return replace(self, deleted=(*self.deleted, *aside))
+
     def _among(self, keys: Collection[Key]) -> list[Record]:
         return [record for key in sorted(set(keys)) if (record := self.record(key)) is not None]
 

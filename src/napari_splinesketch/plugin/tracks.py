@@ -13,15 +13,15 @@ NUMBERS = 6
 """Most bodies that are named."""
 
 
-def bodies_at(state: State, frame: int) -> tuple[Body, ...]:
-    """Give the bodies of a frame, with where they were in the frames before."""
+def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
+    """Give the bodies of a frame, with where they were in the frame before on that way."""
     found = []
     for record in state.records:
         if record.frame == frame and _usable(record):
             before = [
                 (r.frame, r.curve)
                 for r in state.records
-                if r.id == record.id and r.frame == frame - 1 and _usable(r)
+                if r.id == record.id and r.frame == frame - way and _usable(r)
             ]
             found.append(Body(record.id, (*before, (frame, record.curve))))
     return tuple(found)

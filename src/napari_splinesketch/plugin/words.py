@@ -1,15 +1,17 @@
 """What the dock says: plain functions from state to sentences."""
 
 import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Literal
 
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Status
+from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
+from napari_splinesketch.plugin.adapter.pictures import Proof
 from napari_splinesketch.plugin.adapter.sketches import Drawn
+from napari_splinesketch.plugin.columns import STATUS_WORDS
 from napari_splinesketch.plugin.plan import Plan
 from napari_splinesketch.plugin.records import Key, Record
 
@@ -20,9 +22,35 @@ PRESET_TIPS: dict[PresetName, str] = {
     "paper": "Paper: the recipe of the published method; slow",
 }
 NOTES_TIP = "Which parts of the model this image needed, and why"
-STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
+REVIEW_TIP = "Show the table of curves and the plots of the selected one"
+REFINE_TIP = "Fit a smooth curve with width to the body under each line ({})"
+EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
+SUMMARY_TIP = "Curves of this frame: good, to check (?) and failed (!)"
+SENSITIVITY_TIP = "to the left only what stands out,\nto the right also what is faint or short"
+LEGEND = " &nbsp; ".join(
+    f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
+    for status, word in STATUS_WORDS.items()
+)
+EYES: dict[str, tuple[str, str]] = {
+    "sketches": ("Sketches", "Show or hide your lines"),
+    "curves": ("Curves", "Show or hide the refined centrelines"),
+    "outlines": ("Outlines", "Show or hide the edges of the bodies, at the fitted width"),
+    "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
+}
+PROOFS: dict[Proof, tuple[str, str]] = {
+    "residual": ("Residual", "Image minus model: blue below, white right, orange above"),
+    "background": ("Background", "What the model has behind the bodies"),
+    "body": ("Selected body alone", "The selected curve's body on the background"),
+    "ribbon": ("Uncertainty", "Lines at twice the standard error to both sides of each curve"),
+    "masks": ("Masks", "A Labels layer: pixels have their curve's number"),
+    "stack": ("One mask for each body", "A stack with a mask for each curve: overlaps are kept"),
+}
+NOTHING: dict[Proof, str] = {
+    "body": "Select one curve first: its body is shown alone.",
+    "ribbon": "No standard errors are known: the preset Paper gives none.",
+}
+NOTHING_YET = "There is nothing to show yet: refine first."
 NUMBERS_SHOWN = 6
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
 LONG_WORD = re.compile(r"\S{24,}")
 CURVE = re.compile(r"curve (\d+)")
 NO_LINE = "None of the selected shapes is a line in this frame."
@@ -76,6 +104,12 @@ def nothing(plan: Plan, drawn: Drawn, frame: Literal["all", "empty", "full"], la
             return "No line in this frame. To put a curve right, draw a line over it and refine."
         where = "in this frame " if frame == "empty" else ""
         return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
+    if plan.deleted:
+        those = "their curves are" if plan.deleted > 1 else "its curve is"
+        return (
+            f"Nothing new to refine: {count(plan.deleted, 'line')} left out, as {those} deleted. "
+            "Select a line to refine it all the same."
+        )
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
 
@@ -114,24 +148,47 @@ def skipped(strays: int, unusable: Mapping[str, int]) -> str:
     return " ".join(said)
 
 
-def summary(records: Sequence[Record], seconds: float | None) -> str:
-    """Say how many curves are good, to check and failed, and why; rich text."""
+def summary(records: Sequence[Record]) -> str:
+    """Say how many curves are good, to check and failed, in one line."""
     statuses = Counter(record.curve.status for record in records)
-    time = f" in {seconds:.1f} s" if seconds is not None else ""
-    lines = [f"<b>{count(len(records), 'curve')}</b>{time}"]
-    reasons: dict[tuple[Status, str], list[tuple[int, str]]] = defaultdict(list)
-    for record in records:
-        for reason in record.curve.reasons:
-            key = reason if "curve" in reason else NUMBER.sub("#", reason)
-            reasons[record.curve.status, key].append((record.id, reason))
-    for status, word in STATUS_WORDS.items():
-        if statuses[status]:
-            lines.append(f"{_mark(status)} {statuses[status]} {word}")
-        for (of, _), said in reasons.items():
-            if of == status:
-                ids = _numbers([number for number, _ in said])
-                lines.append(f"&nbsp;&nbsp;{ids}: {escape(_in_one([t for _, t in said]))}")
-    return "<br>".join(lines)
+    said = {"good": "good", "check": "to check", "failed": "failed" if len(statuses) < 3 else "!"}
+    return " · ".join(f"{statuses[s]} {word}" for s, word in said.items() if statuses[s])
+
+
+def selected(records: Sequence[Record]) -> str:
+    """Say which curves are selected, and what is doubtful about one of them."""
+    if not records:
+        return "No curve is selected: click one"
+    if len(records) > 1:
+        return f"{len(records)} curves are selected"
+    (record,) = records
+    status = STATUS_WORDS[record.curve.status]
+    said = f"Curve {record.id}{' 🔒' if record.locked else ''}: {status}"
+    return f"{said}: {'; '.join(record.curve.reasons)}" if record.curve.reasons else said
+
+
+def wanted(number: range) -> str:
+    """Say how many curves something needs."""
+    return "a curve" if len(number) > 1 else {1: "one curve", 2: "two curves"}[number[0]]
+
+
+def done(verb: str, number: int, thing: str, seconds: float) -> str:
+    """Say what was done and how long the user has waited for it."""
+    return f"{verb} {count(number, thing)} in {seconds:.1f} s."
+
+
+def stage(progress: Progress | None, left: float | None) -> str:
+    """Say what runs, and for about how long it still will."""
+    if progress is None:
+        return ""
+    time = f" About {_duration(left)} left." if left is not None else ""
+    return f"{progress.stage.capitalize()}…{time}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(round(seconds), 1)} s"
+    return f"{round(seconds / 60)} min"
 
 
 def notes(sentences: Sequence[str]) -> str:
@@ -155,22 +212,9 @@ def _breakable(word: re.Match[str]) -> str:
     return re.sub(r"([/\\._-])", "\\1\u200b", word[0])
 
 
-def _mark(status: Status) -> str:
-    """Show a status by colour and by sign, as on the canvas."""
-    return f'<span style="color: {COLOURS[status]}">■</span> {MARKS[status]}'
-
-
 def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
     """Let reasons of the engine name other curves by their number instead of their position."""
     return tuple(CURVE.sub(lambda found: f"curve {ids[int(found[1])]}", r) for r in reasons)
-
-
-def _in_one(texts: Sequence[str]) -> str:
-    """Say several reasons as one, that differ in their numbers: "by up to 0.6–0.9 px"."""
-    columns = zip(*(NUMBER.findall(text) for text in texts), strict=True)
-    ranges = ["–".join(sorted({min(c, key=float), max(c, key=float)}, key=float)) for c in columns]
-    numbers = iter(ranges)
-    return NUMBER.sub(lambda _: next(numbers), texts[0])
 
 
 def _numbers(ids: Sequence[int]) -> str:

@@ -64,6 +64,8 @@ class Work:
         """Bring the layers in step with what is known, a little at each step."""
         yield from self.suggested.show()
         yield from self.layers.show()
+        self.suggested.fade(self.records)
+        yield
         self.proofs.update()
 
     @property

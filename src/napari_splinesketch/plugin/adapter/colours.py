@@ -14,13 +14,8 @@ from napari_splinesketch.plugin.measures import Ruler, measure
 
 ColourBy = Literal["status", "length", "half_width", "sd", "residual"]
 COLOUR_BY: tuple[ColourBy, ...] = get_args(ColourBy)
-NUMBERS: dict[ColourBy, str] = {
-    "length": "length",
-    "half_width": "half_width_mean",
-    "sd": "sd",
-    "residual": "residual",
-}
-"""Which of a curve's measures the colour tells."""
+COLUMN = {"half_width": "half_width_mean"}
+"""The columns that are called otherwise in the settings."""
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 """Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
 read by everybody."""
@@ -65,7 +60,7 @@ def _rgba(colour: str) -> tuple[float, ...]:
 def _numbers(curves: Sequence[Curve], by: ColourBy, ruler: Ruler) -> list[float]:
     if by == "status":
         return []
-    return [getattr(measure(curve, ruler), NUMBERS[by]) for curve in curves]
+    return [getattr(measure(curve, ruler), COLUMN.get(by, by)) for curve in curves]
 
 
 def _on_ramp(value: float, scale: Scale) -> str:

@@ -8,16 +8,14 @@ from napari.layers import Image, Shapes
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.colours import ColourBy, colours_of
-from napari_splinesketch.plugin.adapter.features import features, numbers
-from napari_splinesketch.plugin.adapter.look import BREADTHS, COLOURS, MARKS, breadth
+from napari_splinesketch.plugin.adapter.look import BREADTHS, breadth
 from napari_splinesketch.plugin.adapter.space import in_stack
 from napari_splinesketch.plugin.adapter.thinning import thinned
+from napari_splinesketch.plugin.columns import features, in_pixels
 from napari_splinesketch.plugin.gently import CHUNK, add_shapes
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, Record
 
-MARKED = 200
-"""With more curves than this, numbers are in the table alone: there is no room for them."""
 Look = tuple[ColourBy, Ruler]
 
 
@@ -77,7 +75,7 @@ class CurveLines:
             self._curves = (*self._curves, *curves[done])
             self._colours = [*self._colours, *colours[done]]
             for curve in curves[done]:
-                numbers(curve)  # a few at a time: they are asked for all at once below
+                in_pixels(curve)  # a few at a time: they are asked for all at once below
             yield
         self._describe([wanted[id(curve)] for curve in self._curves], look)
         if gone:
@@ -119,37 +117,16 @@ class CurveLines:
         self._records = []
 
     def _describe(self, records: list[Record], look: Look) -> None:
-        """Let features, colours and marks say what is known now."""
+        """Let features and colours say what is known now."""
         if records != self._records or self.layer.features.empty:
             self._records = records
             self.layer.features = features(records)
             self._known = self.keys()
             self._written = frozenset(self._known)
-            self._write_marks()
         colours = colours_of(self._curves, *look)
         if colours and colours != self._colours:
             self._colours = colours
             self.layer.edge_color = colours
-
-    def _write_marks(self) -> None:
-        """Write number and mark beside the curves that ask for a look, unless there are too many.
-
-        napari's time for text grows with the square of the number of shapes.
-        """
-        layer, curves = self.layer, self._curves
-        if len(curves) > MARKED:
-            if layer.text.values.size > 1:
-                layer.text = {"string": {"constant": ""}}
-            return
-        layer.text = {
-            "string": [
-                f"{key[1]} {MARKS[curve.status]}" if MARKS[curve.status] else ""
-                for key, curve in zip(self._known, curves, strict=True)
-            ],
-            "color": [COLOURS[curve.status] for curve in curves],
-            "size": 10,
-            "anchor": "upper_left",
-        }
 
 
 def breadths(curves: Sequence[Curve]) -> list[float]:

@@ -10,11 +10,12 @@ from napari.layers import Image, Points
 from napari.layers.base import ActionType
 from psygnal import Signal
 
+from napari_splinesketch import palette
 from napari_splinesketch.plugin.adapter.roles import ROLE
 from napari_splinesketch.plugin.adapter.space import in_stack, placement
 
-COLOUR, HEAD = "#56b4e9", "#f0e442"
-"""The first knot is the head."""
+COLOUR, HEAD = palette.MOVING, palette.TRUTH
+"""The first knot is the head: it stands out."""
 ON_SCREEN = (9, 14)
 """Smallest and largest size of a knot, px of the screen."""
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)

@@ -5,21 +5,21 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.once import once
 
-COLOURS: dict[Status, str] = {"good": "#009e73", "check": "#e69f00", "failed": "#d55e00"}
-"""Bluish green, orange and vermilion of Okabe and Ito."""
+COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
 """Written beside the curve's number."""
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
 """Breadth of the line, relative."""
 
-RIBBON = "#cc79a7"
-"""Reddish purple of Okabe and Ito."""
 RIBBON_SDS = 2.0
 
 
+UNKNOWN_REACH = 3.0
+"""From centreline to edge where no width is known, px."""
 LEAST = 12
 """Points along one side of an outline."""
 
@@ -50,6 +50,22 @@ def outline(curve: Curve) -> Float[np.ndarray, "P 2"]:
     step = int(np.clip(_half_width(curve) / spacing, 1, count // LEAST))
     some = np.unique(np.append(np.arange(0, count, step), count - 1))
     return _around(curve.points[some], curve.half_width[some])
+
+
+def reach(curve: Curve) -> float:
+    """How far a body goes from its centreline, px; a guess where it is not known."""
+    return float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
+
+
+def halo(curve: Curve, gap: float) -> Float[np.ndarray, "P 2"]:
+    """Draw a closed line outside a body, px: all of the body and its outline can be seen in it."""
+    width = curve.half_width if has_outline(curve) else np.full(len(curve.points), UNKNOWN_REACH)
+    points = curve.points
+    along = np.diff(points[[0, 1, -2, -1]], axis=0)[[0, 2]]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    ends = np.stack([points[0] - gap * along[0], points[-1] + gap * along[1]])
+    longer = np.concatenate([ends[:1], points, ends[1:]])
+    return _around(longer, np.pad(width, 1, mode="edge") + gap)
 
 
 def ribbon(curve: Curve) -> Float[np.ndarray, "P 2"] | None:

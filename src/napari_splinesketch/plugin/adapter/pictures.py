@@ -11,12 +11,13 @@ from napari.layers import Image, Labels, Layer, Shapes
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
 
+from napari_splinesketch import palette
 from napari_splinesketch.labels import Label
 from napari_splinesketch.labels.masks import label_image
 from napari_splinesketch.labels.raster import rasterise
 from napari_splinesketch.plugin.adapter.bodies import alone
 from napari_splinesketch.plugin.adapter.film import Computed, Film, Patch
-from napari_splinesketch.plugin.adapter.look import RIBBON, breadth, ribbon
+from napari_splinesketch.plugin.adapter.look import breadth, ribbon
 from napari_splinesketch.plugin.adapter.pixels import block_on
 from napari_splinesketch.plugin.adapter.planes import Planes
 from napari_splinesketch.plugin.adapter.roles import Known, look_of
@@ -164,7 +165,7 @@ def _ribbon(known: Proven) -> Made | None:
     if not lines:
         return None
     width = 0.4 * breadth([record.curve for record in known.records])
-    look = {"edge_color": RIBBON, "edge_width": width, "face_color": "transparent"}
+    look = {"edge_color": palette.UNCERTAIN, "edge_width": width, "face_color": "transparent"}
     return Made(Shapes, lines, placement(known.image), {"shape_type": "path", **look})
 
 

@@ -9,12 +9,11 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Vectors
 
+from napari_splinesketch import palette
 from napari_splinesketch.plugin.adapter.pieces import pieces
 from napari_splinesketch.plugin.adapter.roles import ROLE, put, undisturbed
 from napari_splinesketch.plugin.adapter.sketches import line_style
 from napari_splinesketch.plugin.adapter.space import in_stack, placement
-
-COLOUR = "#56b4e9"
 
 
 class Preview:
@@ -66,7 +65,7 @@ class Preview:
             name=self._name,
             vector_style="line",
             edge_width=line_style(shape)["edge_width"],
-            edge_color=COLOUR,
+            edge_color=palette.MOVING,
             visible=False,
             metadata={ROLE: "preview"},
             **placement(self._image),

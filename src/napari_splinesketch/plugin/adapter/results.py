@@ -12,8 +12,9 @@ from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin.adapter.colours import ColourBy
-from napari_splinesketch.plugin.adapter.curve_lines import CurveLines, Look, breadths
+from napari_splinesketch.plugin.adapter.curve_lines import CurveLines, Look
 from napari_splinesketch.plugin.adapter.highlight import Highlight
+from napari_splinesketch.plugin.adapter.marks import Marks
 from napari_splinesketch.plugin.adapter.model_picture import ModelPicture
 from napari_splinesketch.plugin.adapter.outlines import Outlines
 from napari_splinesketch.plugin.adapter.roles import OWNER, ROLE, Known, Role, put, undisturbed
@@ -23,8 +24,6 @@ from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Key, key_of
 
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
-SELECTED = 2.5
-"""Breadth of a selected curve's line, relative."""
 CLICK = 4.0
 """A mouse that moves less between press and release has clicked, px of the screen."""
 
@@ -58,6 +57,7 @@ class ResultLayers:
         self._model = ModelPicture(viewer, owner.image, self._keywords("reconstruction"))
         self._highlight = Highlight(viewer, owner.image, self._keywords("selected"))
         self._outlines = Outlines(viewer, owner.image, self._keywords("outlines"))
+        self._marks = Marks(viewer, owner.image, self._keywords("marks"))
         self._veiled = False
         self._curves: CurveLines | None = None
         self._busy = False
@@ -71,6 +71,7 @@ class ResultLayers:
             "outlines": self._outlines,
             "reconstruction": self._model,
             "selected": self._highlight,
+            "marks": self._marks,
         }
         return others[role].layer
 
@@ -106,7 +107,7 @@ class ResultLayers:
     def forget(self) -> None:
         """Make all lines anew when there is something to show again."""
         with self._by_us():
-            for layer in (self.layer("outlines"), self.layer("selected")):
+            for layer in map(self.layer, ("outlines", "selected", "marks")):
                 if layer is not None:
                     self._viewer.layers.remove(layer)
         self._curves = None
@@ -135,7 +136,7 @@ class ResultLayers:
         self.emphasise()
 
     def emphasise(self) -> None:
-        """Draw the selected curves broader: napari marks them in some of its tools only."""
+        """Mark the selected curves: napari does so in some of its tools only."""
         lines = self._curves
         if lines is None or self.deleted():
             return
@@ -147,8 +148,7 @@ class ResultLayers:
                 self._highlight.make()
             QTimer.singleShot(BREATH_MS, self.emphasise)
             return
-        broad = SELECTED * max(breadths([record.curve for record in records]), default=1.0)
-        self._highlight.show(records, [there[record.curve] for record in records], broad)
+        self._highlight.show(records)
 
     def _show_model(self) -> Iterator[None]:
         for layer in self._model.show(self._owner.patches):
@@ -188,11 +188,16 @@ class ResultLayers:
         if self._highlight.layer is None and self._owner.records:
             self._highlight.make()
             yield
+        if self._marks.layer is None and self._owner.records:
+            self._marks.make()
+            yield
 
     def _fill_curves(self) -> Iterator[None]:
         if self._curves and self.layer("curves"):
             yield from self._curves.show(self._owner.records, self._look)
             self.emphasise()
+            yield
+            self._marks.show(self._owner.records)
 
     def _keywords(self, role: Role) -> dict[str, Any]:
         return {"name": f"{self._name} {role}", "metadata": {ROLE: role, OWNER: self._owner}}
@@ -209,9 +214,10 @@ class ResultLayers:
     def _on_visible(self, event: Any) -> None:
         if self._busy:
             return
-        curves, mark = self.layer("curves"), self.layer("selected")
-        if event.source is curves and curves is not None and mark is not None:
-            mark.visible = curves.visible
+        curves = self.layer("curves")
+        for mark in map(self.layer, ("selected", "marks")):
+            if event.source is curves and curves is not None and mark is not None:
+                mark.visible = curves.visible
         self.toggled.emit()
 
     def _on_data(self, event: Any) -> None:

@@ -12,7 +12,7 @@ from napari_splinesketch.plugin.records import Record
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
-Role = Literal["curves", "outlines", "reconstruction", "selected"]
+Role = Literal["curves", "outlines", "reconstruction", "selected", "marks"]
 
 
 class Known(Protocol):

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 
+from napari_splinesketch import palette
 from napari_splinesketch.plugin.adapter.space import (
     frame_numbers,
     from_world,
@@ -22,7 +23,7 @@ SHORTEST = 2.0
 """Anything shorter is a stray click, px."""
 SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
 """Modes in which napari shows what is selected; while drawing, the last line always is."""
-COLOUR = "#0072b2"
+COLOUR = palette.SKETCH
 SUFFIX = " sketches"
 """What the name of a new layer ends with; layers of results drop it."""
 
@@ -119,23 +120,26 @@ def new_sketch_layer(viewer: ViewerModel, image: Image, *, visible: bool = True)
     return layer
 
 
-def begin_drawing(layer: Shapes) -> None:
-    """Let the user draw lines into a layer."""
+def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
+    """Let the user draw lines into a layer, with the tool that she has used there."""
+    if viewer is not None:
+        viewer.layers.selection.active = layer
     if not layer.visible:
         layer.visible = True
-    layer.mode = "add_line"
+    if not layer.mode.startswith("add"):
+        layer.mode = "add_line"
 
 
-def draw_or_select(viewer: ViewerModel, sketches: Shapes, curves: Layer | None) -> None:
-    """Let the user draw lines, or select curves if she is drawing already."""
-    drawing = sketches.mode.startswith("add")
-    if viewer.layers.selection.active is sketches and drawing and isinstance(curves, Shapes):
-        viewer.layers.selection.active = curves
+def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
+    """Whether the user is drawing into a layer."""
+    return viewer.layers.selection.active is layer and layer.mode.startswith("add")
+
+
+def select_curves(viewer: ViewerModel, curves: Layer) -> None:
+    """Let the user select curves by clicking them."""
+    viewer.layers.selection.active = curves
+    if isinstance(curves, Shapes):
         curves.mode = "pan_zoom"
-    else:
-        viewer.layers.selection.active = sketches
-        if not drawing:
-            sketches.mode = "add_line"
 
 
 def line_style(shape: Sequence[int]) -> dict[str, Any]:

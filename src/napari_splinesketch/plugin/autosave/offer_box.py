@@ -34,7 +34,7 @@ class OfferBox(QFrame):
         self.said = TextLabel()
         self.resume = QPushButton("Resume")
         self.resume.setToolTip("Bring the saved lines and curves back, in a layer of their own")
-        self.decline = QPushButton("Start anew")
+        self.decline = QPushButton("Ignore saved work")
         self.decline.setToolTip("Do not ask again; the saved work stays on the disk")
         self.problem = TextLabel()
         row = QHBoxLayout()

@@ -1,8 +1,6 @@
 """The table of curves, made cell by cell when Qt asks for it."""
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -17,92 +15,16 @@ from qtpy.QtCore import (
 from qtpy.QtGui import QColor
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
-from napari_splinesketch.plugin.measures import (
-    Measures,
-    Ruler,
-    measure,
-    severity,
-    three_digits,
-)
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of
-from napari_splinesketch.plugin.words import STATUS_WORDS
+from napari_splinesketch.plugin.adapter.look import COLOURS
+from napari_splinesketch.plugin.columns import SHOWN
+from napari_splinesketch.plugin.measures import Measures, Ruler, measure
+from napari_splinesketch.plugin.records import Key, Record, key_of
 
-REVIEWS: dict[Review, str] = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
 MOST_RUNS = 20
 """Where more rows come and go than in so many places, the table is shown anew."""
 NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of the table.
-
-    Attributes
-    ----------
-    title
-        Its header; "%" stands for the unit.
-    tip
-        What it means.
-    text
-        What a cell says.
-    key
-        What it is sorted by.
-    number
-        Whether it is a number, and so stands at the right.
-    """
-
-    title: str
-    tip: str
-    text: Callable[[Record, Measures], str]
-    key: Callable[[Record, Callable[[], Measures]], Any]
-    number: bool = True
-
-
-def _measured(title: str, tip: str, name: str) -> Column:
-    def value(record: Record, measures: Measures) -> float:
-        return getattr(measures, name)
-
-    def key(record: Record, measures: Callable[[], Measures]) -> float:
-        found = value(record, measures())
-        return -math.inf if math.isnan(found) else found
-
-    return Column(title, tip, lambda r, m: three_digits(value(r, m)), key)
-
-
-def _status(record: Record, measures: Measures) -> str:
-    return f"{STATUS_WORDS[record.curve.status]} {MARKS[record.curve.status]}".rstrip()
-
-
-def _reasons(record: Record, measures: object) -> str:
-    return "; ".join(record.curve.reasons)
-
-
-COLUMNS = (
-    Column("Curve", "Number of the curve", lambda r, _: str(r.id), lambda r, _: r.id),
-    Column("Frame", "Frame that it is in", lambda r, _: str(r.frame), lambda r, _: r.frame),
-    Column(
-        "Status",
-        "What the refinement says of it; sorted by it, the worst come first:\n"
-        "failed, to check, then by residual and standard error",
-        _status,
-        lambda r, _: severity(r.curve),
-        number=False,
-    ),
-    Column(
-        "Reviewed", "What you say of it", lambda r, _: REVIEWS[r.review], lambda r, _: r.review,
-        number=False,
-    ),
-    _measured("Length (%)", "Arc length of the centreline", "length"),
-    _measured("Mean w (%)", "Half-width: from the centreline to the edge, mean", "half_width_mean"),
-    _measured("Max w (%)", "Half-width: from the centreline to the edge, most", "half_width_max"),
-    _measured("sd (%)", "Standard error of the centreline, across it", "sd"),
-    _measured("Residual", "Image minus model around it, as a share of its contrast", "residual"),
-    Column("Reasons", "Why it asks for a look", _reasons, _reasons, number=False),
-)  # fmt: skip
-STATUS = next(i for i, column in enumerate(COLUMNS) if column.title == "Status")
 
 
 class CurvesModel(QAbstractTableModel):
@@ -143,7 +65,7 @@ class CurvesModel(QAbstractTableModel):
             self.ruler = ruler
             self._measures.clear()
             self._reset(records)
-            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(SHOWN) - 1)
         elif records is not self._records:
             self._follow(records)
         else:
@@ -183,12 +105,12 @@ class CurvesModel(QAbstractTableModel):
         self._index()
         changed = [i for i, (a, b) in enumerate(zip(before, records, strict=True)) if a is not b]
         for first, last in _runs(changed):
-            self.dataChanged.emit(self.index(first, 0), self.index(last, len(COLUMNS) - 1))
+            self.dataChanged.emit(self.index(first, 0), self.index(last, len(SHOWN) - 1))
 
     def keys(self, column: int) -> Sequence[Any]:
         """What the cells of a column are sorted by, row by row."""
         if column not in self._keys:
-            key, rows = COLUMNS[column].key, self._rows
+            key, rows = SHOWN[column].key, self._rows
             self._keys[column] = [key(r, partial(self.measures, i)) for i, r in enumerate(rows)]
         return self._keys[column]
 
@@ -198,25 +120,25 @@ class CurvesModel(QAbstractTableModel):
 
     def columnCount(self, parent: QModelIndex = NO_INDEX) -> int:
         """Number of columns."""
-        return 0 if parent.isValid() else len(COLUMNS)
+        return 0 if parent.isValid() else len(SHOWN)
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> Any:
         """Titles with units, and what they mean."""
         if orientation != Qt.Orientation.Horizontal:
             return None
         if role == ROLE.DisplayRole:
-            return COLUMNS[section].title.replace("%", self.ruler.unit)
-        return COLUMNS[section].tip if role == ROLE.ToolTipRole else None
+            return SHOWN[section].title.replace("%", self.ruler.unit)
+        return SHOWN[section].tip if role == ROLE.ToolTipRole else None
 
     def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
         """Give what one cell shows."""
-        column = COLUMNS[index.column()]
+        column = SHOWN[index.column()]
         if role in (ROLE.DisplayRole, ROLE.ToolTipRole):
             text = column.text(self._rows[index.row()], self.measures(index.row()))
-            return text if role == ROLE.DisplayRole or not column.number else None
-        if role == ROLE.TextAlignmentRole and column.number:
+            return text if role == ROLE.DisplayRole or column.kind == "text" else None
+        if role == ROLE.TextAlignmentRole and column.kind != "text":
             return RIGHT
-        if role == ROLE.DecorationRole and index.column() == STATUS:
+        if role == ROLE.DecorationRole and index.column() == 0:
             return QColor(COLOURS[self._rows[index.row()].curve.status])
         return None
 

@@ -23,6 +23,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_splinesketch.plugin.adapter.space import current_frame
+from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Record
@@ -32,7 +33,6 @@ from napari_splinesketch.plugin.review.profiles import Profiles
 from napari_splinesketch.plugin.review.reviewing import Reviewing
 from napari_splinesketch.plugin.review.sorting import SHOWN, CurvesInOrder
 from napari_splinesketch.plugin.review.table import CurvesTable
-from napari_splinesketch.plugin.review.text import as_text
 from napari_splinesketch.plugin.theme import theme_of
 
 SHOWN_WORDS = {

@@ -1,12 +1,16 @@
 """Going from curve to curve: accept, reject, next."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
 
-from napari_splinesketch.plugin.actions import Action
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
 from napari_splinesketch.plugin.adapter.camera import look_at
-from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.measures import severity
 from napari_splinesketch.plugin.records import Key, Record, Review, key_of
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.controller import Controller
 
 
 class Reviewing:
@@ -27,14 +31,9 @@ class Reviewing:
     def __init__(self, controller: Controller):
         self.controller = controller
         self.order: Callable[[], Sequence[Record]] = self.worst_first
-        controller.actions.add(
-            Action("accept", "Accept", "J", self.accept, "Accept the curve and go on to the next"),
-            Action("reject", "Reject", "K", self.reject, "Reject the curve and go on to the next"),
-            Action("next", "Next", "N", self.next, "Go to the next curve to look at"),
-        )
 
     def worst_first(self) -> list[Record]:
-        """Give all curves, those that ask for a look most first."""
+        """Give all curves, those that need review most first."""
         records = self.controller.records()
         return sorted(records, key=lambda record: severity(record.curve), reverse=True)
 
@@ -52,7 +51,7 @@ class Reviewing:
             self.controller.review("open")
 
     def next(self) -> None:
-        """Go to the next curve that nobody has looked at yet."""
+        """Go on to the next curve that is not reviewed."""
         self._go_on(self.order())
 
     def go_to(self, key: Key) -> None:

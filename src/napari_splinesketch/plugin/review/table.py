@@ -10,12 +10,10 @@ from qtpy.QtCore import (
 from qtpy.QtGui import QKeyEvent
 from qtpy.QtWidgets import QAbstractItemView, QTableView, QWidget
 
+from napari_splinesketch.plugin.columns import SHOWN, STATUS
 from napari_splinesketch.plugin.records import Key, key_of
-from napari_splinesketch.plugin.review.model import STATUS
 from napari_splinesketch.plugin.review.sorting import CurvesInOrder
 
-LONGEST = ("0000", "0000", "■ to check ?", "✓ accepted", *["00000"] * 5, "0" * 40)
-"""What the columns are wide enough for, beside their titles."""
 PADDING = 16
 MOVES = (
     Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
@@ -48,8 +46,8 @@ class CurvesTable(QTableView):
             header.setStretchLastSection(True)
             header.setHighlightSections(False)
             self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
-            for i, text in enumerate(LONGEST):
-                width = self.fontMetrics().horizontalAdvance(text) + PADDING
+            for i, column in enumerate(SHOWN):
+                width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
                 self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
         if (model := self.selectionModel()) is not None:
             model.currentRowChanged.connect(self._on_row)

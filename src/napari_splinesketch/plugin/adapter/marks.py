@@ -1,0 +1,178 @@
+"""Numbers and signs beside the curves that need review, as many as can be read."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from napari.components import ViewerModel
+from napari.layers import Image, Points
+from qtpy.QtCore import QTimer
+
+from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS, normals, reach
+from napari_splinesketch.plugin.adapter.roles import put, undisturbed
+from napari_splinesketch.plugin.adapter.space import (
+    current_frame,
+    from_world,
+    in_stack,
+    placement,
+    unit_factors,
+)
+from napari_splinesketch.plugin.measures import severity
+from napari_splinesketch.plugin.records import Record
+
+LETTER, LINE, GAP = 9.0, 16.0, 10.0
+"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
+MOST = 60
+"""Marks at once: more are not read, and napari's time for text grows with their number."""
+AFTER_MS = 120
+"""Marks follow the camera when it has stood still for so long."""
+PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
+"""Where along a curve a mark may stand, the best first."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What the canvas shows of an image.
+
+    Attributes
+    ----------
+    frame
+        Index of the frame.
+    low, high
+        (row, col) of its corners, px of the image.
+    pixel
+        (row, col) size of a pixel of the screen, px of the image.
+    """
+
+    frame: int
+    low: Float[np.ndarray, "2"]
+    high: Float[np.ndarray, "2"]
+    pixel: Float[np.ndarray, "2"]
+
+
+def in_view(viewer: ViewerModel, image: Image) -> View:
+    """Say what the canvas shows of an image."""
+    camera = viewer.scene.camera
+    half = np.array(viewer.canvas.size) / 2 / camera.zoom
+    centre = np.array(camera.center)[-2:]
+    world = np.zeros((2, image.ndim))
+    world[:, -2:] = centre - half, centre + half
+    corners = from_world(viewer, image, world)[:, -2:]
+    size = np.abs(image.scale[-2:] * unit_factors(viewer, image)[-2:]) * camera.zoom
+    return View(current_frame(viewer, image), corners.min(0), corners.max(0), 1 / size)
+
+
+def readable(
+    records: Sequence[Record], view: View
+) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
+    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
+    here = [r for r in records if r.frame == view.frame and MARKS[r.curve.status]]
+    boxes: list[tuple[np.ndarray, np.ndarray]] = []
+    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+        size = np.array([LINE, LETTER * len(text_of(record))]) * view.pixel / 2
+        for place in _places(record, view):
+            inside = (place - size > view.low).all() and (place + size < view.high).all()
+            if inside and not any((np.abs(place - p) < size + s).all() for p, s in boxes):
+                boxes.append((place, size))
+                yield record, place
+                break
+        if len(boxes) == MOST:
+            return
+
+
+def text_of(record: Record) -> str:
+    """Write a mark."""
+    return f"{record.id} {MARKS[record.curve.status]}"
+
+
+def _places(record: Record, view: View) -> Iterator[Float[np.ndarray, "2"]]:
+    points = record.curve.points
+    across = normals(points)
+    away = reach(record.curve) + GAP * float(view.pixel.mean())
+    for share in PLACES:
+        i = round(share * (len(points) - 1))
+        for side in (-1, 1) if across[i, 0] > 0 else (1, -1):  # above the body first
+            yield points[i] + side * away * across[i]
+
+
+class Marks:
+    """A layer with the marks that can be read; follows camera and frame.
+
+    Parameters
+    ----------
+    viewer
+        Where the layer is added, on top of all.
+    image
+        What the curves lie on.
+    keywords
+        Name and metadata of the layer.
+    """
+
+    def __init__(self, viewer: ViewerModel, image: Image, keywords: Mapping[str, Any]):
+        self._viewer, self._image, self._keywords = viewer, image, keywords
+        self._layer: Points | None = None
+        self._records: Sequence[Record] = ()
+        self._shown: tuple[Any, ...] = ()
+        self._timer = QTimer()
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(AFTER_MS)
+        self._timer.timeout.connect(self._write)
+
+    @property
+    def layer(self) -> Points | None:
+        """The layer, or None where there is none or the user removed it."""
+        return self._layer if self._layer in self._viewer.layers else None
+
+    def make(self) -> None:
+        """Add the layer, with nothing in it."""
+        self._layer = Points(
+            ndim=self._image.ndim,
+            size=1,
+            face_color="transparent",
+            border_color="transparent",
+            **self._keywords,
+            **placement(self._image),
+        )
+        put(self._viewer, self._layer)
+        self._shown = ()
+        self._viewer.scene.camera.events.connect(self._soon)
+        self._viewer.dims.events.current_step.connect(self._soon)
+
+    def show(self, records: Sequence[Record]) -> None:
+        """Mark these curves, and no others."""
+        self._records = records
+        self._write()
+
+    def forget(self) -> None:
+        """Follow no more."""
+        self._timer.stop()
+        self._viewer.scene.camera.events.disconnect(self._soon)
+        self._viewer.dims.events.current_step.disconnect(self._soon)
+
+    def _soon(self, event: object) -> None:
+        if self._records and not self._timer.isActive():
+            self._timer.start()
+
+    def _write(self) -> None:
+        layer = self.layer
+        if layer is None or self._image not in self._viewer.layers:
+            return
+        view = in_view(self._viewer, self._image)
+        found = list(readable(self._records, view))
+        shown = tuple((id(record), *place) for record, place in found)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        places = np.array([place for _, place in found]).reshape(-1, 2)
+        with undisturbed(self._viewer):
+            layer.selected_data = set()
+            layer.text = {"string": {"constant": ""}}
+            layer.data = in_stack(self._image, view.frame, places)
+            layer.text = {
+                "string": [text_of(record) for record, _ in found],
+                "color": [COLOURS[record.curve.status] for record, _ in found],
+                "size": 10,
+                "anchor": "center",
+            }

@@ -1,0 +1,138 @@
+"""What is said of each curve: one table, which layers, the review table, its CSV and colours read.
+
+A column that is added here is in all of them.
+"""
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from typing import Any, Literal
+
+import pandas as pd
+
+from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.plugin.adapter.look import MARKS
+from napari_splinesketch.plugin.measures import Measures, Ruler, measure, severity, three_digits
+from napari_splinesketch.plugin.once import once
+from napari_splinesketch.plugin.records import Record
+
+STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
+REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Something that is said of each curve.
+
+    Attributes
+    ----------
+    name
+        In the features of layers and in files.
+    title
+        Its header in the table; "%" stands for the unit. Without one it is not in the table.
+    tip
+        What it means.
+    value
+        Its value for a record and the record's measures.
+    kind
+        A length (in the unit of the measures), another number, or text.
+    said
+        What a cell of the table says; the value itself, unless named.
+    order
+        What the table sorts by; the value itself, unless named.
+    width
+        A text that a cell has room for.
+    colour
+        What the choice of colours calls it; empty if curves cannot be coloured by it.
+    """
+
+    name: str
+    title: str
+    tip: str
+    value: Callable[[Record, Measures], Any]
+    kind: Literal["length", "number", "text"] = "text"
+    said: Callable[[Record], str] | None = None
+    order: Callable[[Record], Any] | None = None
+    width: str = "00000"
+    colour: str = ""
+
+    def text(self, record: Record, measures: Measures) -> str:
+        """Write a cell of the table."""
+        if self.said is not None:
+            return self.said(record)
+        value = self.value(record, measures)
+        return three_digits(value) if isinstance(value, float) else str(value)
+
+    def key(self, record: Record, measures: Callable[[], Measures]) -> Any:
+        """Give what the table sorts by; what is not known comes first."""
+        if self.order is not None:
+            return self.order(record)
+        value = self.value(record, measures())
+        return -math.inf if isinstance(value, float) and math.isnan(value) else value
+
+
+def _status(record: Record) -> str:
+    status = record.curve.status
+    return f"{STATUS_WORDS[status]} {MARKS[status]}".rstrip()
+
+
+def _severity(record: Record) -> tuple[int, float]:
+    return severity(record.curve)
+
+
+COLUMNS = (
+    Column("id", "Curve", "Number of the curve", lambda r, m: r.id, "number", width="■ 0000"),
+    Column("frame", "Frame", "Frame that it is in", lambda r, m: r.frame, "number", width="0000"),
+    Column("reasons", "Reasons", "Why it needs review", lambda r, m: "; ".join(r.curve.reasons),
+           width="0" * 34),
+    Column("status", "Status",
+           "What the refinement says of it; sorted by it, the worst come first:\n"
+           "failed, to check, then by residual and standard error",
+           lambda r, m: str(r.curve.status), said=_status, order=_severity,
+           width="to check ?", colour="status"),
+    Column("review", "Reviewed", "What you say of it", lambda r, m: str(r.review),
+           said=lambda r: REVIEWS[r.review], width="✓ accepted"),
+    Column("length", "Length (%)", "Arc length of the centreline", lambda r, m: m.length,
+           "length", colour="length"),
+    Column("half_width_mean", "Half-width (%)", "From the centreline to the edge, mean",
+           lambda r, m: m.half_width_mean, "length", colour="mean half-width"),
+    Column("half_width_max", "Largest (%)", "From the centreline to the edge, largest",
+           lambda r, m: m.half_width_max, "length"),
+    Column("sd", "Error (%)", "Standard error of the centreline, across it", lambda r, m: m.sd,
+           "length", colour="standard error"),
+    Column("residual", "Residual", "Image minus model around it, as a share of its contrast",
+           lambda r, m: m.residual, "number", colour="residual"),
+    Column("locked", "", "Whether it stays as it is", lambda r, m: r.locked),
+)  # fmt: skip
+SHOWN = tuple(column for column in COLUMNS if column.title)
+STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
+
+
+@once
+def in_pixels(curve: Curve) -> Measures:
+    """Measure a curve in px, once."""
+    return measure(curve, Ruler())
+
+
+def features(records: Sequence[Record]) -> pd.DataFrame:
+    """What a layer of curves says of each of them; lengths in px."""
+    measured = [in_pixels(record.curve) for record in records]
+    return pd.DataFrame(
+        {
+            column.name: [column.value(r, m) for r, m in zip(records, measured, strict=True)]
+            for column in COLUMNS
+        }
+    )
+
+
+def as_text(records: Sequence[Record], ruler: Ruler, *, separator: str = ",") -> str:
+    """Write records as a table with a header, numbers in full."""
+    file = StringIO()
+    writer = csv.writer(file, delimiter=separator, lineterminator="\n")
+    writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
+    for record in records:
+        measures = measure(record.curve, ruler)
+        writer.writerow([*(c.value(record, measures) for c in COLUMNS), ruler.unit])
+    return file.getvalue()
