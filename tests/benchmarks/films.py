@@ -1,21 +1,24 @@
 """Films with truth: who is followed, how exactly, through crossings and out of sight.
 
-    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--frame-by-frame]
-        [--write]
+    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--write]
 
-Prints a table; with --write, docs/films.md gets it. Without --held-out, films are those that
-settings may be chosen on.
+Every film is tracked frame by frame and with the frames around it. Prints a table; with --write,
+docs/films.md gets it. Without --held-out, films are those that settings may be chosen on. What was
+measured is kept in docs/films/tracked.json and not measured again; delete it to do so.
 """
 
 import argparse
+import json
 import os
 import time
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 
 import numpy as np
+from insert import insert
 
 from napari_splinesketch import refine
 from napari_splinesketch.metrics import average_dtw, normal_distances
@@ -23,6 +26,9 @@ from napari_splinesketch.synthetic.bodies import crosses
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, View, follow
 
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "films.md"
+KEPT = ROOT / "docs" / "films" / "tracked.json"
 HELD_OUT = 7_000
 MOTIONS = ("crawl", "swim", "glide")
 CASES: dict[str, dict[str, Any]] = {
@@ -60,6 +66,13 @@ class Counts:
     def __add__(self, other: "Counts") -> "Counts":
         names = [f.name for f in fields(self)]
         return Counts(**{name: getattr(self, name) + getattr(other, name) for name in names})
+
+    def brief(self) -> "Counts":
+        """The same, with one number for each list: of a film."""
+        normal, ratio = (
+            round(float(f(x)), 4) for f, x in ((np.mean, self.normal), (np.median, self.ratio))
+        )
+        return replace(self, normal=(normal,), ratio=(ratio,), seconds=round(self.seconds, 2))
 
 
 def made(case: str, index: int, held_out: bool) -> Film:
@@ -136,7 +149,7 @@ def row(name: str, c: Counts) -> str:
     hidden = f"{share * c.found:.0f} % ({share * c.marked:.0f} %)"
     cells = (
         name,
-        f"{100 * c.beyond / c.frames:.1f} %",
+        f"{100 * c.beyond / c.frames:.1f} % of {c.frames}",
         f"{c.lost} of {c.bodies}",
         f"{c.swapped} ({c.crossings})",
         f"{np.mean(c.normal):.3f}",
@@ -150,8 +163,9 @@ def row(name: str, c: Counts) -> str:
 HEAD = (
     "| films | body-frames beyond 2 px | lost | swapped (crossings) | normal error, px "
     "| error / sd | hidden points within 2 half-widths (marked) | ms a body and frame |\n"
-    "|---|---|---|---|---|---|---|---|"
+    "|---|---|---|---|---|---|---|---|\n"
 )
+MODES = {"frame by frame": False, "frames around": True}
 
 
 def main() -> None:
@@ -160,18 +174,28 @@ def main() -> None:
     parser.add_argument("--films", type=int, default=6)
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--held-out", action="store_true")
-    parser.add_argument("--verbose", action="store_true")
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    print(HEAD)
+    kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
+    table = HEAD
     for case in options.cases:
-        total = Counts()
+        totals = dict.fromkeys(MODES, Counts())
         for index in range(options.films):
-            shown = made(case, index, options.held_out)
-            one = counted(shown, *tracked(shown))
-            total += one
-            if options.verbose:
-                print(row(f"{case} {index}", one), flush=True)
-        print(row(case, total), flush=True)
+            for mode, smooth in MODES.items():
+                name = f"{case} {index} {mode} {options.held_out}"
+                if name not in kept:
+                    shown = made(case, index, options.held_out)
+                    kept[name] = asdict(counted(shown, *tracked(shown, smooth=smooth)).brief())
+                    KEPT.write_text(json.dumps(kept, indent=0))
+                one = Counts(
+                    **{k: tuple(v) if isinstance(v, list) else v for k, v in kept[name].items()}
+                )
+                print(row(name, one), flush=True)
+                totals[mode] += one
+        table += "".join(row(f"{case}, {mode}", c) + "\n" for mode, c in totals.items())
+    print(table)
+    if options.write:
+        insert("tracked", table, PAGE)
 
 
 if __name__ == "__main__":

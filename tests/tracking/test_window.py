@@ -11,10 +11,10 @@ from napari_splinesketch.tracking import Body, Tracked, View, follow
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
 
 
-def tracked(made: Film, **options: bool) -> list[Tracked]:
+def tracked(made: Film) -> list[Tracked]:
     start = [Body(i, ((0, curve(line, 2.5)),)) for i, line in enumerate(made.centrelines[0])]
     frames = range(1, len(made.images))
-    return list(follow(frames, start, lambda t, _: View(made.images[t]), preset="fast", **options))
+    return list(follow(frames, start, lambda t, _: View(made.images[t]), preset="fast"))
 
 
 def test_a_body_out_of_sight_is_followed_and_marked() -> None:
