@@ -136,12 +136,19 @@ def test_a_malformed_file_names_place_and_reason(
     assert reason in caught.value.reason
 
 
+POINT = '{"type": "Point"}, '
 NO_JSON = {
     "cut": ('{"type":\n "Feat', "line 2, column 2"),
     "empty": ("", "line 1, column 1"),
-    "NaN": ('{"type": NaN}', ""),
-    "deep": ("[" * 100_000, ""),
-    "digits": ("1" * 10_000, ""),
+    "NaN": ('{"type": NaN}', "line 1, column 10"),
+    "deep": ("[" * 100_000, "line 1, column 2"),
+    "digits": ("1" * 10_000, "line 1, column 1"),
+    "cut in a number": ('[{"type": "Point"},\n -', "line 2, column 2"),
+    "two values": ('{"type": "Point"}\n{}', "line 2, column 1"),
+    "no comma": ('{"type": "Point" "a": 0}', "line 1, column 18"),
+    "no name": ('{"type": "Point", 5: 0}', "line 1, column 19"),
+    "far down": (f"[{POINT * 9000}\n\n  [0, ?]]", "line 3, column 7"),
+    "far right": (f'{{"features": [{" " * 100_000}[0, ?]]}}', "line 1, column 100019"),
 }
 
 
@@ -153,10 +160,11 @@ def test_what_is_no_json_is_said(tmp_path: Path, text: str, place: str) -> None:
     assert caught.value.place == place
 
 
-def test_a_file_that_is_too_large_is_not_read(
+def test_a_value_that_is_too_large_is_not_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("napari_splinesketch.labels.json_tree.MAX_BYTES", 10)
-    (tmp_path / "bad.geojson").write_text(json.dumps(FOREIGN))
-    with pytest.raises(LabelsError, match="more than the 10 that are read"):
+    monkeypatch.setattr("napari_splinesketch.labels.json_stream.MAX_VALUE", 1000)
+    (tmp_path / "bad.geojson").write_text(f'["{"x" * 900_000}')
+    with pytest.raises(LabelsError, match="a value of more than 1000 characters") as caught:
         read_labels(tmp_path / "bad.geojson")
+    assert caught.value.place == "line 1, column 2"

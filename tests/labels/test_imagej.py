@@ -114,8 +114,9 @@ def test_a_zip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     archive(tmp_path / "a.zip", a=bytes(2**24 + 1))
     with pytest.raises(LabelsError, match=r"a\.zip, a\.roi: too large when unpacked"):
         read_labels(tmp_path / "a.zip")
-    monkeypatch.setattr("napari_splinesketch.labels.imagej.MAX_BYTES", 1000)
-    archive(tmp_path / "b.zip", a=bytes(600), b=bytes(600))
+    one = roi(roifile.ROI_TYPE.POLYLINE).tobytes()
+    monkeypatch.setattr("napari_splinesketch.labels.imagej.MAX_BYTES", int(1.5 * len(one)))
+    archive(tmp_path / "b.zip", a=one, b=one)
     with pytest.raises(LabelsError, match=r"b\.zip, b\.roi: too large when unpacked"):
         read_labels(tmp_path / "b.zip")
 
@@ -156,6 +157,38 @@ def test_the_same_curve_twice_is_refused(tmp_path: Path) -> None:
     archive(tmp_path / "b.zip", a=content, b=content)
     with pytest.raises(LabelsError, match=r"b\.zip, b\.roi: curve 0 occurs twice"):
         read_labels(tmp_path / "b.zip")
+
+
+def test_entries_of_one_name_are_all_read(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file, pytest.warns(match="Duplicate name"):
+        for _ in range(3):
+            file.writestr("mine.roi", roi(roifile.ROI_TYPE.POLYLINE).tobytes())
+    assert [label.curve for label in read_labels(tmp_path / "a.zip").labels] == [0, 1, 2]
+
+
+def test_a_zip_without_a_roi_is_refused(tmp_path: Path) -> None:
+    archive(tmp_path / "a.zip")
+    with pytest.raises(LabelsError, match=r"a\.zip: holds no ImageJ ROI"):
+        read_labels(tmp_path / "a.zip")
+
+
+@pytest.mark.parametrize("kind", ["ours", "a line"])
+def test_a_roi_that_is_cut_anywhere_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.roi"
+    if kind == "ours":
+        write_labels(tmp_path / "a.zip", Labels((bent(points=4),)))
+        with zipfile.ZipFile(tmp_path / "a.zip") as file:
+            whole = file.read(file.namelist()[0])
+    else:
+        line = roifile.ImagejRoi()
+        line.roitype, line.x2, line.y2, line.name = roifile.ROI_TYPE.LINE, 3.5, 4.5, "mine"
+        whole = line.tobytes()
+    path.write_bytes(whole)
+    assert len(read_labels(path).labels) == 1
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        with pytest.raises(LabelsError, match="not an ImageJ ROI"):
+            read_labels(path)
 
 
 def test_a_frame_beyond_what_imagej_counts_is_refused(tmp_path: Path) -> None:

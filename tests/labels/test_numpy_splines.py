@@ -69,7 +69,10 @@ def claim(path: Path, shape: tuple[int, ...], packed: bool) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
-@pytest.mark.parametrize("shape", [(10**6, 10**6, 100, 2), (10**30, 1, 1, 2), (5, 4, 9, 2)])
+@pytest.mark.parametrize(
+    "shape",
+    [(10**6, 10**6, 100, 2), (10**30, 1, 1, 2), (5, 4, 9, 2), (-1, 4, 9, 2), (5, -1, -1, 2)],
+)
 def test_an_array_that_claims_too_much_takes_no_memory(
     tmp_path: Path,
     name: str,
@@ -83,6 +86,17 @@ def test_an_array_that_claims_too_much_takes_no_memory(
             read_labels(tmp_path / name)
 
     assert peak_memory(read) < 10_000_000
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_what_cannot_be_read_whole_is_refused(tmp_path: Path, name: str) -> None:
+    np.save(tmp_path / "a.npy", SPLINES)
+    twice = (tmp_path / "a.npy").read_bytes() * 2
+    (tmp_path / "a.npy").write_bytes(twice)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("splines.npy", twice)
+    with pytest.raises(LabelsError, match="goes on behind its last number"):
+        read_labels(tmp_path / name)
 
 
 WRONG = {

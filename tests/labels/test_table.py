@@ -130,11 +130,27 @@ def test_a_byte_order_mark_and_windows_lines_are_read(tmp_path: Path) -> None:
     assert_same(read_labels(tmp_path / "a.csv"), Labels((LINE,)))
 
 
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [
+        ("curve,row,col\n5,1,2\n5,3,4.5\n", 0),
+        ("frame,curve,row,col\n7,5,1,2\n7,5,3,4.5\n", 7),
+        ("curve,col,row,half_width,sd\n5,2,1,,\n5,4.5,3,,\n", 0),
+    ],
+    ids=["no frame", "frame", "empty fields"],
+)
+def test_a_sketch_needs_places_only(tmp_path: Path, text: str, frame: int) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    points = np.array([[1, 2], [3, 4.5]])
+    sketch = Label.from_sketch(points, frame=frame, identity=5)
+    assert_same(read_labels(tmp_path / "a.csv"), Labels((sketch,)))
+
+
 ROW0, ROW1 = "0,0,0,1.0,2.0,1.0,0.1,0.0,good", "0,0,1,4.0,6.0,1.0,0.1,5.0,good"
 MALFORMED = {
-    "empty": ("", 1, "no column frame"),
-    "another table": ("time,x,y\n", 1, "no column frame"),
-    "missing column": (HEADER.replace(",sd", "") + "\n", 1, "no column sd;"),
+    "empty": ("", 1, "no column curve"),
+    "another table": ("time,x,y\n", 1, "no column curve"),
+    "missing column": (HEADER.replace(",col", "") + "\n", 1, "no column col;"),
     "double column": (HEADER + ",row\n", 1, "column row occurs twice"),
     "short row": (f"{HEADER}\n{ROW0}\n0,0,1\n", 3, "3 fields; the header has 9"),
     "blank line": (f"{HEADER}\n{ROW0}\n\n{ROW1}\n", 3, "0 fields"),

@@ -20,7 +20,7 @@ from napari_splinesketch.labels import (
     tierpsy,
     wcon,
 )
-from napari_splinesketch.labels.files import LabelsError
+from napari_splinesketch.labels.files import LabelsError, open_regular
 from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
 from napari_splinesketch.labels.types import Labels
 
@@ -127,7 +127,7 @@ WRITERS = (
 def reader_of(path: str | os.PathLike[str]) -> Reader:
     """Find the format of an existing file by its name and its first bytes."""
     name = Path(path).name.lower()
-    with Path(path).open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(HEAD)
     for reader in READERS:
         if name.endswith(reader.suffix) and reader.fits(head):

@@ -1,7 +1,6 @@
 """GeoJSON as QuPath reads and writes it: one line a body, (x, y) from the image's corner."""
 
 import os
-from collections.abc import Iterator
 from typing import Any, cast
 
 import numpy as np
@@ -10,13 +9,16 @@ from jaxtyping import Float
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
-from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
+from napari_splinesketch.labels.json_stream import read_values
+from napari_splinesketch.labels.json_tree import Node, finite_or_null, write_json
 from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
 CORNER = 0.5
 """QuPath counts from the corner of the first pixel, we from its centre, px."""
 OURS = "splinesketch"
+OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
+"""What is left out; a feature without geometry is left with its own type."""
 COLOURS = {
     "good": [86, 180, 233],
     "check": [230, 159, 0],
@@ -73,21 +75,16 @@ def read(path: str | os.PathLike[str]) -> Labels:
     Coordinates are (x, y) in pixels from the corner of the image's first pixel. Lines that were
     not written by us are sketches, numbered in the order of the file.
     """
-    root = read_json(path)
     reader = _Reader()
-    for feature in _features(root):
-        reader.add(feature)
+    members = ("type", "geometry", "properties", "coordinates", "plane", OURS)
+    root = read_values(path, "features", members, reader.add)
+    if not isinstance(root.value, list):
+        if root["type"].text() != "FeatureCollection":
+            reader.add(root)
+        elif root["features"].value != []:
+            raise root["features"].error("expected an array")
     head = root[OURS] if OURS in root else Node(path, OURS, {})
     return read_head(head, tuple(reader.labels), reader.notes())
-
-
-def _features(root: Node) -> Iterator[Node]:
-    if isinstance(root.value, list):
-        yield from root
-    elif root["type"].text() == "FeatureCollection":
-        yield from root["features"]
-    else:
-        yield root
 
 
 class _Reader:
@@ -106,7 +103,9 @@ class _Reader:
         elif kind == "MultiLineString":
             lines = list(geometry["coordinates"])
         else:
-            self._left_out[kind[:40]] = self._left_out.get(kind[:40], 0) + 1
+            if kind not in OTHERS:
+                raise geometry["type"].error(f"is {kind[:40]!r}; expected one of GeoJSON's")
+            self._left_out[kind] = self._left_out.get(kind, 0) + 1
             return
         properties = feature["properties"] if "properties" in feature else feature
         ours = properties[OURS] if OURS in properties else None
@@ -144,10 +143,4 @@ def _ours(line: Node, ours: Node) -> Label:
 
 
 def _points(line: Node) -> Float[Array, "N 2"]:
-    points = []
-    for node in line:
-        position = [coordinate.number() for coordinate in node]
-        if len(position) < 2:
-            raise node.error("expected [x, y]")
-        points.append((position[1] - CORNER, position[0] - CORNER))
-    return np.array(points).reshape(-1, 2)
+    return line.places()[:, ::-1] - CORNER

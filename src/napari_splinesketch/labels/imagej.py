@@ -1,17 +1,19 @@
 """ImageJ ROIs: one polyline a body, (x, y), 32-bit floats, frames from 1 as ImageJ counts."""
 
 import os
+import struct
 import zipfile
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
+from typing import IO, cast
 
 import numpy as np
 from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, atomic, blamed
+from napari_splinesketch.labels.files import LabelsError, atomic, blamed, open_regular
 from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
@@ -20,6 +22,8 @@ MAX_BYTES = 2**28
 """Largest content of a zip that is unpacked; labels of it take about as much memory."""
 MAX_ENTRY = 2**24
 MAX_FRAME = 2**31 - 2
+HEADER = 64
+"""Size of each of a ROI's two headers, bytes."""
 OURS = "splinesketch."
 
 
@@ -76,7 +80,7 @@ def read(path: str | os.PathLike[str]) -> Labels:
     """Read lines from a zip of ROIs or from a single one, numbered in the order of the file."""
     labels: dict[tuple[int, int], Label] = {}
     left_out: Counter[str] = Counter()
-    for name, content in _entries(Path(path)).items():
+    for name, content in _entries(Path(path)):
         roi = _parse(path, name, content)
         if roi.roitype not in LINES:
             left_out[roi.roitype.name.lower()] += 1
@@ -92,36 +96,57 @@ def read(path: str | os.PathLike[str]) -> Labels:
     return Labels(tuple(labels.values()), notes=notes)
 
 
-def _entries(path: Path) -> dict[str, bytes]:
-    """Unpack what may be ROIs, within the limits."""
+def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Unpack one after the other what are ROIs by their names, within the limits."""
     if path.suffix.lower() == ".roi":
-        with path.open("rb") as file:
-            return {path.name: file.read(MAX_ENTRY)}
-    entries: dict[str, bytes] = {}
-    room = MAX_BYTES
+        with open_regular(path) as file:
+            yield path.name, _limited(path, path.name, file, MAX_ENTRY)
+        return
+    room, name = MAX_BYTES, ""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             for info in archive.infolist():
                 if not info.filename.lower().endswith(".roi"):
                     continue
-                with archive.open(info) as file:
-                    content = file.read(min(MAX_ENTRY, room) + 1)
-                if len(content) > min(MAX_ENTRY, room):
-                    raise LabelsError(path, info.filename, "too large when unpacked")
-                entries[info.filename] = content
+                name = info.filename
+                with archive.open(info) as packed:
+                    content = _limited(path, name, packed, min(MAX_ENTRY, room))
                 room -= len(content)
+                yield name, content
     except LabelsError:
         raise
     except Exception as error:  # zipfile raises anything on a broken archive
-        raise LabelsError(path, "", f"not a zip of ROIs ({error})") from None
-    return entries
+        raise LabelsError(path, name, f"not a zip of ROIs ({error})") from None
+    if not name:
+        raise LabelsError(path, "", "holds no ImageJ ROI (a file with the ending .roi)")
+
+
+def _limited(path: Path, name: str, file: IO[bytes], most: int) -> bytes:
+    content = file.read(most + 1)
+    if len(content) > most:
+        raise LabelsError(path, name, "too large when unpacked")
+    return content
 
 
 def _parse(path: str | os.PathLike[str], name: str, content: bytes) -> ImagejRoi:
     try:
+        _require_whole(content)
         return ImagejRoi.frombytes(content)
     except Exception as error:  # roifile raises anything on broken bytes
         raise LabelsError(path, name, f"not an ImageJ ROI ({error})") from None
+
+
+def _require_whole(content: bytes) -> None:
+    """Refuse what was cut off: roifile takes it, without its width, name and properties."""
+    start = int.from_bytes(content[60:64], "big", signed=True)
+    if start == 0:  # as ImageJ wrote them before 2010, without a second header
+        return
+    if start < HEADER or len(content) < start + HEADER:
+        raise ValueError(f"cut off after {len(content)} bytes")
+    for place in (start + 16, start + 40):  # where its name and its properties are
+        offset, length = struct.unpack(">ii", content[place : place + 8])
+        if offset + 2 * length > len(content):
+            raise ValueError(f"cut off after {len(content)} bytes")
 
 
 def _label(roi: ImagejRoi, number: int) -> Label:

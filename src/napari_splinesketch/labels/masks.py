@@ -16,6 +16,8 @@ from napari_splinesketch.labels.types import Label
 
 MAX_PIXELS = 2**28
 MAX_FRAMES = 100_000
+STRIP = 2**19
+"""Pixels of a label image that are drawn at a time."""
 NOT_KEPT = "masks keep no centrelines, half-widths, standard errors or status"
 
 
@@ -34,7 +36,7 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
     if highest >= np.iinfo(np.uint32).max:
         raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
     dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
-    pages = (label_image(of_frame, shape).astype(dtype) for of_frame in _every(frames, count))
+    pages = (label_image(of_frame, shape, dtype) for of_frame in _every(frames, count))
     _write(path, pages, (count, *shape), dtype, _description(labels, "TYX"), overwrite)
 
 
@@ -93,17 +95,23 @@ def image_shape(labels: AnyLabels) -> tuple[int, int]:
     return shape
 
 
-def label_image(labels: Sequence[Label], shape: tuple[int, int]) -> Integer[Array, "H W"]:
+def label_image(
+    labels: Sequence[Label], shape: tuple[int, int], dtype: type[np.unsignedinteger] = np.uint32
+) -> Integer[Array, "H W"]:
     """Draw the bodies of one frame, each with its identity plus 1; 0 is background."""
-    image = np.zeros(shape, np.uint32)
-    deepest = np.zeros(shape, np.float32)
-    for label in labels:
-        patch = rasterise(label, shape)
-        if patch is None:
-            continue
-        ours = patch.inside & ((patch.depth > deepest[patch.place]) | (image[patch.place] == 0))
-        image[patch.place][ours] = label.curve + 1
-        deepest[patch.place][ours] = patch.depth[ours]
+    image = np.zeros(shape, dtype)
+    height = max(1, STRIP // shape[1])
+    for top in range(0, shape[0], height):
+        deepest = np.full((height, shape[1]), -1, np.float32)
+        for label in labels:
+            patch = rasterise(label, shape, (top, top + height))
+            if patch is None:
+                continue
+            rows, cols = patch.place
+            depths = deepest[rows.start - top : rows.stop - top, cols]
+            ours = patch.inside & (patch.depth > depths)
+            image[patch.place][ours] = label.curve + 1
+            depths[ours] = patch.depth[ours]
     return image
 
 

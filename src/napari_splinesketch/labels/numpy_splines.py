@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, blamed
+from napari_splinesketch.labels.files import LabelsError, blamed, open_regular
 from napari_splinesketch.labels.stream import ByFrame
 from napari_splinesketch.labels.types import Label, Labels
 
@@ -87,6 +87,8 @@ def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2
             else:
                 for _ in range(math.prod(frames)):
                     yield _numbers(file, at_a_time, dtype).reshape(splines, points, 2)
+            if file.read(1):  # an archive checks its sum here, too
+                raise ValueError("it goes on behind its last number")
     except LabelsError:
         raise
     except Exception as error:  # NumPy and zipfile raise anything on broken files
@@ -97,10 +99,10 @@ def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2
 def _opened(path: Path) -> Iterator[IO[bytes]]:
     """Open a file, or its array where it is packed."""
     if path.suffix.lower() == ".npy":
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             yield file
         return
-    with zipfile.ZipFile(path) as archive:
+    with open_regular(path) as whole, zipfile.ZipFile(whole) as archive:
         names = [name for name in archive.namelist() if name.endswith(".npy")]
         if len(names) > 1:
             names = [name for name in names if name == f"{NAME}.npy"]
@@ -124,7 +126,7 @@ def _numbers(file: IO[bytes], count: int, dtype: np.dtype) -> Shaped[Array, " N"
 
 def _check(path: Path, shape: tuple[int, ...], dtype: np.dtype) -> None:
     """Refuse what is no array of splines, before it takes any memory."""
-    if len(shape) not in (3, 4) or shape[-1] != 2 or dtype.kind not in "fiu":
+    if len(shape) not in (3, 4) or shape[-1] != 2 or min(shape) < 0 or dtype.kind not in "fiu":
         raise LabelsError(
             path,
             "",

@@ -5,10 +5,10 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from io import TextIOWrapper
 from typing import TextIO
 
-from napari_splinesketch.labels.files import LabelsError
+from napari_splinesketch.labels.files import LabelsError, open_regular
 from napari_splinesketch.labels.json_tree import Node, parse_json
 
 MAX_LINE = 65_536
@@ -107,7 +107,7 @@ class Rows:
 @contextmanager
 def open_lines(path: str | os.PathLike[str], longest: int = MAX_LINE) -> Iterator[Lines]:
     """Open a text file in UTF-8, with or without a byte order mark."""
-    with Path(path).open(encoding="utf-8-sig", newline="") as file:
+    with open_regular(path) as raw, TextIOWrapper(raw, "utf-8-sig", newline="") as file:
         yield Lines(path, file, longest)
 
 

@@ -1,15 +1,17 @@
 """SWC, as neuron tracers use it: one tree a body, (x, y), radius = half-width."""
 
+import itertools
 import json
 import math
 import os
-from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from array import array
+from collections.abc import Container, Iterator, Sequence
 from typing import cast
 
 import numpy as np
+from jaxtyping import Float, Int
 
+from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import LabelsError, atomic, blamed
 from napari_splinesketch.labels.geometry import width_growth
 from napari_splinesketch.labels.head import head_of, read_head
@@ -22,6 +24,7 @@ OURS = "# splinesketch "
 LONGEST = 2**24
 """Characters in a line; provenance can be long."""
 ROOT = -1
+NAMES = ("id", "type", "x", "y", "z", "radius", "parent")
 UNDEFINED = 0
 """SWC's structure type for what is no part of a neuron."""
 
@@ -74,36 +77,36 @@ def read(path: str | os.PathLike[str]) -> Labels:
     """
     with open_lines(path, LONGEST) as lines:
         forest = _Forest(lines)
-    head = forest.head or Node(path, "", {})
-    scale = read_head(head, ()).scale or (1.0, 1.0)
-    labels = _Numbered()
-    chains = list(forest.chains())
-    for chain in chains:
-        if len(chain) > 1:
-            labels.add(forest, chain, scale)
-    return read_head(head, tuple(labels.labels), forest.notes(chains))
-
-
-@dataclass(frozen=True)
-class _Sample:
-    """One line of the file."""
-
-    x: float
-    y: float
-    z: float
-    radius: float
-    parent: int
-    line: int
+        head = forest.head or Node(path, "", {})
+        scale = read_head(head, ()).scale or (1.0, 1.0)
+        labels: dict[tuple[int, int], Label] = {}
+        points = 0
+        for chain in forest.chains():
+            if len(chain) < 2:
+                points += 1
+                continue
+            with blamed(lambda reason, first=chain[0]: forest.error(first, reason)):
+                label = forest.label(chain, scale, labels)
+                key = label.frame, label.curve
+                if key in labels:
+                    raise ValueError(f"curve {key[1]} occurs twice in frame {key[0]}")
+            labels[key] = label
+        notes = [f"left out {points} trees of a single point"] if points else []
+        if any(forest.z):
+            notes.append("left out z: curves lie in the image's plane")
+    return read_head(head, tuple(labels.values()), tuple(notes))
 
 
 class _Forest:
-    """All samples of a file, and who is whose child."""
+    """All samples of a file in its order, and what hangs on what."""
 
     def __init__(self, lines: Lines) -> None:
         self._lines = lines
-        self.samples: dict[int, _Sample] = {}
-        self.about: dict[int, Node] = {}
         self.head: Node | None = None
+        self._about: dict[int, Node] = {}
+        self._line, self._identity, self._parent = array("q"), array("q"), array("q")
+        self._x, self._y, self.z, self._radius = (array("d") for _ in range(4))
+        self._free = 0
         comment: Node | None = None
         for text in lines:
             if text.startswith(OURS):
@@ -111,24 +114,23 @@ class _Forest:
                 if "curve" not in comment:
                     self.head, comment = comment, None
             elif text.strip() and not text.lstrip().startswith("#"):
-                identity = self._add(text.split())
                 if comment is not None:
-                    self.about[identity], comment = comment, None
-        self._children = self._families()
+                    self._about[len(self._line)], comment = comment, None
+                self._add(text.split())
+        self._above = self._parents()
 
-    def _add(self, fields: list[str]) -> int:
-        names = ("id", "type", "x", "y", "z", "radius", "parent")
-        if len(fields) < len(names):
-            raise self._lines.error(f"{len(fields)} fields; expected {' '.join(names)}")
-        numbers = [self._number(name, text) for name, text in zip(names, fields, strict=False)]
-        identity, parent = int(numbers[0]), int(numbers[6])
-        if identity != numbers[0] or parent != numbers[6] or identity < 0:
+    def _add(self, fields: list[str]) -> None:
+        if len(fields) < len(NAMES):
+            raise self._lines.error(f"{len(fields)} fields; expected {' '.join(NAMES)}")
+        numbers = [self._number(name, text) for name, text in zip(NAMES, fields, strict=False)]
+        identity, _, *places, parent = numbers
+        if identity != int(identity) or parent != int(parent) or identity < 0:
             raise self._lines.error("id and parent must be whole numbers, id from 0")
-        if identity in self.samples:
-            raise self._lines.error(f"id {identity} occurs twice")
-        x, y, z, radius = numbers[2:6]
-        self.samples[identity] = _Sample(x, y, z, radius, parent, self._lines.line)
-        return identity
+        for column, place in zip((self._x, self._y, self.z, self._radius), places, strict=True):
+            column.append(place)
+        self._identity.append(int(identity))
+        self._parent.append(int(parent))
+        self._line.append(self._lines.line)
 
     def _number(self, name: str, text: str) -> float:
         try:
@@ -139,69 +141,62 @@ class _Forest:
             raise self._lines.error(f"{name} is {text[:40]!r}; expected a number")
         return number
 
-    def _families(self) -> dict[int, list[int]]:
-        children: dict[int, list[int]] = {}
-        for identity, sample in self.samples.items():
-            if sample.parent != ROOT and sample.parent not in self.samples:
-                raise self.error(identity, f"there is no parent {sample.parent}")
-            children.setdefault(sample.parent, []).append(identity)
-        return children
+    def _parents(self) -> Int[Array, " N"]:
+        """Give the place of each sample's parent, -1 for a root."""
+        identity, parent = np.array(self._identity), np.array(self._parent)
+        order = np.argsort(identity, kind="stable")
+        known = identity[order]
+        twice = order[1:][known[1:] == known[:-1]]
+        if len(twice):
+            raise self.error(int(twice.min()), f"id {identity[twice.min()]} occurs twice")
+        place = np.minimum(np.searchsorted(known, parent), len(known) - 1)
+        missing = np.flatnonzero((parent != ROOT) & (known[place] != parent))
+        if len(missing):
+            raise self.error(int(missing[0]), f"there is no parent {parent[missing[0]]}")
+        return np.where(parent == ROOT, -1, order[place])
 
-    def error(self, identity: int, reason: str) -> LabelsError:
+    def error(self, sample: int, reason: str) -> LabelsError:
         """Blame the line of a sample."""
-        return self._lines.error(reason, self.samples[identity].line)
+        return self._lines.error(reason, self._line[sample])
 
-    def chains(self) -> Iterator[list[int]]:
+    def chains(self) -> Iterator[Sequence[int]]:
         """Give the unbranched stretches, from each root and from each branching on."""
-        starts = deque(self._children.get(ROOT, ()))
+        above = self._above
+        children = np.bincount(above[above >= 0], minlength=len(above))
+        goes_on = (above >= 0) & (children[above] == 1)
+        after = np.full(len(above), -1)
+        after[above[goes_on]] = np.flatnonzero(goes_on)
         reached = 0
-        while starts:
-            start = starts.popleft()
-            parent = self.samples[start].parent
-            chain = [start]
-            while len(after := self._children.get(chain[-1], [])) == 1:
-                chain.append(after[0])
-            starts.extend(after)
+        for start in np.flatnonzero(~goes_on).tolist():
+            chain = array("q", [start])
+            while (following := after[chain[-1]]) >= 0:
+                chain.append(following)
             reached += len(chain)
-            yield chain if parent == ROOT else [parent, *chain]
-        if reached < len(self.samples):
+            if above[start] >= 0:
+                chain.insert(0, above[start])
+            if len(chain) > 1 or not children[start]:
+                yield chain
+        if reached < len(above):
             raise self._lines.error("some samples hang together in a ring, without a root", 1)
 
-    def notes(self, chains: list[list[int]]) -> tuple[str, ...]:
-        """Say what was left out."""
-        notes = []
-        points = sum(len(chain) == 1 and chain[0] not in self._children for chain in chains)
-        if points:
-            notes.append(f"left out {points} trees of a single point")
-        if any(sample.z for sample in self.samples.values()):
-            notes.append("left out z: curves lie in the image's plane")
-        return tuple(notes)
-
-
-class _Numbered:
-    """Labels, each with a number of its own."""
-
-    def __init__(self) -> None:
-        self.labels: list[Label] = []
-        self._taken: set[tuple[int, int]] = set()
-
-    def add(self, forest: _Forest, chain: list[int], scale: tuple[float, float]) -> None:
-        samples = [forest.samples[identity] for identity in chain]
-        points = np.array([(sample.y, sample.x) for sample in samples]) / scale
-        radius = np.array([sample.radius for sample in samples])
+    def label(
+        self, chain: Sequence[int], scale: tuple[float, float], taken: Container[tuple[int, int]]
+    ) -> Label:
+        """Give a stretch as a line; where the file does not say its number, one that is free."""
+        points = np.column_stack([_picked(self._y, chain), _picked(self._x, chain)]) / scale
+        radius = _picked(self._radius, chain)
         half_width = np.where(radius > 0, radius / width_growth(points, scale), np.nan)
-        frame, curve, status = 0, len(self.labels), "sketch"
-        about = forest.about.get(chain[0])
-        if about is not None and samples[0].parent == ROOT:
+        frame, status = 0, "sketch"
+        about = self._about.get(chain[0])
+        if about is not None and self._parent[chain[0]] == ROOT:
             frame, curve = about["frame"].integer(), about["curve"].integer()
             status = about["status"].text()
-        while about is None and (frame, curve) in self._taken:
-            curve += 1
-        if (frame, curve) in self._taken:
-            raise forest.error(chain[0], f"curve {curve} occurs twice in frame {frame}")
-        self._taken.add((frame, curve))
+        else:
+            curve = next(i for i in itertools.count(self._free) if (0, i) not in taken)
+            self._free = curve + 1
         unknown = np.full(len(points), np.inf)
-        with blamed(lambda reason: forest.error(chain[0], reason)):
-            self.labels.append(
-                Label(frame, curve, points, half_width, unknown, cast(LabelStatus, status))
-            )
+        return Label(frame, curve, points, half_width, unknown, cast(LabelStatus, status))
+
+
+def _picked(values: "array[float]", places: Sequence[int]) -> Float[Array, " N"]:
+    return np.array([values[i] for i in places])

@@ -4,6 +4,7 @@ import itertools
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import inf, nan
 from typing import cast
 
 import numpy as np
@@ -17,7 +18,8 @@ from napari_splinesketch.labels.types import Label, Labels, LabelStatus, Review
 PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
 REVIEW = ("review",)
 UNITS = ("y", "x", "half_width_units", "units")
-REQUIRED = tuple(name for name in PIXELS if name != "arc_length")
+REQUIRED = ("curve", "row", "col")
+"""What a sketch needs; `frame` is 0 without its column."""
 SCALE_TOLERANCE = 1e-6
 
 
@@ -92,7 +94,8 @@ class TableReader:
         """Read curve by curve; `known` gathers their keys."""
         block: _Block | None = None
         for row in self._rows:
-            key = self._rows.integer(row, "frame"), self._rows.integer(row, "curve")
+            frame = self._rows.integer(row, "frame") if "frame" in row else 0
+            key = frame, self._rows.integer(row, "curve")
             if block is None or key != (block.frame, block.curve):
                 if block:
                     yield self._finished(block)
@@ -102,24 +105,25 @@ class TableReader:
                         "the rows of a curve must follow one another"
                     )
                 known.add(key)
-                block = _Block(*key, row["status"], row.get(*REVIEW, "open"), self._rows.line)
+                block = _Block(*key, *_words(row), self._rows.line)
             self._add(block, row)
         if block:
             yield self._finished(block)
 
     def _add(self, block: _Block, row: Row) -> None:
         rows = self._rows
-        point = rows.integer(row, "point")
+        point = rows.integer(row, "point") if "point" in row else len(block.row)
         if point != len(block.row):
             raise rows.error(f"point is {point}; expected {len(block.row)}, counting from 0")
-        if row["status"] != block.status:
+        status, review = _words(row)
+        if status != block.status:
             raise rows.error(f"status differs from {block.status!r} on line {block.line}")
-        if row.get(*REVIEW, "open") != block.review:
+        if review != block.review:
             raise rows.error(f"review differs from {block.review!r} on line {block.line}")
         block.row.append(rows.number(row, "row"))
         block.col.append(rows.number(row, "col"))
-        block.half_width.append(rows.number(row, "half_width"))
-        block.sd.append(rows.number(row, "sd"))
+        block.half_width.append(rows.number(row, "half_width") if row.get("half_width") else nan)
+        block.sd.append(rows.number(row, "sd") if row.get("sd") else inf)
         if self._physical:
             self._y.append(rows.number(row, "y"))
             self._x.append(rows.number(row, "x"))
@@ -166,6 +170,11 @@ class TableReader:
                 f"{', '.join(UNITS)}",
                 line,
             )
+
+
+def _words(row: Row) -> tuple[str, str]:
+    """Give status and review."""
+    return row.get("status", "sketch"), row.get(*REVIEW, "open")
 
 
 def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float | None:

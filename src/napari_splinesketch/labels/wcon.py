@@ -11,7 +11,8 @@ from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
 from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
-from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
+from napari_splinesketch.labels.json_stream import read_values
+from napari_splinesketch.labels.json_tree import Node, finite_or_null, write_json
 from napari_splinesketch.labels.stream import AnyLabels
 from napari_splinesketch.labels.types import Label, Labels, LabelStatus
 
@@ -59,10 +60,14 @@ def read(path: str | os.PathLike[str]) -> Labels:
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
-    root = read_json(path)
-    data = root["data"]
-    records = list(data) if isinstance(data.value, list) else [data]
-    found = [spine for record in records for spine in _spines(record)]
+    found: list[_Spine] = []
+
+    def take(record: Node) -> None:
+        found.extend(_spines(record))
+
+    root = read_values(path, "data", ("units", OURS), take)
+    if root["data"].value != []:
+        take(root["data"])
     spines = [spine for spine in found if len(spine.yx) > 1]
     notes = []
     if len(spines) < len(found):
