@@ -22,7 +22,8 @@ def test_only_files_are_read(tmp_path: Path, ending: str, read) -> None:
     os.mkfifo(pipe)
     device.symlink_to("/dev/zero")
     for path in (folder, pipe, device):
-        with pytest.raises(ValueError, match="expected a file"):
+        error = ValueError if read is checksum_of_file else LabelsError
+        with pytest.raises(error, match="expected a file"):
             read(path)
 
 

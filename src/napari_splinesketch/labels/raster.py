@@ -83,9 +83,10 @@ def _depths(label: Label, low: Int[Array, " 2"], high: Int[Array, " 2"]) -> Floa
     for i in range(0, len(points) - 1, together):
         stretch = slice(i, i + together + 1)
         line, widths = points[stretch], label.half_width[stretch]
-        for rows, cols in _tiles(*_window(line, widths.max(), depth.shape), len(line) - 1):
-            view = depth[rows, cols]
-            np.maximum(view, _depth(*np.mgrid[rows, cols], line, widths), out=view)
+        first, last = _window(line, widths.max(), depth.shape)
+        for tile in _tiles(first, last, len(line) - 1):
+            rows, cols = np.mgrid[tile]
+            np.maximum(depth[tile], _depth(rows, cols, line, widths), out=depth[tile])
     return depth
 
 
@@ -103,7 +104,9 @@ def _tiles(
             )
 
 
-def _window(points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]) -> tuple:
+def _window(
+    points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]
+) -> tuple[Int[Array, " 2"], Int[Array, " 2"]]:
     """First and last-plus-one pixel within `reach` of the points."""
     low = np.clip(np.floor(points.min(axis=0) - reach), 0, shape).astype(int)
     high = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, shape).astype(int)
