@@ -14,7 +14,8 @@ from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
 from napari_splinesketch.cli.jobs import COMMANDS, RefineJob
 from napari_splinesketch.cli.options import declared
-from napari_splinesketch.labels import Label, Labels, read_labels, table, write_labels
+from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
+from napari_splinesketch.labels.format import Format
 
 from .fakes import FakeEngine, film
 
@@ -58,7 +59,7 @@ def test_convert_holds_a_frame_at_a_time_and_keeps_the_order(
     assert main(["convert", "disorder.csv", "b.geojson"]) == 0
     assert [label.frame for label in read_labels("b.geojson").labels] == [5, 4, 0]
     with monkeypatch.context() as patch:
-        patch.setattr(table.TableReader, "labels", None)  # what reads all of a table
+        patch.setattr(Format, "read_whole", None)  # what reads all of a table
         assert main(["convert", "a.csv", "c.geojson"]) == 0
         assert main(["convert", "a.csv", "d.wcon", "--pixel-size", "2", "--units", "mm"]) == 0
     back = read_labels("c.geojson")

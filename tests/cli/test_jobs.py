@@ -267,16 +267,16 @@ def test_sketches_are_taken_from_their_file_as_they_are_needed(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No more than one frame's sketches are held, and no more than one frame's pixels."""
-    from napari_splinesketch.labels import table
+    from napari_splinesketch.labels.format import Read, Source
 
     taken: list[int] = []
-    read = table.read_frames
+    frames = Source.frames
 
-    def counted(path: Path) -> Iterator[tuple[Label, ...]]:
-        for labels in read(path):
+    def counted(source: Source, read: Read) -> Iterator[tuple[Label, ...]]:
+        for labels in frames(source, read):
             taken.append(len(engine.calls))
             yield labels
 
-    monkeypatch.setattr(table, "read_frames", counted)
+    monkeypatch.setattr(Source, "frames", counted)
     main([*COMMAND, "-o", "lazy.csv"])
-    assert taken == list(range(FRAMES))
+    assert taken == [0] * FRAMES + list(range(FRAMES))  # once to look through them all

@@ -10,7 +10,7 @@ from napari_splinesketch.labels.by_frame import by_frame
 from napari_splinesketch.labels.files import checksum_of_file, printable
 from napari_splinesketch.labels.formats import READERS
 
-ENDINGS = sorted({reader.suffix for reader in READERS})
+ENDINGS = sorted({ending for reader in READERS for ending in reader.endings})
 
 
 @pytest.mark.parametrize("read", [read_labels, by_frame, checksum_of_file])

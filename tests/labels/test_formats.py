@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
-from napari_splinesketch.labels.formats import READERS, WRITERS, writer_of
+from napari_splinesketch.labels.format import Format
+from napari_splinesketch.labels.formats import FORMATS, WRITERS, writer_of
 
 from .samples import FULL, bent
 
@@ -24,9 +25,21 @@ def test_the_longest_ending_decides_and_case_does_not_matter() -> None:
 
 
 def test_names_and_endings_are_unique() -> None:
-    assert len({writer.name for writer in WRITERS}) == len(WRITERS)
+    assert len({form.name for form in FORMATS}) == len(FORMATS)
     assert len({writer.suffix for writer in WRITERS}) == len(WRITERS)
-    assert len({reader.name for reader in READERS}) == len(READERS)
+
+
+@pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
+def test_a_format_does_what_it_says(form: Format) -> None:
+    path = f"a{form.suffix}"
+    if form.read is None:
+        with pytest.raises(ValueError, match=f"{form.name} can be written only"):
+            form.read_whole(path)
+    if form.write is None:
+        with pytest.raises(ValueError, match=f"{form.name} can be read only"):
+            form.write_whole(path, FULL)
+    assert form.read or form.write
+    assert all(ending == ending.lower() for ending in form.endings)
 
 
 @pytest.mark.parametrize("writer", WRITERS, ids=lambda writer: writer.name)

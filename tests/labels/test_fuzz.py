@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
-from napari_splinesketch.labels.formats import READERS
+from napari_splinesketch.labels.formats import READERS, reader_of
 
 from .samples import FULL, bent
 
@@ -54,23 +54,23 @@ def npz(folder: Path) -> Path:
     return folder / "a.npz"
 
 
-VALID: dict[str, Callable[[Path], Path]] = {
-    "napari Shapes CSV": written(".shapes.csv"),
-    "labels CSV": written(".csv"),
-    "GeoJSON": written(".geojson"),
-    "GeoJSON, named .json": renamed(".geojson"),
-    "ImageJ ROIs": stored_zip,
-    "ImageJ ROI": single_roi,
-    "NumPy splines": npy,
-    "NumPy splines, packed": npz,
-    "SWC": written(".swc"),
-    "WCON": written(".wcon"),
-    "WCON, named .json": renamed(".wcon"),
+VALID: dict[tuple[str, str], Callable[[Path], Path]] = {
+    ("labels CSV", ".csv"): written(".csv"),
+    ("napari Shapes CSV", ".csv"): written(".shapes.csv"),
+    ("napari Shapes CSV", ".shapes.csv"): written(".shapes.csv"),
+    ("GeoJSON", ".geojson"): written(".geojson"),
+    ("GeoJSON", ".json"): renamed(".geojson"),
+    ("ImageJ ROIs", ".zip"): stored_zip,
+    ("ImageJ ROIs", ".roi"): single_roi,
+    ("WCON", ".wcon"): written(".wcon"),
+    ("WCON", ".json"): renamed(".wcon"),
+    ("NumPy splines", ".npy"): npy,
+    ("NumPy splines", ".npz"): npz,
 }
 
 
 def test_every_reader_is_here() -> None:
-    assert set(VALID) == {reader.name for reader in READERS}
+    assert set(VALID) == {(form.name, ending) for form in READERS for ending in form.endings}
 
 
 @st.composite
@@ -95,11 +95,11 @@ def damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", VALID)
+@pytest.mark.parametrize("name", VALID, ids=" ".join)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(spoil=damage())
 def test_damaged_files_are_read_or_refused_but_never_crash(
-    name: str, tmp_path: Path, spoil: Callable[[bytes], bytes]
+    name: tuple[str, str], tmp_path: Path, spoil: Callable[[bytes], bytes]
 ) -> None:
     folder = tmp_path / "valid"
     if not folder.exists():
@@ -114,15 +114,19 @@ def test_damaged_files_are_read_or_refused_but_never_crash(
         assert str(error).startswith(str(path))
 
 
-@pytest.mark.parametrize("name", VALID)
-def test_valid_files_are_read(name: str, tmp_path: Path) -> None:
-    assert len(read_labels(VALID[name](tmp_path)).labels) >= 1
+@pytest.mark.parametrize("name", VALID, ids=" ".join)
+def test_valid_files_are_read(name: tuple[str, str], tmp_path: Path) -> None:
+    path = VALID[name](tmp_path)
+    assert reader_of(path).name == name[0]
+    assert len(read_labels(path).labels) >= 1
 
 
-@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+@pytest.mark.parametrize("ending", [ending for _, ending in VALID])
 @pytest.mark.parametrize("content", [b"", b"\x00" * 100, b"PK\x05\x06" + bytes(18), b"[[[[" * 50])
-def test_nonsense_is_refused_or_holds_no_curves(tmp_path: Path, reader, content: bytes) -> None:
-    path = tmp_path / f"a{reader.suffix}"
+def test_nonsense_is_refused_or_holds_no_curves(
+    tmp_path: Path, ending: str, content: bytes
+) -> None:
+    path = tmp_path / f"a{ending}"
     path.write_bytes(content)
     try:
         assert read_labels(path).labels == ()

@@ -69,7 +69,9 @@ def test_lines_of_other_programs_are_sketches(tmp_path: Path, wrap) -> None:
     assert np.array_equal(labels.labels[0].points, [[20, 10], [25, 30]])
     assert np.array_equal(labels.labels[1].points, [[1.5, 0.5], [3.5, 2.5]])
     assert {label.status for label in labels.labels} == {"sketch"}
-    assert labels.notes == ("left out 1 Point, 1 Polygon: only lines can be sketches",)
+    assert labels.notes == (
+        "left out 1 Point, 1 Polygon: only lines of two or more points can be sketches",
+    )
 
 
 def feature(coordinates: object, **properties: object) -> dict[str, object]:

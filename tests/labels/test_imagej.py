@@ -87,7 +87,9 @@ def test_rois_of_other_programs_are_sketches(tmp_path: Path) -> None:
     assert keys == [(2, 0, "sketch"), (1, 1, "sketch"), (0, 2, "sketch")]
     assert labels.labels[0].points.tolist() == [[20, 10], [25, 30], [20, 40]]
     assert labels.labels[2].points.tolist() == [[2.5, 1.5], [4.5, 3.5]]
-    assert labels.notes == ("left out 1 point, 1 polygon: only lines can be sketches",)
+    assert labels.notes == (
+        "left out 1 point, 1 polygon: only lines of two or more points can be sketches",
+    )
 
 
 def test_a_single_roi(tmp_path: Path) -> None:

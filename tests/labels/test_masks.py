@@ -88,22 +88,6 @@ def test_a_label_image_has_the_identity_plus_1_and_a_page_for_each_frame(tmp_pat
         assert told["provenance"] == {"preset": "fast"}
 
 
-def test_a_stack_keeps_overlaps_and_says_who_is_who(tmp_path: Path) -> None:
-    losses = " ".join(write_labels(tmp_path / "a.stack.tif", CROSS))
-    assert "overlaps" not in losses
-    stack = tifffile.imread(tmp_path / "a.stack.tif")
-    assert (stack.shape, stack.dtype) == ((3, 40, 60), np.uint8)
-    assert stack[0, 20, 30] == stack[1, 20, 30] == 255
-    assert stack[0].astype(bool).sum() == pytest.approx(60 * 7, abs=2)
-    with tifffile.TiffFile(tmp_path / "a.stack.tif") as file:
-        told = json.loads(file.pages[0].description)  # pyright: ignore
-    assert told["bodies"] == [
-        {"frame": 0, "curve": 6},
-        {"frame": 0, "curve": 0},
-        {"frame": 2, "curve": 6},
-    ]
-
-
 def test_without_the_image_s_shape_the_masks_reach_as_far_as_the_bodies(tmp_path: Path) -> None:
     labels = dataclasses.replace(CROSS, shape=None)
     losses = " ".join(write_labels(tmp_path / "a.masks.tif", labels))
@@ -141,8 +125,7 @@ def test_what_no_mask_can_hold_is_refused(tmp_path: Path, labels: Labels, reason
 
 
 def test_no_curves(tmp_path: Path) -> None:
-    for ending in ("masks.tif", "stack.tif"):
-        write_labels(tmp_path / f"a.{ending}", Labels(shape=(5, 7)))
-        image = tifffile.imread(tmp_path / f"a.{ending}")
-        assert image.shape[-2:] == (5, 7)
-        assert not image.any()
+    write_labels(tmp_path / "a.masks.tif", Labels(shape=(5, 7)))
+    image = tifffile.imread(tmp_path / "a.masks.tif")
+    assert image.shape[-2:] == (5, 7)
+    assert not image.any()

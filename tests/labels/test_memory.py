@@ -17,10 +17,6 @@ ROOM = 1_000_000
 """Bytes for the text that is being parsed."""
 
 
-def lines(*texts: str) -> str:
-    return "".join(text + "\n" for text in texts)
-
-
 PAIR = "[[0,0],[1,1]]"
 XS = ",".join(["0"] * 10 * COUNT)
 GREEDY = {
@@ -28,10 +24,6 @@ GREEDY = {
     "short.csv": "curve,row,col\n" + "".join(f"{i},0,{p}\n" for i in range(COUNT) for p in (0, 1)),
     "shapes.csv": "index,shape-type,vertex-index,axis-0,axis-1\n"
     + "".join(f"{i},line,{p},0,{p}\n" for i in range(COUNT) for p in (0, 1)),
-    "long.swc": "".join(f"{i} 0 0 {i} 0 0 {i - 1}\n" for i in range(3 * COUNT)),
-    "short.swc": "".join(
-        f"{i} 0 0 0 0 0 -1\n{i + 1} 0 0 1 0 0 {i}\n" for i in range(0, 2 * COUNT, 2)
-    ),
     "long.geojson": f'{{"type":"LineString","coordinates":[{",".join(["[0,0]"] * 10 * COUNT)}]}}',
     "short.geojson": f'{{"type":"MultiLineString","coordinates":[{",".join([PAIR] * COUNT)}]}}',
     "many.geojson": "[" + ",".join([f'{{"type":"LineString","coordinates":{PAIR}}}'] * COUNT) + "]",
@@ -67,7 +59,7 @@ REFUSED = {
     + "]}",
     "points.geojson": "[" + ",".join(['{"type":"Point"}'] * 8 * COUNT) + "]",
     "columns.csv": "curve," * 10_000 + "\n",
-    "words.swc": "# splinesketch " + "[" * 1_000_000,
+    "quotes.csv": "curve,row,col\n" + '"' * 1_000_001,
 }
 """Much that is nothing to give back."""
 

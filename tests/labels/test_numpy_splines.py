@@ -39,7 +39,7 @@ def test_points_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
     labels = read_labels(tmp_path / "a.npy")
     assert len(labels.labels[0].points) == 7
     assert len(labels.labels) == 10
-    assert labels.notes == ("left out 2 splines of fewer than two finite points",)
+    assert labels.notes == ("left out 2 splines: only lines of two or more points can be sketches",)
 
 
 def test_nothing_is_unpickled(tmp_path: Path) -> None:

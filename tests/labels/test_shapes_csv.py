@@ -72,7 +72,7 @@ MALFORMED = {
     "shape again": (
         f"{HEADER}\n0,path,0,1,2\n0,path,1,1,3\n1,line,0,1,2\n0,path,2,5,5\n",
         5,
-        "shape 0 starts again",
+        "curve 0 occurs twice",
     ),
     "between frames": (f"{HEADER},axis-2\n0,path,0,1,2,3\n0,path,1,2,2,3\n", 2, "several frames"),
     "negative frame": (f"{HEADER},axis-2\n0,path,0,-1,2,3\n0,path,1,-1,2,3\n", 2, "axis-0 is -1"),

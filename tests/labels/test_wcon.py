@@ -83,7 +83,7 @@ def test_a_file_of_another_program(tmp_path: Path) -> None:
     assert np.array_equal(labels.labels[0].points, [[4, 1], [5, 2], [7, 3]])
     assert (labels.scale, labels.units) == ((1.0, 1.0), "mm")
     assert labels.notes == (
-        "left out 1 animals that are only points",
+        "left out 1 animals: only lines of two or more points can be sketches",
         "the file has no pixel size: 1 mm is taken as 1 pixel",
     )
 
@@ -134,7 +134,7 @@ MALFORMED = {
         "data[0].ox",
         "has 2 numbers; expected 1",
     ),
-    "twice": ({"units": UNITS, "data": [GOOD, GOOD]}, "data", "occurs twice"),
+    "twice": ({"units": UNITS, "data": [GOOD, GOOD]}, "data[1]", "occurs twice"),
     "our id": (
         {"units": UNITS, "data": [{**GOOD, "id": "x"}], "@splinesketch": {}},
         "data[0].id",

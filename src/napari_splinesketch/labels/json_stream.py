@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator
 from io import TextIOWrapper
 from json.decoder import WHITESPACE  # pyright: ignore[reportAttributeAccessIssue]
 from typing import Any, TextIO
@@ -17,9 +17,7 @@ SURE = 16
 """A mistake so many characters before the end of the text at hand is none of a missing rest."""
 
 
-def read_values(
-    path: str | os.PathLike[str], array: str, others: Collection[str], take: Callable[[Node], None]
-) -> Node:
+def read_values(path: str | os.PathLike[str], array: str, kept: dict[str, Any]) -> Iterator[Node]:
     """Go through a file whose outermost value is an array, or an object with a long array.
 
     Parameters
@@ -28,41 +26,38 @@ def read_values(
         A file in UTF-8.
     array
         Member whose elements are given one by one, where it is an array.
-    others
-        Members that are kept; the rest is parsed, but left out.
-    take
-        Is given each element.
+    kept
+        Names of members to keep, which get their values where they are there; of `array`, an
+        empty list where its elements were given. What is not named is parsed and forgotten.
 
-    Returns
-    -------
+    Yields
+    ------
     Node
-        The outermost value, without the elements that were taken and what was left out.
+        Each element of the array.
     """
     with open_regular(path) as raw, TextIOWrapper(raw, "utf-8-sig") as file:
         text = _Text(path, file)
         if text.coming() == "[":
-            _elements(text, path, "", take)
-            root: Any = []
-        elif text.coming() == "{":
-            root = {}
+            yield from _elements(text, path, "")
+            kept[array] = []
+        elif text.coming() != "{":
+            Node(path, "", text.value()).members()
+        else:
             for name in _members(text):
                 if name == array and text.coming() == "[":
-                    _elements(text, path, name, take)
-                    root[name] = []
-                elif name in (array, *others):
-                    root[name] = text.value()
+                    yield from _elements(text, path, name)
+                    kept[name] = []
                 else:
-                    text.value()
-        else:
-            root = text.value()
+                    value = text.value()
+                    if name in kept:
+                        kept[name] = value
         if text.coming():
             raise text.error("Extra data")
-    return Node(path, "", root)
 
 
-def _elements(text: "_Text", path: Any, place: str, take: Callable[[Node], None]) -> None:
+def _elements(text: "_Text", path: str | os.PathLike[str], place: str) -> Iterator[Node]:
     for i, _ in enumerate(_between(text, "[", "]")):
-        take(Node(path, f"{place}[{i}]", text.value()))
+        yield Node(path, f"{place}[{i}]", text.value())
 
 
 def _members(text: "_Text") -> Iterator[str]:

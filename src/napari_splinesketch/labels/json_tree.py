@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, atomic, open_regular
+from napari_splinesketch.labels.files import LabelsError, open_regular
 
 MAX_BYTES = 2**27
 """Largest file that is read; as objects it takes up to a hundred times as much memory."""
@@ -208,12 +209,9 @@ def held(value: object) -> Any:
     return json.loads("".join(pieces(value))) if _is_read(value) else value
 
 
-def write_json(path: str | os.PathLike[str], value: object, *, overwrite: bool) -> None:
+def write_json(path: Path, value: object) -> None:
     """Write a JSON file in UTF-8, as `pieces` encodes it."""
-    with (
-        atomic(path, overwrite=overwrite) as temporary,
-        temporary.open("x", encoding="utf-8") as file,
-    ):
+    with path.open("x", encoding="utf-8") as file:
         file.writelines(pieces(value, ",", ":"))
         file.write("\n")
 
