@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from napari_splinesketch.labels.files import LabelsError, atomic, printable
-from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of, in_frames
+from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
 from napari_splinesketch.labels.types import Label, Labels
 
 
@@ -157,7 +157,7 @@ class Format:
         with suppress(DisorderError):
             numbers.extend(labels[0].frame for labels in source.frames(self._reader()))
             return ByFrame(np.array(numbers), source.whole(()), frames)
-        return in_frames(self.read_whole(path))
+        return self.read_whole(path)
 
     def write_whole(
         self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
