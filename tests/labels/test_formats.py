@@ -85,3 +85,19 @@ def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
     path.write_text(text.replace("accepted", "open", 1), encoding="utf-8")
     with pytest.raises(LabelsError, match="line 3: review differs from 'open' on line 2"):
         read_labels(path)
+
+
+def test_the_page_on_files_lists_every_format() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    table = page.partition("| format | ends with")[2].partition("\n\n")[0]
+    told = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()[2:]]
+    assert [row[0].partition("]")[0].strip("[") for row in told] == [form.name for form in FORMATS]
+    assert [row[1:] for row in told] == [
+        [
+            ", ".join(f"`{ending}`" for ending in form.endings),
+            "yes" if form.read else "no",
+            "yes" if form.write else "no",
+            form.needs,
+        ]
+        for form in FORMATS
+    ]

@@ -125,7 +125,7 @@ def _fast(block: str, header: list[str], kinds: Kinds, line: int) -> Rows | None
     count = block.count("\n") + (not block.endswith("\n"))
     if not block or '"' in block or block.count(",") != count * (len(header) - 1):
         return None
-    types = {name: _type(kind) for name, kind in kinds.items()}
+    types: Any = {name: _type(kind) for name, kind in kinds.items()}
     try:
         table = pd.read_csv(
             BytesIO(block.encode()),
