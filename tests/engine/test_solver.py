@@ -281,6 +281,12 @@ def test_padded_sizes():
     assert bands.padded(9, (4, 8)) == 8
 
 
+def test_a_band_of_too_many_pixels_is_thinned():
+    line = np.array([[30.0, 30.0], [370.0, 370.0]])
+    found = bands.band_pixels(line, 60.0, np.ones((400, 400), dtype=bool), 1)
+    assert bands.PIXELS[-1] / 2 < len(found) <= bands.PIXELS[-1]
+
+
 def test_band_pixels_are_those_near_the_curve(problem):
     valid = np.ones(SHAPE, bool)
     valid[40:50, 30:90] = False

@@ -125,7 +125,10 @@ def _disc(reach: int) -> Bool[Array, "d d"]:
 def band_pixels(
     points: Float[Array, "P 2"], radius: float, valid: Bool[Array, "H W"], stride: int
 ) -> Int[Array, " M"]:
-    """Flat indices of the valid pixels of a band; every `stride`-th row and column."""
+    """Flat indices of the valid pixels of a band; every `stride`-th row and column.
+
+    Of a band of more pixels than the largest of `PIXELS`, every second, third, … pixel.
+    """
     rows, columns, mask = band(points, radius, valid.shape)
     mask = mask & valid[rows, columns]
     if stride > 1:
@@ -133,7 +136,8 @@ def band_pixels(
         lattice[-rows.start % stride :: stride, -columns.start % stride :: stride] = True
         mask &= lattice
     r, c = np.nonzero(mask)
-    return (r + rows.start) * valid.shape[1] + c + columns.start
+    every = max(1, -(-len(r) // PIXELS[-1]))
+    return ((r + rows.start) * valid.shape[1] + c + columns.start)[::every]
 
 
 def make_bands(
@@ -161,7 +165,6 @@ def make_bands(
     n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
     index = np.zeros((n, m), dtype=np.int64)
     weight = np.zeros((n, m), dtype=np.float32)
-    pixels = [p[:: -(-len(p) // m)] if len(p) > m else p for p in pixels]
     for i, own in enumerate(pixels):
         index[i, : len(own)] = own
         weight[i, : len(own)] = 1
