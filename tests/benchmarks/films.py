@@ -187,15 +187,18 @@ def main() -> None:
                     shown = made(case, index, options.held_out)
                     kept[name] = asdict(counted(shown, *tracked(shown, smooth=smooth)).brief())
                     KEPT.write_text(json.dumps(kept, indent=0))
-                one = Counts(
-                    **{k: tuple(v) if isinstance(v, list) else v for k, v in kept[name].items()}
-                )
+                one = _read(kept[name])
                 print(row(name, one), flush=True)
                 totals[mode] += one
         table += "".join(row(f"{case}, {mode}", c) + "\n" for mode, c in totals.items())
     print(table)
     if options.write:
         insert("tracked", table, PAGE)
+
+
+def _read(values: dict[str, Any]) -> Counts:
+    lists: dict[str, Any] = {name: tuple(values[name]) for name in ("normal", "ratio")}
+    return Counts(**{**values, **lists})
 
 
 if __name__ == "__main__":
