@@ -176,8 +176,27 @@ def is_inside(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[
 
 def checksum_of_file(path: str | os.PathLike[str]) -> str:
     """SHA-256 of a file's bytes, in hexadecimal digits."""
+    if kind := special(path):
+        raise ValueError(f"{printable(os.fspath(path))} is {kind}; expected a file")
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def special(path: str | os.PathLike[str]) -> str:
+    """Say what kind of thing has no bytes to be read to their end; nothing of a file."""
+    if stat.S_ISREG(os.stat(path).st_mode):
+        return ""
+    return "a folder" if os.path.isdir(path) else "a pipe or device"
+
+
+def printable(text: str) -> str:
+    """Escape what a terminal would act on: line ends, escape sequences, turns of direction.
+
+    Text from a file, or a file's name, goes through here before it is shown.
+    """
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
+    )
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,6 +14,7 @@ from napari_splinesketch import read_labels, refine, synthetic
 from napari_splinesketch.cli import main
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.paper import phases
 
 PAGE = (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
 PYTHON = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -65,7 +67,9 @@ def test_width_is_drawn_against_arc_length() -> None:
     )
 
 
-def test_each_body_is_rendered_alone() -> None:
+def test_each_body_is_rendered_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = phases.PaperSettings(background_steps=40, splines_steps=60, everything_steps=10, seeds=1)
+    monkeypatch.setattr(phases, "refine_paper", partial(phases.refine_paper, settings=few))
     scene = SCENES[0]
     sign = 1 if scene.look.polarity == "bright" else -1
     normal = sign * (scene.image - np.median(scene.image)) / scene.look.contrast

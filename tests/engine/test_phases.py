@@ -16,7 +16,7 @@ from napari_splinesketch.paper.blobs import spline_knots
 from napari_splinesketch.paper.fit import draw
 from napari_splinesketch.paper.phases import PaperFit, PaperSettings
 
-SETTINGS = PaperSettings(splines_steps=250, everything_steps=40, seeds=1)
+SETTINGS = PaperSettings(splines_steps=150, everything_steps=20, seeds=1)
 HALF_WIDTH = 3.0
 SHAPE = (110, 128)
 
@@ -84,8 +84,8 @@ def test_every_phase_lowers_the_loss(crossing) -> None:
     losses = crossing[-1].losses
     assert {name: len(loss) for name, loss in losses.items()} == {
         "background": 100,
-        "splines": 250,
-        "everything": 40,
+        "splines": 150,
+        "everything": 20,
     }
     for loss in losses.values():
         assert np.isfinite(loss).all()
@@ -212,6 +212,13 @@ def test_other_sketches_sizes_and_settings_do_not_compile(crossing) -> None:
     found = fit(np.pad(image, ((0, 7), (0, 0))), [*sketches, sketches[0] + 3], settings=other)
     assert len(found.knots) == 3
     assert compiled() == before
+
+
+def test_each_phase_is_compiled_once(crossing) -> None:
+    _, image, sketches, _ = crossing
+    phases._advance.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]
+    fit(image, sketches, settings=PaperSettings(12, 0.7, 20, 30, 10, 1))
+    assert compiled() == 3
 
 
 def compiled() -> int:

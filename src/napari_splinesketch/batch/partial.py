@@ -113,7 +113,7 @@ class Partial:
 
     def labels(self, frame: int) -> tuple[Label, ...]:
         """Give the labels of a finished frame."""
-        return table.read(self.table(frame)).labels
+        return table.FORMAT.read_whole(self.table(frame)).labels
 
     def reconstruction(self, frame: int) -> Float[np.ndarray, "H W"]:
         """Give the reconstruction of a finished frame."""

@@ -343,17 +343,18 @@ exit codes: 0 written; 2 not written, and the message says why"""
 
 def convert_text() -> str:
     """Give the help of `convert`, with every format: reading them up takes a moment."""
+    from napari_splinesketch.labels.format import Format
     from napari_splinesketch.labels.formats import READERS, WRITERS
 
-    def listed(formats: tuple[object, ...]) -> str:
-        return "\n".join(f"  {form.suffix:16} {form.name}" for form in formats)  # pyright: ignore
+    def listed(formats: tuple[Format, ...], count: int | None = None) -> str:
+        return "\n".join(f"  {', '.join(form.endings[:count]):18} {form.name}" for form in formats)
 
     return f"""\
 Read labels or sketches from one file and write them to another; the ends of their names decide
 the formats. You are told what the new format has no place for.
 
 formats written:
-{listed(WRITERS)}
+{listed(WRITERS, 1)}
 
 formats read:
 {listed(READERS)}

@@ -33,7 +33,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
         work.shared(job, _finders(job, sketches))
         outcome, labels = work.write(map(int, sketches.frames), sketches.head.notes)
         if job.masks:
-            masks.write(job.masks, labels, overwrite=job.overwrite)
+            masks.FORMAT.write_whole(job.masks, labels, overwrite=job.overwrite)
         if labels.shape is not None:  # a frame could be refined
             _write_pictures(job, work, outcome.frames, labels.shape)
     return outcome

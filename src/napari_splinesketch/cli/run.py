@@ -146,12 +146,11 @@ class Run:
         output, overwrite = self.job.output, self.job.overwrite
         writer = writer_of(output)
         losses: tuple[str, ...] = ()
-        if writer.write is table.write:  # as the frames are kept: there is nothing to be read
+        if writer is table.FORMAT:  # as the frames are kept: there is nothing to be read
             tables = (self.partial.table(done.frame) for done in reports)
             table.join(output, tables, labels.scale, overwrite=overwrite)
         else:
-            writer.write(output, labels, overwrite=overwrite)
-            losses = writer.lost(labels)
+            losses = writer.write_whole(output, labels, overwrite=overwrite)
         # The reports have the checksums of the frames.
         source = {key: value for key, value in labels.provenance.items() if key != "image"}
         return Outcome(reports, (*notes, *losses), source), labels

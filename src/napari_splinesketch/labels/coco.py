@@ -1,14 +1,15 @@
 """COCO: keypoints along each body, its outline as a polygon; (x, y), one image a frame."""
 
-import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.geometry import area, evenly_sampled, outline
-from napari_splinesketch.labels.head import head_of
-from napari_splinesketch.labels.json_tree import finite_or_null, write_json
+from napari_splinesketch.labels.head import head_of, own_members
+from napari_splinesketch.labels.json_tree import write_json
 from napari_splinesketch.labels.masks import image_shape
 from napari_splinesketch.labels.stream import AnyLabels, facts_of, in_frames
 from napari_splinesketch.labels.types import Label
@@ -18,7 +19,7 @@ CORNER = 0.5
 VISIBLE = 2
 
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
+def write(path: Path, labels: AnyLabels) -> None:
     """Write one annotation a body; image ids are frame numbers from 0."""
     height, width = image_shape(labels)
     name = image_name(labels)
@@ -35,7 +36,7 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
         "categories": [_category(size)],
         "annotations": (_annotation(i, label) for i, label in enumerate(bodies, 1)),
     }
-    write_json(path, root, overwrite=overwrite)
+    write_json(path, root)
 
 
 def losses(labels: AnyLabels) -> tuple[str, ...]:
@@ -87,9 +88,8 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
         "area": 0.0 if polygon is None else area(polygon),
         "segmentation": [] if polygon is None else [(polygon + CORNER).ravel().tolist()],
         "track_id": label.curve,
-        "attributes": {
-            "status": label.status,
-            "half_width": finite_or_null(label.half_width),
-            "sd": finite_or_null(label.sd),
-        },
+        "attributes": own_members(label),
     }
+
+
+FORMAT = Format("COCO keypoints", (".coco.json",), write=write, losses=losses)

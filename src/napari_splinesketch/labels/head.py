@@ -1,12 +1,16 @@
-"""What all curves of a JSON file share, and what the user says of each."""
+"""What JSON files say of all curves, and of each, that other programs do not know."""
 
 from typing import Any, cast
 
+import numpy as np
+from jaxtyping import Float
+
 from napari_splinesketch import __version__
+from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
-from napari_splinesketch.labels.json_tree import Node
+from napari_splinesketch.labels.json_tree import Node, finite_or_null
 from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label, Labels, Review
+from napari_splinesketch.labels.types import Label, Labels
 
 
 def head_of(labels: AnyLabels) -> dict[str, object]:
@@ -20,23 +24,33 @@ def head_of(labels: AnyLabels) -> dict[str, object]:
     }
 
 
-def read_head(head: Node, labels: tuple[Label, ...], notes: tuple[str, ...] = ()) -> Labels:
-    """Put labels together with what `head_of` wrote; members may be missing."""
+def read_head(head: Node) -> Labels:
+    """Give what `head_of` wrote, without labels; members may be missing."""
     units = head["units"].text() if "units" in head else None
     provenance = head["provenance"].members() if "provenance" in head else {}
     shape = _pair(head, "shape")
     with blamed(head.error):
-        return Labels(labels, _pair(head, "scale"), units, cast(Any, shape), provenance, notes)
+        return Labels((), _pair(head, "scale"), units, cast(Any, shape), provenance)
 
 
-def review_member(label: Label) -> dict[str, str]:
-    """Give the member that says what the user says of a curve; none while that is open."""
-    return {} if label.review == "open" else {"review": label.review}
+def own_members(label: Label, unit: str = "") -> dict[str, object]:
+    """Give what other programs have no members for; the review where there is one."""
+    members: dict[str, object] = {
+        "status": label.status,
+        f"half_width{unit}": finite_or_null(label.half_width),
+        f"sd{unit}": finite_or_null(label.sd),
+    }
+    return members if label.review == "open" else {**members, "review": label.review}
 
 
-def read_review(own: Node) -> Review:
-    """Read what `review_member` wrote; `Label` checks the word."""
-    return cast(Review, own["review"].text() if "review" in own else "open")
+def read_own(
+    own: Node, frame: int, curve: int, points: Float[Array, "N 2"], unit: str = ""
+) -> Label:
+    """Read what `own_members` gave; `Label` checks the words."""
+    half_width = own[f"half_width{unit}"].numbers(unknown=np.nan)
+    sd = own[f"sd{unit}"].numbers(unknown=np.inf)
+    status, review = own["status"].text(), own["review"].text() if "review" in own else "open"
+    return Label(frame, curve, points, half_width, sd, cast(Any, status), cast(Any, review))
 
 
 def _pair(head: Node, name: str) -> tuple[float, float] | None:

@@ -1,38 +1,38 @@
 """ImageJ ROIs: one polyline a body, (x, y), 32-bit floats, frames from 1 as ImageJ counts."""
 
-import os
+import struct
 import zipfile
-from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
+from typing import IO, cast
 
 import numpy as np
 from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, atomic, blamed
+from napari_splinesketch.labels.files import LabelsError, open_regular
+from napari_splinesketch.labels.format import Format, Source, without_place
 from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label, Labels, LabelStatus
+from napari_splinesketch.labels.types import Label, LabelStatus
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
 MAX_BYTES = 2**28
 """Largest content of a zip that is unpacked; labels of it take about as much memory."""
 MAX_ENTRY = 2**24
 MAX_FRAME = 2**31 - 2
+HEADER = 64
+"""Size of each of a ROI's two headers, bytes."""
 OURS = "splinesketch."
 
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
+def write(path: Path, labels: AnyLabels) -> None:
     """Write a zip of ROIs for ImageJ's ROI Manager.
 
     Integer coordinates are pixel centres, as ImageJ counts along lines. The width of a line is
     the body's median width; half-width, standard error, status and identity are properties.
     """
-    with (
-        atomic(path, overwrite=overwrite) as temporary,
-        zipfile.ZipFile(temporary, "x", zipfile.ZIP_DEFLATED) as archive,
-    ):
+    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
         for label in labels.labels:
             name = f"frame-{label.frame:06d}-curve-{label.curve:06d}.roi"
             archive.writestr(zipfile.ZipInfo(name), _roi(label).tobytes())
@@ -40,12 +40,10 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
 
 def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what ROIs have no place for."""
-    lost = ["ImageJ ROIs hold coordinates as 32-bit floats, about seven digits"]
-    if labels.scale:
-        lost.append("ImageJ ROIs have no scale and units: ImageJ takes those of the image")
-    if labels.provenance:
-        lost.append("ImageJ ROIs have no place for provenance (version, settings, image, date)")
-    return tuple(lost)
+    return (
+        "ImageJ ROIs hold coordinates as 32-bit floats, about seven digits",
+        *without_place("an ImageJ ROI", labels, "scale", "provenance", "review"),
+    )
 
 
 def _roi(label: Label) -> ImagejRoi:
@@ -72,56 +70,70 @@ def _words(values: Float[Array, " N"]) -> str:
     return " ".join(map(repr, values.tolist()))
 
 
-def read(path: str | os.PathLike[str]) -> Labels:
+def read(source: Source) -> Iterator[Label]:
     """Read lines from a zip of ROIs or from a single one, numbered in the order of the file."""
-    labels: dict[tuple[int, int], Label] = {}
-    left_out: Counter[str] = Counter()
-    for name, content in _entries(Path(path)).items():
-        roi = _parse(path, name, content)
-        if roi.roitype not in LINES:
-            left_out[roi.roitype.name.lower()] += 1
-            continue
-        with blamed(lambda reason, name=name: LabelsError(path, name, reason)):
-            label = _label(roi, len(labels))
-        if (label.frame, label.curve) in labels:
-            reason = f"curve {label.curve} occurs twice in frame {label.frame}"
-            raise LabelsError(path, name, reason)
-        labels[label.frame, label.curve] = label
-    counts = ", ".join(f"{count} {kind}" for kind, count in sorted(left_out.items()))
-    notes = (f"left out {counts}: only lines can be sketches",) if counts else ()
-    return Labels(tuple(labels.values()), notes=notes)
+    number = 0
+    for place, content in _entries(source.path):
+        source.place = place
+        roi = _parse(source, content)
+        if roi.roitype in LINES:
+            yield _label(roi, number)
+            number += 1
+        else:
+            source.left_out[roi.roitype.name.lower()] += 1
 
 
-def _entries(path: Path) -> dict[str, bytes]:
-    """Unpack what may be ROIs, within the limits."""
+def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Unpack one after the other what are ROIs by their names, within the limits."""
     if path.suffix.lower() == ".roi":
-        with path.open("rb") as file:
-            return {path.name: file.read(MAX_ENTRY)}
-    entries: dict[str, bytes] = {}
-    room = MAX_BYTES
+        with open_regular(path) as file:
+            yield path.name, _limited(path, path.name, file, MAX_ENTRY)
+        return
+    room, name = MAX_BYTES, ""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             for info in archive.infolist():
                 if not info.filename.lower().endswith(".roi"):
                     continue
-                with archive.open(info) as file:
-                    content = file.read(min(MAX_ENTRY, room) + 1)
-                if len(content) > min(MAX_ENTRY, room):
-                    raise LabelsError(path, info.filename, "too large when unpacked")
-                entries[info.filename] = content
+                name = info.filename
+                with archive.open(info) as packed:
+                    content = _limited(path, name, packed, min(MAX_ENTRY, room))
                 room -= len(content)
+                yield name, content
     except LabelsError:
         raise
     except Exception as error:  # zipfile raises anything on a broken archive
-        raise LabelsError(path, "", f"not a zip of ROIs ({error})") from None
-    return entries
+        raise LabelsError(path, name, f"not a zip of ROIs ({error})") from None
+    if not name:
+        raise LabelsError(path, "", "holds no ImageJ ROI (a file with the ending .roi)")
 
 
-def _parse(path: str | os.PathLike[str], name: str, content: bytes) -> ImagejRoi:
+def _limited(path: Path, name: str, file: IO[bytes], most: int) -> bytes:
+    content = file.read(most + 1)
+    if len(content) > most:
+        raise LabelsError(path, name, "too large when unpacked")
+    return content
+
+
+def _parse(source: Source, content: bytes) -> ImagejRoi:
     try:
+        _require_whole(content)
         return ImagejRoi.frombytes(content)
     except Exception as error:  # roifile raises anything on broken bytes
-        raise LabelsError(path, name, f"not an ImageJ ROI ({error})") from None
+        raise source.error(f"not an ImageJ ROI ({error})") from None
+
+
+def _require_whole(content: bytes) -> None:
+    """Refuse what was cut off: roifile takes it, without its width, name and properties."""
+    start = int.from_bytes(content[60:64], "big", signed=True)
+    if start == 0:  # as ImageJ wrote them before 2010, without a second header
+        return
+    if start < HEADER or len(content) < start + HEADER:
+        raise ValueError(f"cut off after {len(content)} bytes")
+    for place in (start + 16, start + 40):  # where its name and its properties are
+        offset, length = struct.unpack(">ii", content[place : place + 8])
+        if offset + 2 * length > len(content):
+            raise ValueError(f"cut off after {len(content)} bytes")
 
 
 def _label(roi: ImagejRoi, number: int) -> Label:
@@ -141,3 +153,19 @@ def _label(roi: ImagejRoi, number: int) -> Label:
 
 def _numbers(text: str) -> Float[Array, " N"]:
     return np.array([float(word) for word in text.split()])
+
+
+def claims(ending: str, head: bytes) -> bool:
+    """Tell a ROI by its mark, and a zip of them by its first file."""
+    if ending == ".roi":
+        return head.startswith(b"Iout")
+    return name_in_zip(head).endswith(b".roi")
+
+
+def name_in_zip(head: bytes) -> bytes:
+    """Give the name of the first file in a zip, in lower case; nothing of other files."""
+    length = int.from_bytes(head[26:28], "little")
+    return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
+
+
+FORMAT = Format("ImageJ ROIs", (".zip", ".roi"), read, write, losses, claims)

@@ -4,7 +4,9 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
@@ -12,10 +14,17 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, atomic
+from napari_splinesketch.labels.files import LabelsError, open_regular
 
 MAX_BYTES = 2**27
 """Largest file that is read; as objects it takes up to a hundred times as much memory."""
+
+
+def _refuse(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number in JSON; use null")
+
+
+DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
 @dataclass(frozen=True)
@@ -91,6 +100,14 @@ class Node:
 
     def numbers(self, unknown: float | None = None) -> Float[Array, " N"]:
         """Give an array of numbers; null stands for `unknown`, where that is given."""
+        if not isinstance(self.value, list):
+            raise self.error(f"expected an array, not {self._kind()}")
+        if set(map(type, self.value)) <= {int, float}:
+            with suppress(OverflowError):
+                numbers = np.array(self.value, np.float64)
+                if np.all(np.isfinite(numbers)):
+                    return numbers
+        # The way that finds what is wrong is much slower.
         return np.array(
             [
                 unknown if unknown is not None and node.value is None else node.number()
@@ -99,26 +116,43 @@ class Node:
             dtype=np.float64,
         )
 
+    def places(self) -> Float[Array, "N 2"]:
+        """Give an array of [x, y, ...], of which further numbers are left out."""
+        value = self.value
+        if isinstance(value, list) and set(map(type, value)) == {list}:
+            sizes, kinds = set(map(len, value)), set(map(type, chain.from_iterable(value)))
+            if len(sizes) == 1 and min(sizes) >= 2 and kinds <= {int, float}:
+                with suppress(OverflowError):
+                    places = np.array(value, np.float64)[:, :2]
+                    if np.all(np.isfinite(places)):
+                        return places
+        places = [place.numbers() for place in self]
+        for place, numbers in zip(self, places, strict=True):
+            if len(numbers) < 2:
+                raise place.error("expected [x, y]")
+        return np.array([numbers[:2] for numbers in places]).reshape(-1, 2)
+
     def _kind(self) -> str:
         kinds = {dict: "an object", list: "an array", str: "a string", type(None): "null"}
         return kinds.get(type(self.value), "a number")
 
 
 def read_json(path: str | os.PathLike[str]) -> Node:
-    """Read a JSON file in UTF-8."""
-    size = Path(path).stat().st_size
-    if size > MAX_BYTES:
-        raise LabelsError(path, "", f"{size} bytes are more than the {MAX_BYTES} that are read")
-    try:
-        return parse_json(path, "", Path(path).read_text(encoding="utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise LabelsError(path, "", f"not a text file in UTF-8 ({error.reason})") from None
+    """Read a JSON file in UTF-8 as a whole."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > MAX_BYTES:
+            raise LabelsError(path, "", f"{size} bytes are more than the {MAX_BYTES} that are read")
+        try:
+            return parse_json(path, "", file.read(MAX_BYTES).decode("utf-8-sig"))
+        except UnicodeDecodeError as error:
+            raise LabelsError(path, "", f"not a text file in UTF-8 ({error.reason})") from None
 
 
 def parse_json(path: str | os.PathLike[str], place: str, text: str) -> Node:
     """Parse JSON that stands at some place of a file."""
     try:
-        return Node(path, place, json.loads(text, parse_constant=_refuse))
+        return Node(path, place, DECODER.decode(text))
     except json.JSONDecodeError as error:
         where = place or f"line {error.lineno}, column {error.colno}"
         raise LabelsError(path, where, f"not JSON ({error.msg})") from None
@@ -126,10 +160,6 @@ def parse_json(path: str | os.PathLike[str], place: str, text: str) -> Node:
         raise LabelsError(path, place, "not JSON that can be read (nested too deeply)") from None
     except ValueError as error:
         raise LabelsError(path, place, f"not JSON ({error})") from None
-
-
-def _refuse(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number in JSON; use null")
 
 
 @dataclass(frozen=True)
@@ -179,12 +209,9 @@ def held(value: object) -> Any:
     return json.loads("".join(pieces(value))) if _is_read(value) else value
 
 
-def write_json(path: str | os.PathLike[str], value: object, *, overwrite: bool) -> None:
+def write_json(path: Path, value: object) -> None:
     """Write a JSON file in UTF-8, as `pieces` encodes it."""
-    with (
-        atomic(path, overwrite=overwrite) as temporary,
-        temporary.open("x", encoding="utf-8") as file,
-    ):
+    with path.open("x", encoding="utf-8") as file:
         file.writelines(pieces(value, ",", ":"))
         file.write("\n")
 

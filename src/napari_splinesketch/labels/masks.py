@@ -1,14 +1,14 @@
-"""Masks as TIFF: a label image of each frame, or one mask for each body."""
+"""Masks as TIFF: a label image of each frame."""
 
-import os
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import tifffile
-from jaxtyping import Integer, UInt8
+from jaxtyping import Integer
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.labels.format import Format, without_place
 from napari_splinesketch.labels.json_tree import held
 from napari_splinesketch.labels.raster import rasterise
 from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of, in_frames
@@ -16,10 +16,11 @@ from napari_splinesketch.labels.types import Label
 
 MAX_PIXELS = 2**28
 MAX_FRAMES = 100_000
-NOT_KEPT = "masks keep no centrelines, half-widths, standard errors or status"
+STRIP = 2**19
+"""Pixels of a label image that are drawn at a time."""
 
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
+def write(path: Path, labels: AnyLabels) -> None:
     """Write a label image: page i is frame i, a pixel's value the body's identity plus 1.
 
     Where bodies overlap, the pixel belongs to the one that lies deeper around it.
@@ -34,8 +35,19 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
     if highest >= np.iinfo(np.uint32).max:
         raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
     dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
-    pages = (label_image(of_frame, shape).astype(dtype) for of_frame in _every(frames, count))
-    _write(path, pages, (count, *shape), dtype, _description(labels, "TYX"), overwrite)
+    pages = (label_image(of_frame, shape, dtype) for of_frame in _every(frames, count))
+    description = {"axes": "TYX", "provenance": held(dict(labels.provenance))}
+    if labels.scale:
+        description |= {"scale": labels.scale, "units": labels.units}
+    tifffile.imwrite(
+        path,
+        pages,
+        shape=(count, *shape),
+        dtype=dtype,
+        metadata=description,
+        compression="zlib",
+        photometric="minisblack",
+    )
 
 
 def _every(frames: ByFrame, count: int) -> Iterator[tuple[Label, ...]]:
@@ -50,28 +62,13 @@ def _every(frames: ByFrame, count: int) -> Iterator[tuple[Label, ...]]:
             yield ()
 
 
-def write_stack(
-    path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
-) -> None:
-    """Write one page for each body, 255 inside, so that overlaps are kept.
-
-    The description of the file lists frame and identity of each page.
-    """
-    shape = image_shape(labels)
-    bodies = [{"frame": label.frame, "curve": label.curve} for label in labels.labels]
-    pages = (_mask(label, shape) for label in labels.labels) if bodies else iter([_blank(shape)])
-    description = {**_description(labels, "IYX"), "bodies": bodies}
-    _write(path, pages, (max(len(bodies), 1), *shape), np.uint8, description, overwrite)
-
-
 def losses(labels: AnyLabels) -> tuple[str, ...]:
     """Say what a label image has no place for."""
-    return (*stack_losses(labels), "a label image keeps one body a pixel: overlaps are lost")
-
-
-def stack_losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what a stack of masks has no place for."""
-    lost = [NOT_KEPT]
+    lost = [
+        "masks keep no centrelines, half-widths, standard errors or status",
+        *without_place("a label image", labels, "review"),
+        "a label image keeps one body a pixel: overlaps are lost",
+    ]
     empty = facts_of(labels).without_width
     if empty:
         lost.append(f"{empty} curves have no known half-width, so their masks are empty")
@@ -93,55 +90,24 @@ def image_shape(labels: AnyLabels) -> tuple[int, int]:
     return shape
 
 
-def label_image(labels: Sequence[Label], shape: tuple[int, int]) -> Integer[Array, "H W"]:
+def label_image(
+    labels: Sequence[Label], shape: tuple[int, int], dtype: type[np.unsignedinteger] = np.uint32
+) -> Integer[Array, "H W"]:
     """Draw the bodies of one frame, each with its identity plus 1; 0 is background."""
-    image = np.zeros(shape, np.uint32)
-    deepest = np.zeros(shape, np.float32)
-    for label in labels:
-        patch = rasterise(label, shape)
-        if patch is None:
-            continue
-        ours = patch.inside & ((patch.depth > deepest[patch.place]) | (image[patch.place] == 0))
-        image[patch.place][ours] = label.curve + 1
-        deepest[patch.place][ours] = patch.depth[ours]
+    image = np.zeros(shape, dtype)
+    height = max(1, STRIP // shape[1])
+    for top in range(0, shape[0], height):
+        deepest = np.full((height, shape[1]), -1, np.float32)
+        for label in labels:
+            patch = rasterise(label, shape, (top, top + height))
+            if patch is None:
+                continue
+            rows, cols = patch.place
+            depths = deepest[rows.start - top : rows.stop - top, cols]
+            ours = patch.inside & (patch.depth > depths)
+            image[patch.place][ours] = label.curve + 1
+            depths[ours] = patch.depth[ours]
     return image
 
 
-def _mask(label: Label, shape: tuple[int, int]) -> UInt8[Array, "H W"]:
-    mask = _blank(shape)
-    patch = rasterise(label, shape)
-    if patch is not None:
-        mask[patch.place][patch.inside] = 255
-    return mask
-
-
-def _blank(shape: tuple[int, int]) -> UInt8[Array, "H W"]:
-    return np.zeros(shape, np.uint8)
-
-
-def _description(labels: AnyLabels, axes: str) -> dict[str, object]:
-    """Collect what tifffile writes into the file's description, as JSON."""
-    description: dict[str, object] = {"axes": axes, "provenance": held(dict(labels.provenance))}
-    if labels.scale:
-        description |= {"scale": labels.scale, "units": labels.units}
-    return description
-
-
-def _write(
-    path: str | os.PathLike[str],
-    pages: Iterator[Array],
-    shape: tuple[int, int, int],
-    dtype: type,
-    description: dict[str, object],
-    overwrite: bool,
-) -> None:
-    with atomic(path, overwrite=overwrite) as temporary:
-        tifffile.imwrite(
-            temporary,
-            pages,
-            shape=shape,
-            dtype=dtype,
-            metadata=description,
-            compression="zlib",
-            photometric="minisblack",
-        )
+FORMAT = Format("masks, a label image a frame", (".masks.tif",), write=write, losses=losses)

@@ -1,5 +1,6 @@
 """Which pixels a body covers."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,8 @@ from napari_splinesketch.labels.types import Label
 
 STRETCH = 16
 """Length of line that is drawn at a time, px."""
-MOST_VALUES = 2**20
-"""Pixels times segments that are worked on at a time, roughly."""
+MOST_VALUES = 2**17
+"""Pixels times segments that are worked on at a time, each about 100 bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,9 @@ class Patch:
         return slice(row, row + height), slice(col, col + width)
 
 
-def rasterise(label: Label, shape: tuple[int, int]) -> Patch | None:
+def rasterise(
+    label: Label, shape: tuple[int, int], rows: tuple[int, int] | None = None
+) -> Patch | None:
     """Find the pixels of a body: round at its ends, as wide as its half-width says.
 
     Parameters
@@ -50,7 +53,9 @@ def rasterise(label: Label, shape: tuple[int, int]) -> Patch | None:
     label
         The body.
     shape
-        (H, W) of the image, px; the patch does not reach beyond it.
+        (H, W) of the image, px; the patch does not reach beyond it. It takes 4 bytes a pixel.
+    rows
+        First and last-plus-one row that are drawn; None draws all.
 
     Returns
     -------
@@ -59,9 +64,16 @@ def rasterise(label: Label, shape: tuple[int, int]) -> Patch | None:
     if not np.all(np.isfinite(label.half_width)):
         return None
     low, high = _window(label.points, label.half_width.max(), shape)
+    if rows:
+        low[0], high[0] = max(low[0], rows[0]), min(high[0], rows[1])
     if np.any(high <= low):
         return None
-    depth = np.full(tuple(high - low), -np.inf)
+    return Patch((int(low[0]), int(low[1])), _depths(label, low, high))
+
+
+def _depths(label: Label, low: Int[Array, " 2"], high: Int[Array, " 2"]) -> Float[Array, "h w"]:
+    """Draw a body into the window from `low` to `high`, a stretch of it at a time."""
+    depth = np.full(tuple(high - low), -np.inf, np.float32)
     points = label.points - low
     # Several short segments at a time: one array for all of them costs less than one each.
     step = label.arc_length[-1] / (len(points) - 1)
@@ -71,15 +83,30 @@ def rasterise(label: Label, shape: tuple[int, int]) -> Patch | None:
     for i in range(0, len(points) - 1, together):
         stretch = slice(i, i + together + 1)
         line, widths = points[stretch], label.half_width[stretch]
-        (top, left), (bottom, right) = _window(line, widths.max(), depth.shape)
-        if bottom > top and right > left:
-            view = depth[top:bottom, left:right]
-            rows, cols = np.mgrid[top:bottom, left:right]
-            np.maximum(view, _depth(rows, cols, line, widths), out=view)
-    return Patch((int(low[0]), int(low[1])), depth)
+        first, last = _window(line, widths.max(), depth.shape)
+        for tile in _tiles(first, last, len(line) - 1):
+            rows, cols = np.mgrid[tile]
+            np.maximum(depth[tile], _depth(rows, cols, line, widths), out=depth[tile])
+    return depth
 
 
-def _window(points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]) -> tuple:
+def _tiles(
+    low: Int[Array, " 2"], high: Int[Array, " 2"], segments: int
+) -> Iterator[tuple[slice, slice]]:
+    """Divide a window, so that what is worked on at a time is never large."""
+    width = min(int(high[1] - low[1]), MOST_VALUES // segments)
+    height = MOST_VALUES // segments // max(width, 1)
+    for top in range(low[0], high[0], height):
+        for left in range(low[1], high[1], width or 1):
+            yield (
+                slice(top, min(top + height, int(high[0]))),
+                slice(left, min(left + width, int(high[1]))),
+            )
+
+
+def _window(
+    points: Float[Array, "N 2"], reach: float, shape: tuple[int, ...]
+) -> tuple[Int[Array, " 2"], Int[Array, " 2"]]:
     """First and last-plus-one pixel within `reach` of the points."""
     low = np.clip(np.floor(points.min(axis=0) - reach), 0, shape).astype(int)
     high = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, shape).astype(int)

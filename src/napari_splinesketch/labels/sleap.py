@@ -1,7 +1,6 @@
 """SLEAP: one instance a body, one track an identity, nodes along the body; (x, y) in pixels."""
 
 import json
-import os
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -11,14 +10,14 @@ import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
 from napari_splinesketch.labels.coco import image_name
-from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.labels.format import Format, without_place
 from napari_splinesketch.labels.geometry import evenly_sampled
 from napari_splinesketch.labels.head import head_of
 from napari_splinesketch.labels.json_tree import held
 from napari_splinesketch.labels.stream import AnyLabels, facts_of
 
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
+def write(path: Path, labels: AnyLabels) -> None:
     """Write user instances on a video of the image's name; frames count from 0."""
     try:
         sleap_io = import_module("sleap_io")
@@ -46,13 +45,12 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
         tracks=list(tracks.values()),
         provenance={"napari-splinesketch": held(head_of(labels))},
     )
-    with atomic(path, overwrite=overwrite) as temporary:
-        sleap_io.save_slp(made, str(temporary), embed=False, verbose=False)
-        _name_itself(temporary, Path(path).name)
+    sleap_io.save_slp(made, str(path), embed=False, verbose=False)
+    _name_itself(path, path.name)
 
 
 def _name_itself(file: Path, name: str) -> None:
-    """Replace the temporary file's name, which sleap-io notes, by the real one."""
+    """Replace the temporary file's path, which sleap-io notes, by its name."""
     h5py = import_module("h5py")
     with h5py.File(file, "r+") as store:
         attributes = store["metadata"].attrs
@@ -68,4 +66,7 @@ def losses(labels: AnyLabels) -> tuple[str, ...]:
         lost.append(
             f"SLEAP wants as many nodes on every body: curves were resampled to {POINTS} points"
         )
-    return tuple(lost)
+    return (*lost, *without_place("SLEAP", labels, "review"))
+
+
+FORMAT = Format("SLEAP", (".slp",), write=write, losses=losses, needs="sleap-io")

@@ -5,34 +5,46 @@ import io
 import itertools
 import os
 import shutil
-from array import array
 from collections.abc import Iterable, Iterator
-from functools import partial
-from typing import TextIO
+from pathlib import Path
+from typing import Any, TextIO, cast
 
 import numpy as np
+from jaxtyping import Float
 
+from napari_splinesketch.engine.types import Array
+from napari_splinesketch.labels.csv_columns import Rows, read_rows, runs
 from napari_splinesketch.labels.files import LabelsError, atomic
+from napari_splinesketch.labels.format import Format, Source, without_place
 from napari_splinesketch.labels.geometry import width_growth
-from napari_splinesketch.labels.rows import open_rows
-from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
-from napari_splinesketch.labels.table_reader import (
-    PIXELS,
-    REQUIRED,
-    REVIEW,
-    UNITS,
-    DisorderError,
-    TableReader,
-)
+from napari_splinesketch.labels.stream import AnyLabels, facts_of
 from napari_splinesketch.labels.types import Label, Labels
 
+KINDS: dict[str, type | float] = {
+    "frame": int,
+    "curve": int,
+    "point": int,
+    "row": float,
+    "col": float,
+    "half_width": np.nan,
+    "sd": np.inf,
+    "status": str,
+    "review": str,
+    "y": float,
+    "x": float,
+    "units": str,
+}
+"""What is read; `arc_length` and `half_width_units` are for people."""
+REQUIRED = ("curve", "row", "col")
+PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
+UNITS = ("y", "x", "half_width_units", "units")
+REVIEW = ("review",)
+SCALE_TOLERANCE = 1e-6
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
-    """Write labels as a table, whole or not at all."""
-    with (
-        atomic(path, overwrite=overwrite) as temporary,
-        temporary.open("x", encoding="utf-8", newline="") as file,
-    ):
+
+def write(path: Path, labels: AnyLabels) -> None:
+    """Write labels as a table."""
+    with path.open("x", encoding="utf-8", newline="") as file:
         _write(file, labels)
 
 
@@ -81,16 +93,6 @@ def _write(file: TextIO, labels: AnyLabels) -> None:
         table.writerows(_rows(label, labels, reviewed))
 
 
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what the table has no place for."""
-    lost = []
-    if labels.provenance:
-        lost.append("CSV has no place for provenance (version, settings, image, date)")
-    if labels.scale and not any(True for _ in labels.labels):
-        lost.append("a CSV without curves cannot hold the scale")
-    return tuple(lost)
-
-
 def _rows(label: Label, labels: AnyLabels, reviewed: bool) -> Iterator[tuple[object, ...]]:
     size = len(label.points)
     columns: list[object] = [
@@ -112,33 +114,159 @@ def _rows(label: Label, labels: AnyLabels, reviewed: bool) -> Iterator[tuple[obj
     return zip(*columns, strict=True)  # pyright: ignore[reportArgumentType]
 
 
-def read(path: str | os.PathLike[str]) -> Labels:
+def losses(labels: AnyLabels) -> tuple[str, ...]:
+    """Say what the table has no place for."""
+    lost = without_place("CSV", labels, "provenance")
+    if labels.scale and not any(True for _ in labels.labels):
+        lost += ("a CSV without curves cannot hold the scale",)
+    return lost
+
+
+def read(source: Source) -> Iterator[Label]:
     """Read a table back.
 
-    Columns may stand in any order and further ones are left alone. Rows of a curve follow one
-    another, points numbered from 0. Lines are read one by one: beside the labels themselves, no
-    more than one line and one curve are held.
+    Rows of a curve follow one another, points numbered from 0 where they are numbered. Beside the
+    labels themselves, no more than some rows and one curve are held.
     """
-    with open_rows(path, REQUIRED) as rows:
-        return TableReader(rows).labels()
+    scale = _Scale(source)
+    rest: list[_Piece] = []
+    for rows in read_rows(source, KINDS, REQUIRED):
+        scale.add(rows)
+        numbers = [rows.columns[name] for name in ("frame", "curve") if name in rows.columns]
+        for place in runs(*numbers):
+            piece = _Piece(source, rows, place)
+            if rest and piece.key != rest[0].key:
+                yield _label(source, rest)
+                rest = []
+            if not rest:
+                source.place = f"line {piece.lines[0]}"
+                source.refuse_again(*piece.key)
+            rest.append(piece)
+            _check(source, rest)
+    if rest:
+        yield _label(source, rest)
+    source.place = "line 2"
+    source.head = scale.head()
 
 
-def by_frame(path: str | os.PathLike[str]) -> ByFrame | None:
-    """Read a table once for its frames and its scale, holding no more than the curves of one frame.
+class _Piece:
+    """Rows of one curve that stand together."""
 
-    Gives None where its frames are in no order.
+    def __init__(self, source: Source, rows: Rows, place: slice) -> None:
+        self.lines = rows.lines[place]
+        self.columns = {name: column[place] for name, column in rows.columns.items()}
+        frame, curve = self.columns.get("frame"), self.columns["curve"]
+        self.key = (0 if frame is None else int(frame[0])), int(curve[0])
+
+    def numbers(self, name: str, unknown: float) -> Float[Array, " N"]:
+        return self.columns.get(name, np.full(len(self.lines), unknown))
+
+
+def _check(source: Source, pieces: list[_Piece]) -> None:
+    """See that the last piece goes on as the first one began."""
+    first, last = pieces[0], pieces[-1]
+    before = sum(len(piece.lines) for piece in pieces[:-1])
+    for name in ("point", "status", "review"):
+        values = last.columns.get(name)
+        if values is None:
+            continue
+        ordered = name == "point"
+        expected = np.arange(before, before + len(values)) if ordered else first.columns[name][0]
+        wrong = np.flatnonzero(values != expected)
+        if len(wrong):
+            source.place = f"line {last.lines[wrong[0]]}"
+            if ordered:
+                raise ValueError(
+                    f"point is {values[wrong[0]]}; expected {before + wrong[0]}, counting from 0"
+                )
+            raise ValueError(f"{name} differs from {expected!r} on line {first.lines[0]}")
+
+
+def _label(source: Source, pieces: list[_Piece]) -> Label:
+    source.place = f"line {pieces[0].lines[0]}"
+    row, col, half_width, sd = (
+        np.concatenate([piece.numbers(name, unknown) for piece in pieces])
+        for name, unknown in (("row", 0), ("col", 0), ("half_width", np.nan), ("sd", np.inf))
+    )
+    columns: dict[str, Any] = pieces[0].columns
+    status, review = (
+        str(columns[name][0]) if name in columns else usual
+        for name, usual in (("status", "sketch"), ("review", "open"))
+    )
+    points = np.column_stack([row, col])
+    return Label(*pieces[0].key, points, half_width, sd, cast(Any, status), cast(Any, review))
+
+
+class _Scale:
+    """The scale that the physical columns of a table tell."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._units: str | None = None
+        self._sizes: list[float | None] = [None, None]
+
+    def add(self, rows: Rows) -> None:
+        """Take the scale from some rows, or compare them with that of earlier ones."""
+        if not all(name in rows.columns for name in ("y", "x", "units")):
+            return
+        units = rows.columns["units"]
+        self._units = str(units[0]) if self._units is None else self._units
+        other = np.flatnonzero(units != self._units)
+        if len(other):
+            self._source.place = f"line {rows.lines[other[0]]}"
+            raise ValueError(f"units are {units[other[0]]!r} here but {self._units!r} above")
+        frame = rows.columns.get("frame", np.zeros(len(units)))
+        first = frame == frame[0]
+        for axis, (name, pixel) in enumerate((("y", "row"), ("x", "col"))):
+            pixels, physical = rows.columns[pixel], rows.columns[name]
+            if self._sizes[axis] is None:
+                self._sizes[axis] = _factor(pixels[first], physical[first])
+            self._compare(rows, pixel, name, self._sizes[axis])
+
+    def _compare(self, rows: Rows, pixel: str, name: str, factor: float | None) -> None:
+        expected = rows.columns[pixel] * (factor or 0.0)
+        tolerance = SCALE_TOLERANCE * np.abs(expected) + 1e-300
+        agree = np.abs(rows.columns[name] - expected) <= tolerance
+        if factor is None:  # the first frame lies on this axis: later ones tell
+            agree = np.ones(len(expected), bool)
+        if not np.all(agree) or (factor is not None and not factor > 0):
+            self._source.place = f"line {rows.lines[np.argmin(agree)]}"
+            raise ValueError(
+                f"{name} is not {pixel} times one scale; correct it or remove columns "
+                f"{', '.join(UNITS)}"
+            )
+
+    def head(self) -> Labels:
+        """Give what was found; where one axis tells nothing, pixels are square."""
+        y, x = self._sizes[0] or self._sizes[1], self._sizes[1] or self._sizes[0]
+        return Labels((), (y, x), self._units or None) if y and x else Labels()
+
+
+def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float | None:
+    """Find the shortest decimal number that maps `pixels` on `physical`, bit for bit.
+
+    Where none does, as in tables that were rounded, the ratio at the largest coordinate.
     """
-    frames = array("q")
-    with open_rows(path, REQUIRED) as rows:
-        reader = TableReader(rows)
-        try:
-            frames.extend(labels[0].frame for labels in reader.frames())
-        except DisorderError:
-            return None
-        return ByFrame(np.array(frames), reader.head(), partial(read_frames, path))
+    largest = int(np.argmax(np.abs(pixels)))
+    if pixels[largest] == 0:
+        return None
+    ratio = float(physical[largest] / pixels[largest])
+    if not np.isfinite(ratio):
+        return 0.0
+    for digits in range(1, 18):
+        candidate = float(f"{ratio:.{digits}g}")
+        if np.array_equal(pixels * candidate, physical):
+            return candidate
+    for neighbour in (np.nextafter(ratio, 0), np.nextafter(ratio, np.inf)):
+        if np.array_equal(pixels * neighbour, physical):
+            return float(neighbour)
+    return ratio
 
 
-def read_frames(path: str | os.PathLike[str]) -> Iterator[tuple[Label, ...]]:
-    """Read a table frame by frame; its frames must be in their order."""
-    with open_rows(path, REQUIRED) as rows:
-        yield from TableReader(rows).frames()
+def claims(ending: str, head: bytes) -> bool:
+    """Tell by its header whether a CSV is one of curves."""
+    header = head.decode("utf-8-sig", errors="replace").partition("\n")[0]
+    return set(REQUIRED) <= {name.strip().strip('"') for name in header.split(",")}
+
+
+FORMAT = Format("labels CSV", (".csv",), read, write, losses, claims, by_frame=True)

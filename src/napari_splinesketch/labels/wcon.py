@@ -1,8 +1,10 @@
 """WCON, the Worm tracker Commons Object Notation: (x, y), in physical units where known."""
 
-import os
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, cast
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,16 +12,19 @@ from jaxtyping import Float
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.files import blamed
-from napari_splinesketch.labels.head import head_of, read_head, read_review, review_member
-from napari_splinesketch.labels.json_tree import Node, finite_or_null, read_json, write_json
+from napari_splinesketch.labels.format import Format, Source
+from napari_splinesketch.labels.head import head_of, own_members, read_head, read_own
+from napari_splinesketch.labels.json_stream import read_values
+from napari_splinesketch.labels.json_tree import Node, write_json
 from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label, Labels, LabelStatus
+from napari_splinesketch.labels.types import Label, Labels
 
 OURS = "@splinesketch"
+UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
 MICROMETRE = {"um": "µm", "μm": "µm", "micron": "µm", "microns": "µm"}
 
 
-def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False) -> None:
+def write(path: Path, labels: AnyLabels) -> None:
     """Write one record for each body and frame; the time is the frame's number, unit "1".
 
     x and y are col and row times the scale, in the image's units; in pixels, unit "1", where it
@@ -34,65 +39,66 @@ def write(path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = 
         OURS: head_of(labels),
         "data": (_record(label, scale) for label in labels.labels),
     }
-    write_json(path, root, overwrite=overwrite)
-
-
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what WCON has no place for."""
-    return ()
+    write_json(path, root)
 
 
 def _record(label: Label, scale: tuple[float, float]) -> dict[str, Any]:
     y, x = (label.points * scale).T.tolist()
-    own = {
-        "status": label.status,
-        "half_width_px": finite_or_null(label.half_width),
-        "sd_px": finite_or_null(label.sd),
-        **review_member(label),
-    }
+    own = own_members(label, "_px")
     return {"id": str(label.curve), "t": [label.frame], "x": [x], "y": [y], OURS: own}
 
 
-def read(path: str | os.PathLike[str]) -> Labels:
+def read(source: Source) -> Iterator[Label]:
     """Read the spines of a WCON file.
 
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
-    root = read_json(path)
-    data = root["data"]
-    records = list(data) if isinstance(data.value, list) else [data]
-    found = [spine for record in records for spine in _spines(record)]
-    spines = [spine for spine in found if len(spine.yx) > 1]
-    notes = []
-    if len(spines) < len(found):
-        notes.append(f"left out {len(found) - len(spines)} animals that are only points")
+    kept: dict[str, Any] = dict.fromkeys(("units", "data", OURS))
+    spines: list[_Spine] = []
+    for record in _records(source.path, kept):
+        for spine in _spines(record):
+            if len(spine.yx) > 1:
+                spines.append(spine)
+            else:
+                source.left_out["animals"] += 1
+    root = Node(source.path, "", kept)
     if OURS in root:
-        head = root[OURS]
-        scale = read_head(head, ()).scale
-        labels = [spine.label(spine.frame(), spine.integer_id(), scale) for spine in spines]
-        return read_head(head, tuple(labels), tuple(notes))
-    return _foreign(root, spines, notes)
+        source.head = read_head(root[OURS])
+        numbers = ((spine.frame(), spine.integer_id()) for spine in spines)
+    else:
+        source.head = _foreign_head(source, root)
+        frames = {time: i for i, time in enumerate(sorted({spine.time for spine in spines}))}
+        names: dict[str, int] = {}
+        numbers = (
+            (frames[spine.time], names.setdefault(spine.identity, len(names))) for spine in spines
+        )
+    for spine, (frame, curve) in zip(spines, numbers, strict=True):
+        source.place = spine.record.place
+        yield spine.label(frame, curve, source.head.scale if OURS in root else None)
 
 
-def _foreign(root: Node, spines: list["_Spine"], notes: list[str]) -> Labels:
-    """Give frames and animals of another program's file numbers of ours."""
-    frames = {time: i for i, time in enumerate(sorted({spine.time for spine in spines}))}
-    names: dict[str, int] = {}
-    labels = []
-    for spine in spines:
-        identity = names.setdefault(spine.identity, len(names))
-        labels.append(spine.label(frames[spine.time], identity, None))
+def _records(path: Path, kept: dict[str, Any]) -> Iterator[Node]:
+    """Give the records of a file, of which a single one needs no array."""
+    yield from read_values(path, "data", kept)
+    for name in [name for name, value in kept.items() if value is None]:
+        del kept[name]
+    data = Node(path, "", kept)["data"]
+    if data.value != []:
+        yield data
+
+
+def _foreign_head(source: Source, root: Node) -> Labels:
+    """Take the unit of another program's file, one of which is a pixel."""
     x, y = (root["units"][axis].text() for axis in "xy")
     if x != y:
         raise root["units"].error(f"x is in {x!r} and y in {y!r}; expected one unit")
     if x in ("", "1"):
-        scale = units = None
-    else:
-        scale, units = (1.0, 1.0), MICROMETRE.get(x, x)
-        notes.append(f"the file has no pixel size: 1 {units} is taken as 1 pixel")
-    with blamed(root["data"].error):
-        return Labels(tuple(labels), scale, units, notes=tuple(notes))
+        return Labels()
+    units = MICROMETRE.get(x, x)
+    source.notes.append(f"the file has no pixel size: 1 {units} is taken as 1 pixel")
+    with blamed(root["units"].error):
+        return Labels((), (1.0, 1.0), units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +113,9 @@ class _Spine:
     def label(self, frame: int, identity: int, scale: tuple[float, float] | None) -> Label:
         points = self.yx / (scale or (1.0, 1.0))
         own = self.record[OURS] if OURS in self.record else None
-        with blamed(self.record.error):
-            if own is None:
-                return Label.from_sketch(points, frame=frame, identity=identity)
-            half_width = own["half_width_px"].numbers(unknown=np.nan)
-            sd = own["sd_px"].numbers(unknown=np.inf)
-            status = cast(LabelStatus, own["status"].text())
-            return Label(frame, identity, points, half_width, sd, status, read_review(own))
+        if own is None:
+            return Label.from_sketch(points, frame=frame, identity=identity)
+        return read_own(own, frame, identity, points, "_px")
 
     def frame(self) -> int:
         return Node(self.record.path, f"{self.record.place}.t", self.time).integer()
@@ -160,3 +162,11 @@ def _origin(record: Node, axis: str, count: int) -> Float[Array, " T"]:
                 raise node.error(f"has {len(values)} numbers; expected {count}, as in t")
             return np.broadcast_to(values, count)
     return np.zeros(count)
+
+
+def claims(ending: str, head: bytes) -> bool:
+    """Tell by its units whether a file named .json is of worms."""
+    return ending == ".wcon" or bool(UNITS.search(head))
+
+
+FORMAT = Format("WCON", (".wcon", ".json"), read, write, claims=claims)

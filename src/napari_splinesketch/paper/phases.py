@@ -185,7 +185,7 @@ def relative_noise(
 
     def init(params: Any) -> NoiseState:
         del params
-        return NoiseState(jnp.asarray(key), jnp.asarray(0))
+        return NoiseState(jnp.asarray(key), jnp.asarray(0, jnp.int32))
 
     def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, NoiseState]:
         del params
@@ -209,8 +209,10 @@ def _root_mean_square(gradient: Float[Array, "*S"]) -> Float[Array, "*S"]:
 def _start(scene: Blobs, seed: Int[Array, ""], plan: Plan, *, phase: PhaseName, room: int) -> State:
     trained = {name: getattr(scene, name) for name in _TRAINED[phase]}
     optimizer = _optimizer(phase, plan, jax.random.key(seed)).init(trained)
-    losses = jnp.zeros(room)
-    return State(trained, optimizer, trained, jnp.asarray(jnp.inf), losses, jnp.asarray(0))
+    # Of the types that `_advance` gives back: weak ones would have it compiled twice.
+    trained = jax.tree.map(lambda value: jnp.asarray(value, value.dtype), trained)
+    worst, step = jnp.asarray(jnp.inf, jnp.float32), jnp.asarray(0, jnp.int32)
+    return State(trained, optimizer, trained, worst, jnp.zeros(room), step)
 
 
 @partial(jax.jit, static_argnames=("phase", "canvas"))

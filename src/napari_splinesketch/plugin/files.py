@@ -1,26 +1,25 @@
 """Labels in napari's own menus: File > Open, drag and drop, Save Selected Layers."""
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from napari.utils.notifications import show_info
 
 from napari_splinesketch.engine.types import OnProgress, Progress
-from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, write_labels
-from napari_splinesketch.labels.formats import HEAD, WRITERS, reader_of
+from napari_splinesketch.labels import (
+    Label,
+    Labels,
+    LabelsError,
+    read_labels,
+    shapes_csv,
+    write_labels,
+)
+from napari_splinesketch.labels.formats import WRITERS, claiming
 from napari_splinesketch.labels.stream import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.adapter.labels import labels_of_layer, layer_of_labels
-
-COLUMNS = {"curve", "point", "half_width"}
-"""Columns by which a CSV of labels is told from any other; napari reads that of shapes."""
-FEATURE = re.compile(rb'"type"\s*:\s*"Feature(Collection)?"')
-WCON_UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
 
 LayerData = tuple[list[Any], dict[str, Any], str]
 
@@ -114,56 +113,8 @@ def export(
 
 
 def _is_labels(path: str) -> bool:
-    """Tell by name and first bytes, where other programs use the ending too."""
+    """Tell by name and first bytes; napari reads its own Shapes CSV itself."""
     try:
-        suffix = reader_of(path).suffix
-        with Path(path).open("rb") as file:
-            head = file.read(HEAD)
+        return claiming(path) not in (None, shapes_csv.FORMAT)
     except (LabelsError, OSError):
         return False
-    return CLAIMS[suffix](head) if suffix in CLAIMS else True
-
-
-def _is_table(head: bytes) -> bool:
-    header = head.decode("utf-8-sig", errors="replace").partition("\n")[0]
-    return COLUMNS <= {name.strip().strip('"') for name in header.split(",")}
-
-
-def _is_json_of_lines(head: bytes) -> bool:
-    return bool(FEATURE.search(head) or WCON_UNITS.search(head))
-
-
-def _is_roi(head: bytes) -> bool:
-    return head.startswith(b"Iout")
-
-
-def _begins_with(ending: bytes) -> Callable[[bytes], bool]:
-    """Tell whether the first file in a zip has such a name."""
-    return lambda head: (
-        head.startswith(b"PK\x03\x04")
-        and head[30 : 30 + int.from_bytes(head[26:28], "little")].lower().endswith(ending)
-    )
-
-
-def _is_array_of_points(head: bytes) -> bool:
-    file = BytesIO(head)
-    try:
-        version = np.lib.format.read_magic(file)
-        header = np.lib.format.read_array_header_1_0
-        if version != (1, 0):
-            header = np.lib.format.read_array_header_2_0
-        shape, _, _ = header(file)
-    except ValueError:
-        return False
-    return len(shape) in (3, 4) and shape[-1] == 2
-
-
-CLAIMS: dict[str, Callable[[bytes], bool]] = {
-    ".csv": _is_table,
-    ".json": _is_json_of_lines,
-    ".npy": _is_array_of_points,
-    ".npz": _begins_with(b".npy"),
-    ".roi": _is_roi,
-    ".zip": _begins_with(b".roi"),
-}
-"""What the first bytes must be for files whose ending is not ours alone."""

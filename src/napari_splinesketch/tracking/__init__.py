@@ -2,6 +2,17 @@
 
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.follow import after, follow
+from napari_splinesketch.tracking.over_time import Kymograph, kymograph
 from napari_splinesketch.tracking.types import NOTHING_GIVEN, Given, Tracked, View
 
-__all__ = ["NOTHING_GIVEN", "Body", "Given", "Tracked", "View", "after", "follow"]
+__all__ = [
+    "NOTHING_GIVEN",
+    "Body",
+    "Given",
+    "Kymograph",
+    "Tracked",
+    "View",
+    "after",
+    "follow",
+    "kymograph",
+]

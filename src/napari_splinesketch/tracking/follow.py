@@ -126,7 +126,7 @@ class _Step:
 
     def __init__(self, read: Read, refine: Refine, preset: PresetName, smooth: bool):
         self._read, self._refine = read, refine
-        self._patience = PATIENCE if smooth else AT_ONCE
+        self._smooth, self._patience = smooth, PATIENCE if smooth else AT_ONCE
         self.contrast: float | None = None
         self._preset: PresetName = preset
 
@@ -144,7 +144,7 @@ class _Step:
             inside = [body for body in wanted if _inside(view, expected[body.id])]
             search = Search(
                 frame, view, expected, given.curves, self._refine, self._preset, report,
-                self.contrast,
+                self.contrast, self._smooth,
             )  # fmt: skip
             found = search(inside) if inside else {}
         except Cancelled:

@@ -50,7 +50,7 @@ def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
     base = 1 if lag < FAR else min(BASE, max((len(known) - 1) // 2, 1))
     mover, error, counted = _best(known, base)
     older, newer = known[-1 - base], known[-1]
-    line = mover(older[1], newer[1], _steps(older, newer, frame))
+    line = mover(older[1], newer[1], steps_to(older, newer, frame))
     return line, error * max(lag, 1.0) ** GROWTH if counted else np.inf
 
 
@@ -101,7 +101,7 @@ def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
         for now in known[i + 1 : i + 2] if base == 1 else known[i + 2 :]:
             lag = max(abs(now[0] - newer[0]), 1.0)
             for mover, found in zip(MOVERS, errors, strict=True):
-                line = mover(older[1], newer[1], _steps(older, newer, now[0]))
+                line = mover(older[1], newer[1], steps_to(older, newer, now[0]))
                 squared = float(((line - now[1]) ** 2).sum(1).mean()) / 2
                 found.append(squared / lag ** (2 * GROWTH))
     count = len(errors[0])
@@ -113,7 +113,8 @@ def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
     return MOVERS[best], float(error), count
 
 
-def _steps(older: Known, newer: Known, frame: float) -> float:
+def steps_to(older: Known, newer: Known, frame: float) -> float:
+    """How many times the way between two known frames it is on to a frame."""
     return (frame - newer[0]) / (newer[0] - older[0]) if newer[0] != older[0] else 0.0
 
 
@@ -147,7 +148,10 @@ def _slide(older: Points, newer: Points, steps: float) -> Points:
 def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Points:
     """Points of a line at arc lengths `at`, straight on beyond its ends."""
     inside = np.stack([np.interp(at, s, x) for x in line.T], 1)
-    ends = line[0] - line[min(END, len(line) - 1)], line[-1] - line[-1 - min(END, len(line) - 1)]
+    ends = (
+        line[0] - line[min(END, len(line) - 1)],
+        line[-1] - line[-1 - min(END, len(line) - 1)],
+    )
     head, tail = (e / (np.linalg.norm(e) + 1e-9) for e in ends)
     beyond = np.maximum(at - s[-1], 0.0)[:, None] * tail
     return inside + beyond + np.maximum(-at, 0.0)[:, None] * head

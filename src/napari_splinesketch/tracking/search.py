@@ -93,6 +93,8 @@ class Search:
         Told of progress; raises `Cancelled`.
     contrast
         The usual one of the frames before.
+    foretell
+        Whether a body whose place is known well is fitted there without a search.
     """
 
     def __init__(
@@ -105,8 +107,9 @@ class Search:
         preset: PresetName,
         report: OnProgress,
         contrast: float | None = None,
+        foretell: bool = True,
     ):
-        self._contrast = contrast
+        self._contrast, self._foretell = contrast, foretell
         self.refinement: Refinement | None = None
         self._frame, self._view, self._expected, self._given = frame, view, expected, given
         self._refine, self._report = refine, report
@@ -115,7 +118,7 @@ class Search:
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
         foretold = {body.id: body.foretold(self._frame) for body in bodies}
-        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width]
+        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width * self._foretell]
         found = self.held(sure, foretold)
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)

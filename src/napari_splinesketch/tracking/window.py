@@ -15,8 +15,8 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.tracking import identity, motion
-from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking import identity, motion, steady
+from napari_splinesketch.tracking.bodies import MEMORY, Body
 from napari_splinesketch.tracking.drift import near_others
 from napari_splinesketch.tracking.identity import Foretold
 from napari_splinesketch.tracking.motion import Known, Points
@@ -31,6 +31,8 @@ CLEAR = 2
 """Frames in which a body must be clear of others and of doubts before a stretch is over."""
 LIKELY = 12.0
 """How unlikely (-2 log) the way through a stretch may be that is beyond doubt."""
+FEWEST_SEEN = 4
+"""Frames of a body that must be known before others tell anything."""
 FEWEST = 8
 """Knots of an inferred curve."""
 
@@ -78,6 +80,7 @@ class Window:
         self._held: list[Tracked] = []
         self._begin = 0
         self._open: dict[int, _Stretch] = {}
+        self._seen: dict[int, list[Known]] = {}
 
     def push(
         self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
@@ -128,20 +131,45 @@ class Window:
         own = cost.pop(name)
         return own < LIKELY and all(other > own + identity.SWAP for other in cost.values())
 
-    def ready(self) -> Iterator[Tracked]:
-        """Give the frames that nothing is to be learned about any more."""
+    def ready(self, *, end: bool = False) -> Iterator[Tracked]:
+        """Give the frames that nothing is to be learned about any more; at the `end`, all."""
         until = min((s.first for s in self._open.values()), default=None)
         count = len(self._held) if until is None else max(until - self._begin, 0)
-        for _ in range(count):
+        while count:
+            first, later = self._held[0], self._held[1:count]
+            noisy = {i: c for i, c in _curves(first).items() if self._worth(i, c)}
+            if noisy and len(later) < steady.LOOK and not end:
+                break
+            after = {i: self._after(i, later) for i in noisy}
+            steadied = {
+                i: steady.steadied(c, first.frame, self._seen[i], after[i])
+                for i, c in noisy.items()
+            }
+            for i, curve in _curves(first).items():
+                if INFERRED not in curve.reasons:
+                    seen = [*self._seen.get(i, []), _known(first.frame, curve)]
+                    self._seen[i] = seen[-MEMORY:]
             self._begin += 1
-            yield self._held.pop(0)
+            count -= 1
+            del self._held[0]
+            curves = {**_curves(first), **steadied}
+            yield replace(first, curves=tuple(curves.values()))
+
+    def _worth(self, name: int, curve: Curve) -> bool:
+        """Whether its neighbours could make a curve better."""
+        return steady.noisy(curve) and len(self._seen.get(name, [])) >= FEWEST_SEEN
+
+    def _after(self, name: int, later: list[Tracked]) -> list[Known]:
+        """What is known of a body after a frame, the nearest last."""
+        known = [(r.frame, _curves(r).get(name)) for r in later[: steady.LOOK]]
+        return [_known(t, c) for t, c in known if c and INFERRED not in c.reasons][::-1]
 
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
         """Give all that are left, decided as well as may be, or as they are."""
         for group in self._groups() if decide else ():
             self._close(group, over=True)
         self._open.clear()
-        return self.ready()
+        return self.ready(end=True)
 
     def _note(
         self,

@@ -1,0 +1,82 @@
+"""Velocity and curvature of a body over (u, t)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.types import Curve
+
+
+@dataclass(frozen=True, eq=False)
+class Kymograph:
+    """One body over its length and over time.
+
+    Attributes
+    ----------
+    frames
+        (T,) from the first frame to the last; a frame without a curve has NaN.
+    curvature
+        (T, P) 1 / px, positive where the body bends from the row axis towards the column axis.
+    along, across
+        (T, P) velocity of the points, px a frame, along the body (towards its end) and to its left,
+        from the frames on either side.
+    """
+
+    frames: Int[np.ndarray, " T"]
+    curvature: Float[np.ndarray, "T P"]
+    along: Float[np.ndarray, "T P"]
+    across: Float[np.ndarray, "T P"]
+
+    @property
+    def speed(self) -> Float[np.ndarray, " T"]:
+        """(T,) mean speed of the points, px a frame."""
+        return np.hypot(self.along, self.across).mean(1)
+
+
+def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
+    """Velocity and curvature of one body.
+
+    Parameters
+    ----------
+    curves
+        By frame; all from the same end, as tracking gives them.
+    points
+        Along the body.
+    """
+    if not curves:
+        raise ValueError("there is no curve; give those of one body, by frame")
+    frames = np.arange(min(curves), max(curves) + 1)
+    lines = np.full((len(frames), points, 2), np.nan)
+    curvature = np.full((len(frames), points), np.nan)
+    for frame, curve in curves.items():
+        at = frame - frames[0]
+        lines[at] = spline.resample(curve.points, points)
+        curvature[at] = curvature_of(curve, points)
+    tangent = np.gradient(lines, axis=1)
+    tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
+    velocity = _velocity(lines)
+    left = np.stack([-tangent[..., 1], tangent[..., 0]], 2)
+    return Kymograph(frames, curvature, (velocity * tangent).sum(2), (velocity * left).sum(2))
+
+
+def curvature_of(curve: Curve, points: int = 100) -> Float[np.ndarray, " points"]:
+    """Curvature of a curve's spline at points uniform in arc length, 1 / px."""
+    knots = curve.knots[:, :2]
+    u = np.linspace(0, 1, 8 * points)
+    s = spline.arc_length(spline.basis(len(knots), u) @ knots)
+    u = np.interp(np.linspace(0, s[-1], points), s, u)
+    first, second = (spline.basis(len(knots), u, d) @ knots for d in (1, 2))
+    speed = np.maximum(np.linalg.norm(first, axis=1), 1e-9)
+    return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
+
+
+def _velocity(lines: Float[np.ndarray, "T P 2"]) -> Float[np.ndarray, "T P 2"]:
+    """Central differences; one-sided beside frames without a curve."""
+    step = np.diff(lines, axis=0)
+    none = np.full((1, *lines.shape[1:]), np.nan)
+    after, before = np.concatenate([step, none]), np.concatenate([none, step])
+    both = (after + before) / 2
+    return np.where(np.isnan(both), np.where(np.isnan(after), before, after), both)
