@@ -20,9 +20,15 @@ from napari_splinesketch.labels.formats import READERS, WRITERS
 from napari_splinesketch.labels.types import LabelStatus
 from napari_splinesketch.plugin.adapter.labels import layer_of_labels
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.files import get_reader, read, write
+from napari_splinesketch.plugin.files import (
+    _napari_s_own,
+    get_reader,
+    open_tables,
+    read,
+    write,
+)
 
-from .hand import assert_drawn, refine, rest
+from .hand import assert_drawn, click, refine, rest, until
 
 MANIFEST = Path(napari_splinesketch.__file__).with_name("napari.yaml")
 PLUGIN = "napari-splinesketch"
@@ -249,8 +255,8 @@ FOREIGN: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_files_of_others_are_left_to_them(tmp_path: Path, name: str) -> None:
     FOREIGN[name](tmp_path / name)
-    assert get_reader(str(tmp_path / name)) is None
-    assert get_reader([str(tmp_path / name)]) is None
+    for given in (str(tmp_path / name), [str(tmp_path / name)]):
+        assert get_reader(given) is (_napari_s_own if name.endswith(".csv") else None)
 
 
 @pytest.mark.parametrize("name", ["image.tif", "image.npy", "stack.npz", "image.ome.tif"])
@@ -301,3 +307,36 @@ def test_through_the_window(
             opened.data_to_world(there[-1])[-2:],
             viewer.layers["film curves"].data_to_world(curve[-1])[-2:],
         )
+
+
+def test_labels_are_opened_without_a_question_and_gone_on_with(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Path, npe2pm: Any
+) -> None:
+    for name in ("napari", "napari-splinesketch"):
+        npe2pm.register(PluginManifest.from_distribution(name))
+    open_tables()
+    viewer.add_image(np.random.default_rng(0).random((3, 96, 128)), name="film")
+    viewer.add_shapes(LINES, shape_type="line", name="film sketches")
+    for frame in (1, 2):
+        viewer.dims.set_point(0, frame)
+        refine(dock)
+    dock.controller.review("accepted", (1, 1))
+    before = dock.controller.records()
+    dock.controller.export(tmp_path / "film.csv")
+    rest(dock)
+    (tmp_path / "shapes.csv").write_text(SHAPES)
+    (shapes,) = viewer.open(tmp_path / "shapes.csv", plugin=None)
+    assert shapes.nshapes == 1, "napari's own tables are opened as ever"
+    viewer.open(tmp_path / "film.csv", plugin=None)
+    assert dock.offer.labels.text() == "Continue with these 2 curves"
+    click(dock.offer.labels)
+    until(lambda: "film [1] curves" in viewer.layers)
+    after = dock.controller.records()
+    for one, other in zip(before, after, strict=True):
+        assert (one.id, one.frame, one.review) == (other.id, other.frame, other.review)
+        assert one.curve.status == other.curve.status
+        np.testing.assert_array_equal(one.curve.points, other.curve.points)
+        np.testing.assert_allclose(one.curve.knots, other.curve.knots, atol=0.5)
+    assert dock.offer.labels.isHidden()
+    assert not dock.controller.request().plan.targets
+    assert dock.export.isEnabled()

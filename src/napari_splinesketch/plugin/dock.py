@@ -31,6 +31,7 @@ from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.boxes import button, enable
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
+from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.panel_keeper import PanelKeeper
 from napari_splinesketch.plugin.request import Request
@@ -72,6 +73,7 @@ class SplinesketchDock(QWidget):
         self.controller = Controller(viewer)
         self.panel = PanelKeeper(self.controller)
         self.saver = Saver(self.controller, self)
+        open_tables()
         self._build()
         self._lay_out()
         self._connect()

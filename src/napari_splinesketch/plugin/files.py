@@ -5,6 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import npe2
+from napari.plugins._npe2 import get_readers
+from napari.plugins.utils import get_preferred_reader
+from napari.settings import get_settings
 from napari.utils.notifications import show_info
 
 from napari_splinesketch.engine.types import OnProgress, Progress
@@ -21,13 +25,34 @@ from napari_splinesketch.labels.stream import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.adapter.labels import labels_of_layer, layer_of_labels
 
+PLUGIN = "napari-splinesketch"
+
 LayerData = tuple[list[Any], dict[str, Any], str]
 
 
 def get_reader(path: str | list[str]) -> Callable[[str | list[str]], list[LayerData]] | None:
     """Give napari a reader, or None where the files are no labels of ours."""
     paths = [path] if isinstance(path, str) else path
-    return read if all(map(_is_labels, paths)) else None
+    if all(map(_is_labels, paths)):
+        return read
+    return _napari_s_own if all(each.lower().endswith(".csv") for each in paths) else None
+
+
+def _napari_s_own(path: str | list[str]) -> Any:
+    """Hand tables of others on to napari: see `open_tables`."""
+    paths = [path] if isinstance(path, str) else path
+    return npe2.read(paths, stack=False, plugin_name="napari")
+
+
+def open_tables() -> None:
+    """Let napari open tables without asking for a reader: ours, which hands on what is not ours.
+
+    Left alone where the user has chosen one, or a third plugin reads tables.
+    """
+    plugins = get_settings().plugins
+    others = set(get_readers("any.csv")) - {"napari", PLUGIN}
+    if not others and get_preferred_reader("any.csv") is None:
+        plugins.extension2reader = {**plugins.extension2reader, "*.csv": PLUGIN}
 
 
 def read(path: str | list[str]) -> list[LayerData]:

@@ -7,13 +7,20 @@ import numpy as np
 import pint
 from jaxtyping import Float
 
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.types import POINTS, Curve
 from napari_splinesketch.labels import Label, Labels
+from napari_splinesketch.labels.geometry import resampled
 from napari_splinesketch.plugin.adapter.look import COLOURS
 from napari_splinesketch.plugin.adapter.roles import OWNER, Known
 from napari_splinesketch.plugin.adapter.sketches import COLOUR, LINES
 from napari_splinesketch.plugin.adapter.space import pixel_size
 from napari_splinesketch.plugin.adapter.thinning import thinned
+from napari_splinesketch.plugin.records import Record
 
+KNOTS = 10
+"""Of a curve that was read from a file: as many as the engine gives most bodies."""
+READ = "the file does not say why"
 LABELS = "napari-splinesketch labels"
 """Key of a layer's metadata under which the labels that it was read from are kept."""
 
@@ -108,3 +115,38 @@ def layer_of_labels(labels: Labels, name: str) -> tuple[list[Any], dict[str, Any
 
 def _in_film(label: Label) -> Float[np.ndarray, "N 3"]:
     return np.column_stack([np.full(len(label.points), float(label.frame)), label.points])
+
+
+def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
+    """Take labels that were read for curves, to go on with them.
+
+    Parameters
+    ----------
+    labels
+        Curves and sketches; the latter are left out.
+    frames
+        How many the image has.
+
+    Returns
+    -------
+    tuple
+        The curves, numbered from 1, and how many are beyond the last frame.
+    """
+    curves = [label for label in labels.labels if label.status != "sketch"]
+    here = [label for label in curves if label.frame < frames]
+    first = int(any(label.curve == 0 for label in here))
+    made = [
+        Record(label.curve + first, label.frame, label.points, _curve_of(label), label.review)
+        for label in here
+    ]
+    return tuple(made), len(curves) - len(here)
+
+
+def _curve_of(label: Label) -> Curve:
+    even = label if len(label.points) == POINTS else resampled(label, POINTS)
+    at = np.linspace(0, POINTS - 1, KNOTS)
+    width = np.interp(at, np.arange(POINTS), even.half_width)
+    knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])
+    reasons = () if label.status == "good" else (READ,)
+    # How well it explained the image is in no file.
+    return Curve(knots, even.points, even.half_width, even.sd, label.status, reasons, np.inf)

@@ -7,7 +7,7 @@ from html import escape
 from qtpy.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.autosave.resume import resume
+from napari_splinesketch.plugin.autosave.resume import read_curves, resume, take_up
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.text_label import TextLabel
@@ -36,6 +36,8 @@ class OfferBox(QFrame):
         self.resume.setToolTip("Bring the saved lines and curves back, in a layer of their own")
         self.decline = QPushButton("Ignore saved work")
         self.decline.setToolTip("Do not ask again; the saved work stays on the disk")
+        self.labels = QPushButton()
+        self.labels.setToolTip("Take these curves up as results, as they were judged")
         self.problem = TextLabel()
         row = QHBoxLayout()
         for button in (self.resume, self.decline):
@@ -45,9 +47,11 @@ class OfferBox(QFrame):
         layout.setContentsMargins(6, 4, 6, 4)
         layout.addWidget(self.said)
         layout.addLayout(row)
+        layout.addWidget(self.labels)
         layout.addWidget(self.problem)
         self.resume.clicked.connect(lambda: resume(controller, saver))
         self.decline.clicked.connect(saver.decline)
+        self.labels.clicked.connect(lambda: take_up(controller))
         saver.found.connect(self.show_offers)
         controller.changed.connect(self._show_running)
         self.show_offers()
@@ -59,10 +63,15 @@ class OfferBox(QFrame):
         for button in (self.resume, self.decline):
             button.setVisible(bool(offers))
         self.problem.say(words.notice("failed", self._saver.problem))
-        self.setVisible(bool(offers or self._saver.problem))
+        self._show_running()
 
     def _show_running(self) -> None:
-        self.resume.setEnabled(self._controller.progress is None)
+        idle, curves = self._controller.progress is None, read_curves(self._controller)
+        for button in (self.resume, self.labels):
+            button.setEnabled(idle)
+        self.labels.setVisible(bool(curves))
+        self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
+        self.setVisible(bool(curves or self._saver.offers() or self._saver.problem))
 
 
 def describe(offers: Sequence[Offer]) -> str:

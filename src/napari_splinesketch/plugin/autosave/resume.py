@@ -8,7 +8,8 @@ from functools import partial
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import OnProgress
-from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.labels import Labels, LabelsError
+from napari_splinesketch.plugin.adapter.labels import LABELS, records_of
 from napari_splinesketch.plugin.adapter.sketches import line_style
 from napari_splinesketch.plugin.adapter.space import frame_count
 from napari_splinesketch.plugin.autosave.folder import Folder, read
@@ -18,6 +19,7 @@ from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.gently import add_shapes, step_through
 from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.state import State
 
 _log = logging.getLogger(__name__)
 
@@ -119,3 +121,24 @@ def _restore(
             kept.folder.release()
             kept.folder = None
     kept.resuming = False
+
+
+def read_curves(controller: Controller) -> int:
+    """How many curves the chosen layer brought along from a file of labels, and nobody took up."""
+    layer, work = controller.choices.sketches, controller.work
+    if controller.choices.image is None or layer is None or (work and work.records):
+        return 0
+    labels = layer.metadata.get(LABELS, Labels()).labels
+    return sum(label.status != "sketch" for label in labels)
+
+
+def take_up(controller: Controller) -> None:
+    """Go on with the curves that the chosen layer brought along; its lines are their sketches."""
+    image, layer = controller.choices.image, controller.choices.sketches
+    if image is None or layer is None or controller.progress or not read_curves(controller):
+        return
+    records, beyond = records_of(layer.metadata[LABELS], frame_count(image))
+    controller.begin(image, layer)
+    controller.apply("Continue with labels", State(records=records))
+    if beyond:
+        controller.say(f"{beyond} curves are beyond the last frame, and stay in the file.")
