@@ -12,7 +12,6 @@ from napari.layers import Image, Shapes
 from napari_splinesketch.plugin.autosave.resume import resume
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.films import Films
 
 from .hand import until
 
@@ -25,14 +24,13 @@ class Bench:
 
     Attributes
     ----------
-    viewer, controller, films, saver
+    viewer, controller, saver
         As in the dock.
     """
 
     def __init__(self, viewer: ViewerModel | None = None):
         self.viewer = viewer or ViewerModel()
         self.controller = Controller(self.viewer)
-        self.films = Films(self.controller)
         self.saver = Saver(self.controller)
 
     def image(self, shape: Sequence[int] = (96, 128), seed: int = 0) -> Image:
