@@ -8,7 +8,7 @@ import pint
 from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import POINTS, Curve
+from napari_splinesketch.engine.types import POINTS, Curve, Status
 from napari_splinesketch.labels import Label, Labels
 from napari_splinesketch.labels.geometry import resampled
 from napari_splinesketch.plugin.adapter.look import COLOURS
@@ -147,6 +147,7 @@ def _curve_of(label: Label) -> Curve:
     at = np.linspace(0, POINTS - 1, KNOTS)
     width = np.interp(at, np.arange(POINTS), even.half_width)
     knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])
-    reasons = () if label.status == "good" else (READ,)
+    status: Status = "failed" if label.status == "sketch" else label.status
+    reasons = () if status == "good" else (READ,)
     # How well it explained the image is in no file.
-    return Curve(knots, even.points, even.half_width, even.sd, label.status, reasons, np.inf)
+    return Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
