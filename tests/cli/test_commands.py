@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from napari_splinesketch import __version__
+from napari_splinesketch import __version__, palette
 from napari_splinesketch.cli import main
 from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
@@ -118,8 +118,8 @@ def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert "median 0.5 px" in out
     picture = imageio.v3.imread("p.png")
     assert picture.shape[0] % 40 == 0
-    assert (picture == [0x00, 0x9E, 0x73]).all(axis=2).any()
-    assert (picture == [0xCC, 0x79, 0xA7]).all(axis=2).any()
+    for colour in (palette.TRUTH, palette.SKETCH):
+        assert (picture == list(bytes.fromhex(colour[1:]))).all(axis=2).any()
     assert main(["compare", "a.csv", "t.csv", "--picture", "p.png"]) == 2
     assert main(["compare", "a.csv", "t.csv", "--picture", "q.png", "--json"]) == 0
     assert '"pairs": 1' in capsys.readouterr().out
