@@ -10,8 +10,8 @@ from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
 
 from napari_splinesketch.labels import read_labels
 from napari_splinesketch.labels.formats import WRITERS
-from napari_splinesketch.plugin.boxes import Column
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.widgets import Column
 
 from .fakes import FakeEngine
 from .hand import (

@@ -1,15 +1,13 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from magicgui.widgets import ComboBox
 from napari.layers import Layer
 from qtpy.QtCore import Qt, Signal  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QAction
 from qtpy.QtWidgets import (
-    QApplication,
     QComboBox,
     QFrame,
     QGridLayout,
@@ -18,7 +16,6 @@ from qtpy.QtWidgets import (
     QMenu,
     QProgressBar,
     QPushButton,
-    QScrollArea,
     QSizePolicy,
     QSlider,
     QToolButton,
@@ -26,7 +23,6 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 from superqt import QElidingLabel
-from superqt.utils import signals_blocked
 
 from napari_splinesketch.engine.types import Curve, Progress
 from napari_splinesketch.plugin import words
@@ -38,119 +34,8 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.measures import Ruler, three_digits
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.text_label import TextLabel
+from napari_splinesketch.plugin.widgets import NARROW, button, enable, grid
 from napari_splinesketch.plugin.work import Work
-
-NARROW = 60
-"""Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
-
-
-def button(text: str = "", tip: str = "", run: Callable[[], object] | None = None) -> QPushButton:
-    """Make a button that leaves the keys to the canvas when it is clicked."""
-    made = QPushButton(text)
-    made.setToolTip(tip)
-    made.setMinimumWidth(30)
-    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    if run is not None:
-        made.clicked.connect(lambda: run())
-    return made
-
-
-def enable(widget: QWidget, problem: str, tip: str) -> None:
-    """Enable a widget, or let its tooltip say why not."""
-    widget.setEnabled(not problem)
-    widget.setToolTip(problem or tip)
-
-
-def grid(widget: QWidget, children: Sequence[QWidget], columns: int) -> QGridLayout:
-    """Lay widgets out in equal columns."""
-    layout = QGridLayout(widget)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(3)
-    for i, child in enumerate(children):
-        layout.addWidget(child, i // columns, i % columns)
-    for column in range(columns):
-        layout.setColumnStretch(column, 1)
-    return layout
-
-
-class Folded(QWidget):
-    """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off.
-
-    Parameters
-    ----------
-    title, tip
-        What it is about.
-    content
-        What is unfolded.
-    """
-
-    def __init__(self, title: str, tip: str, content: QWidget):
-        super().__init__()
-        self.title, self.content = QToolButton(), content
-        self.title.setText(title)
-        self.title.setToolTip(tip)
-        self.title.setCheckable(True)
-        self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-        self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
-        grid(self, (self.title, content), 1)
-        self.title.toggled.connect(self.unfold)
-        self.unfold(False)
-
-    def unfold(self, on: bool) -> None:
-        """Show the content, or fold it away."""
-        self.title.setChecked(on)
-        self.title.setArrowType(Qt.ArrowType.DownArrow if on else Qt.ArrowType.RightArrow)
-        self.content.setVisible(on)
-
-
-class Column(QScrollArea):
-    """Scrolls when the user scrolls, and never by itself."""
-
-    def __init__(self, content: QWidget):
-        super().__init__()
-        self.setWidget(content)
-        self.setWidgetResizable(True)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-
-    def focusNextPrevChild(self, next: bool) -> bool:  # noqa: A002
-        """Move the focus; a button that is disabled gives it away, and nothing scrolls for that."""
-        bar, before = self.verticalScrollBar(), QApplication.focusWidget()
-        place = bar.value() if bar else 0
-        moved = super().focusNextPrevChild(next)
-        if bar and not (before and before.isEnabled() and before.isVisible()):
-            bar.setValue(place)
-        return moved
-
-
-def layer_choice(
-    layers: Callable[[], Sequence[Layer]],
-    pick: Callable[[Any], None],
-    tip: str,
-    new: str = "",
-) -> ComboBox:
-    """Make a choice of layers; `new` names an entry for one more, which picks None."""
-
-    def choices(_: object) -> list[tuple[str, Layer | None]]:
-        found: list[tuple[str, Layer | None]] = [(layer.name, layer) for layer in layers()]
-        return [*found, (new, None)] if new and found else found
-
-    made = ComboBox(choices=choices, tooltip=tip)
-    # Long names are shortened rather than widening the dock.
-    made.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-    made.native.setMinimumWidth(NARROW)
-    made.native.activated.connect(lambda: pick(made.value))
-    return made
-
-
-def show_layers(choice: ComboBox, chosen: Layer | None, tip: str) -> None:
-    """Offer the layers that there are now, and show the chosen one."""
-    with choice.changed.blocked(), signals_blocked(choice.native):
-        choice.reset_choices()
-        if chosen in choice.choices:
-            choice.value = chosen
-    choice.enabled = bool(choice.choices)
-    choice.tooltip = "\n".join([tip, *([chosen.name] if chosen else [])])
 
 
 class ProgressBox(QWidget):
@@ -203,7 +88,7 @@ class CurveBox(QWidget):
         for each in self.buttons.values():
             each.setStyleSheet("padding: 3px 1px;")
         buttons = QWidget()
-        grid(buttons, list(self.buttons.values()), 4)
+        grid(buttons, list(self.buttons.values()), 4, even=False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(3)

@@ -24,11 +24,10 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from napari_splinesketch.plugin import boxes, engine, words
+from napari_splinesketch.plugin import boxes, engine, widgets, words
 from napari_splinesketch.plugin.adapter.space import ruler_of
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
-from napari_splinesketch.plugin.boxes import button, enable
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
 from napari_splinesketch.plugin.files import open_tables
@@ -37,6 +36,7 @@ from napari_splinesketch.plugin.panel_keeper import PanelKeeper
 from napari_splinesketch.plugin.request import Request
 from napari_splinesketch.plugin.settings_form import SettingsForm
 from napari_splinesketch.plugin.text_label import TextLabel
+from napari_splinesketch.plugin.widgets import button, enable
 
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500
@@ -84,10 +84,10 @@ class SplinesketchDock(QWidget):
     def _build(self) -> None:
         controller = self.controller
         choices = controller.choices
-        self.image = boxes.layer_choice(
+        self.image = widgets.layer_choice(
             choices.images, lambda layer: setattr(choices, "image", layer), IMAGE_TIP
         )
-        self.sketches = boxes.layer_choice(
+        self.sketches = widgets.layer_choice(
             choices.sketch_layers, self._pick_sketches, SKETCHES_TIP, "New layer"
         )
         self.draw = button("Draw lines", DRAW_TIP, controller.draw)
@@ -95,7 +95,7 @@ class SplinesketchDock(QWidget):
         self.suggest = boxes.SuggestBox(controller)
         self.preset = QComboBox()
         self.preset.addItems([name.capitalize() for name in engine.PRESETS])
-        self.preset.setMinimumWidth(boxes.NARROW)
+        self.preset.setMinimumWidth(widgets.NARROW)
         tips = [words.PRESET_TIPS[name] for name in engine.PRESETS]
         for i, tip in enumerate(tips):
             self.preset.setItemData(i, tip, Qt.ItemDataRole.ToolTipRole)
@@ -117,9 +117,9 @@ class SplinesketchDock(QWidget):
         )
         self.said = QLabel()
         self.said.setWordWrap(True)
-        self.notes = boxes.Folded("Model", words.NOTES_TIP, self.said)
+        self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
         self.settings_form = SettingsForm()
-        self.settings = boxes.Folded(
+        self.settings = widgets.Folded(
             "Settings", "What you choose once and for all", self.settings_form
         )
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
@@ -162,7 +162,7 @@ class SplinesketchDock(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 4)
         layout.setSpacing(3)
-        layout.addWidget(boxes.Column(self.content), 1)
+        layout.addWidget(widgets.Column(self.content), 1)
         for widget in (self.offer, self.texts, self.progress, self.rejected, self.export):
             layout.addWidget(widget)
         self.setMinimumWidth(220)
@@ -222,8 +222,8 @@ class SplinesketchDock(QWidget):
 
     def _show_layers(self) -> None:
         choices = self.controller.choices
-        boxes.show_layers(self.image, choices.image, IMAGE_TIP)
-        boxes.show_layers(self.sketches, choices.sketches, SKETCHES_TIP)
+        widgets.show_layers(self.image, choices.image, IMAGE_TIP)
+        widgets.show_layers(self.sketches, choices.sketches, SKETCHES_TIP)
         tip = f"{DRAW_TIP} ({self.controller.actions['draw'].key})"
         enable(self.draw, "" if choices.image else "Open an image first", tip)
 

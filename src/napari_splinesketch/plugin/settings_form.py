@@ -7,9 +7,9 @@ from magicgui.widgets import create_widget
 from qtpy.QtCore import Signal  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtWidgets import QFormLayout, QLabel, QWidget
 
-from napari_splinesketch.plugin.boxes import NARROW, button
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.settings import PREFERENCES, Settings
+from napari_splinesketch.plugin.widgets import NARROW, button
 
 DECIMALS = 3
 """Of half-widths."""

@@ -1,0 +1,133 @@
+"""Widgets that the dock is made of."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from magicgui.widgets import ComboBox
+from napari.layers import Layer
+from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtWidgets import (
+    QApplication,
+    QFrame,
+    QGridLayout,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QToolButton,
+    QWidget,
+)
+from superqt.utils import signals_blocked
+
+NARROW = 60
+"""Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+
+
+def button(text: str = "", tip: str = "", run: Callable[[], object] | None = None) -> QPushButton:
+    """Make a button that leaves the keys to the canvas when it is clicked."""
+    made = QPushButton(text)
+    made.setToolTip(tip)
+    made.setMinimumWidth(30)
+    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    if run is not None:
+        made.clicked.connect(lambda: run())
+    return made
+
+
+def enable(widget: QWidget, problem: str, tip: str) -> None:
+    """Enable a widget, or let its tooltip say why not."""
+    widget.setEnabled(not problem)
+    widget.setToolTip(problem or tip)
+
+
+def grid(
+    widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bool = True
+) -> QGridLayout:
+    """Lay widgets out in columns, equal ones or each as broad as it needs."""
+    layout = QGridLayout(widget)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(3)
+    for i, child in enumerate(children):
+        layout.addWidget(child, i // columns, i % columns)
+    for column in range(columns if even else 0):
+        layout.setColumnStretch(column, 1)
+    return layout
+
+
+class Folded(QWidget):
+    """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off.
+
+    Parameters
+    ----------
+    title, tip
+        What it is about.
+    content
+        What is unfolded.
+    """
+
+    def __init__(self, title: str, tip: str, content: QWidget):
+        super().__init__()
+        self.title, self.content = QToolButton(), content
+        self.title.setText(title)
+        self.title.setToolTip(tip)
+        self.title.setCheckable(True)
+        self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
+        grid(self, (self.title, content), 1)
+        self.title.toggled.connect(self.unfold)
+        self.unfold(False)
+
+    def unfold(self, on: bool) -> None:
+        """Show the content, or fold it away."""
+        self.title.setChecked(on)
+        self.title.setArrowType(Qt.ArrowType.DownArrow if on else Qt.ArrowType.RightArrow)
+        self.content.setVisible(on)
+
+
+class Column(QScrollArea):
+    """Scrolls when the user scrolls, and never by itself."""
+
+    def __init__(self, content: QWidget):
+        super().__init__()
+        self.setWidget(content)
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def focusNextPrevChild(self, next: bool) -> bool:  # noqa: A002
+        """Move the focus; a button that is disabled gives it away, and nothing scrolls for that."""
+        bar, before = self.verticalScrollBar(), QApplication.focusWidget()
+        place = bar.value() if bar else 0
+        moved = super().focusNextPrevChild(next)
+        if bar and not (before and before.isEnabled() and before.isVisible()):
+            bar.setValue(place)
+        return moved
+
+
+def layer_choice(
+    layers: Callable[[], Sequence[Layer]],
+    pick: Callable[[Any], None],
+    tip: str,
+    new: str = "",
+) -> ComboBox:
+    """Make a choice of layers; `new` names an entry for one more, which picks None."""
+
+    def choices(_: object) -> list[tuple[str, Layer | None]]:
+        found: list[tuple[str, Layer | None]] = [(layer.name, layer) for layer in layers()]
+        return [*found, (new, None)] if new and found else found
+
+    made = ComboBox(choices=choices, tooltip=tip)
+    # Long names are shortened rather than widening the dock.
+    made.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+    made.native.setMinimumWidth(NARROW)
+    made.native.activated.connect(lambda: pick(made.value))
+    return made
+
+
+def show_layers(choice: ComboBox, chosen: Layer | None, tip: str) -> None:
+    """Offer the layers that there are now, and show the chosen one."""
+    with choice.changed.blocked(), signals_blocked(choice.native):
+        choice.reset_choices()
+        if chosen in choice.choices:
+            choice.value = chosen
+    choice.enabled = bool(choice.choices)
+    choice.tooltip = "\n".join([tip, *([chosen.name] if chosen else [])])
