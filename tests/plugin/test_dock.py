@@ -361,7 +361,7 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
     for control in shown:
         right = control.mapTo(dock, control.rect().topRight()).x()
         assert right <= 250
-        assert control.width() >= min(control.sizeHint().width(), 60)
+        assert control.width() >= min(control.sizeHint().width(), 60), control.text()
 
 
 def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:

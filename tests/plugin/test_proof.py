@@ -140,7 +140,7 @@ def test_colours_tell_a_number_and_the_legend_its_range(
     assert dock.look.low.text() == "15.0"
     assert dock.look.high.text() == "32.0 µm"
     np.testing.assert_allclose(curves.edge_color[:, :3] * 255, [[253, 231, 37], [65, 68, 135]])
-    assert list(viewer.layers["cells marks"].text.values) == ["2 ?"], "marks still tell the status"
+    assert list(viewer.layers["film marks"].text.values) == ["2 ?"], "marks still tell the status"
     assert curves.edge_width[1] > curves.edge_width[0]
     unknown = as_drawn(LINES[0][:, 1:], sd=np.full(100, np.inf))
     assert ribbon(unknown) is None

@@ -103,7 +103,7 @@ def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     assert dock.controller.records() == before
     layer.add([[26, 20], [26, 60]], shape_type="line")
     refine(dock)
-    assert len(dock.controller.records()) == 4, "a body beside it, not the same"
+    assert len(dock.controller.records()) == 3, "a body beside it, not the same"
 
 
 def test_the_part_that_the_engine_explains_is_known() -> None:

@@ -157,15 +157,17 @@ class Films:
             return
         choose = partial(last.prepared.choose, self.sensitivity, last.known)
         self._choosing = Job(lambda _: choose())
-        self._choosing.done.connect(partial(self._on_chosen, last))
+        self._choosing.done.connect(partial(self._on_chosen, last, self.sensitivity))
         self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
         self._choosing.start()
 
-    def _on_chosen(self, last: Suggested, lines: tuple[Line, ...]) -> None:
+    def _on_chosen(self, last: Suggested, sensitivity: float, lines: tuple[Line, ...]) -> None:
         self._choosing = None
         controller, work = self._controller, last.work
-        if work is not controller.work or controller.progress:
+        if work is not controller.work or controller.progress or last is not self._suggested:
             return
+        if sensitivity != self.sensitivity:
+            self._soon.throttle()
         state = work.state.suggested(last.frame, lines)
         if work.history.done == SUGGEST:
             controller.amend(state)

@@ -5,7 +5,7 @@ from typing import Any
 
 from magicgui.widgets import create_widget
 from qtpy.QtCore import Signal  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtWidgets import QFormLayout, QLabel, QWidget
+from qtpy.QtWidgets import QFormLayout, QWidget
 
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.settings import PREFERENCES, Settings
@@ -35,8 +35,7 @@ class SettingsForm(QWidget):
                 boxed = isinstance(getattr(self._settings, each.name), bool)
                 form.addRow("" if boxed else each.metadata["label"], made.native)
                 made.changed.connect(lambda value, name=each.name: self._take(name, value))
-        keys = QLabel("Keys")
-        form.addRow(keys, button("Change…", PREFERENCES, _open_preferences))
+        form.addRow(button("Change keys…", PREFERENCES, _open_preferences))
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)

@@ -53,6 +53,7 @@ class OfferBox(QFrame):
         self.decline.clicked.connect(saver.decline)
         self.labels.clicked.connect(lambda: take_up(controller))
         saver.found.connect(self.show_offers)
+        self.destroyed.connect(lambda: saver.found.disconnect(self.show_offers, missing_ok=True))
         controller.changed.connect(self._show_running)
         self.show_offers()
 
