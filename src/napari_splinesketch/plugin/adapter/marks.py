@@ -57,8 +57,8 @@ def in_view(viewer: ViewerModel, image: Image) -> View:
     camera = viewer.scene.camera
     half = np.array(viewer.canvas.size) / 2 / camera.zoom
     centre = np.array(camera.center)[-2:]
-    world = np.zeros((2, image.ndim))
-    world[:, -2:] = centre - half, centre + half
+    world = np.zeros((4, image.ndim))
+    world[:, -2:] = centre + half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
     corners = from_world(viewer, image, world)[:, -2:]
     size = np.abs(image.scale[-2:] * unit_factors(viewer, image)[-2:]) * camera.zoom
     return View(current_frame(viewer, image), corners.min(0), corners.max(0), 1 / size)
