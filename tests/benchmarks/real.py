@@ -2,6 +2,7 @@
 
 python tests/benchmarks/real.py [--methods ...] [--images real|generated|all]
     [--split tune|held|all] [--jitter] [--folder DIR ...] [--cases NAME ...] [--rows FILE] [--fresh]
+    [--gallery] [--page]
 
 Stops and goes on case by case: rows of the same version of a method are kept.
 """
@@ -31,6 +32,9 @@ def main() -> None:
     """Run what has not been run yet, then print the summary."""
     options = _options()
     warnings.simplefilter("ignore")  # of the other methods
+    if options.gallery or options.page:
+        _document(options)
+        return
     cases = list(_chosen(options))
     if not cases:
         raise SystemExit(f"No such cases in {', '.join(map(str, options.folder))}.")
@@ -54,6 +58,16 @@ def main() -> None:
             and (row.sketches == RIGHT) == options.jitter
         ]
     )
+
+
+def _document(options: argparse.Namespace) -> None:
+    import real_gallery
+    import real_page
+
+    if options.gallery:
+        real_gallery.draw()
+    if options.page:
+        real_page.write(list(read(options.rows)), list(in_folders(options.folder)))
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[Case]:
@@ -82,6 +96,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--cases", nargs="+", default=[], help="only these")
     parser.add_argument("--rows", type=Path, default=ROWS, help="where results are kept")
     parser.add_argument("--fresh", action="store_true", help="forget what was run before")
+    parser.add_argument("--gallery", action="store_true", help="draw the pictures of docs/real.md")
+    parser.add_argument("--page", action="store_true", help="write the tables of docs/real.md")
     return parser.parse_args()
 
 

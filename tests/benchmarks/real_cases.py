@@ -21,15 +21,46 @@ from scipy import ndimage
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "tests" / "data" / "real", ROOT.parent / "shared" / "data" / "real")
 """Where cases are looked for unless a folder is named."""
-HALF_WIDTHS = {
-    "collagen_bundle": 2.0,
-    "mt_irm_tardis": 1.5,
-    "wormpose_00000": 2.5,
-    "worms_bbbc010": 4.0,
-    "worms_worme": 8.0,
+ABOUT = {
+    "collagen_bundle": {
+        "kind": "collagen",
+        "what": "second-harmonic collagen fibres, bright, bundled (10)",
+        "source": "uw-loci/curvelets, 1B-a5.tif, crop",
+        "licence": "BSD-2-Clause",
+        "half_width": 2.0,
+    },
+    "mt_irm_tardis": {
+        "kind": "microtubules",
+        "what": "microtubules, dark, 2 to 3 px wide; uneven light and one very bright blob (17)",
+        "source": "SMLC-NYSBC/TARDIS, docs/resources/tirf_mt.png, crop",
+        "licence": "MIT",
+        "half_width": 1.5,
+    },
+    "wormpose_00000": {
+        "kind": "worm",
+        "what": "one C. elegans in a tiny image (1)",
+        "source": "iteal/wormpose_data",
+        "licence": "BSD-3-Clause",
+        "half_width": 2.5,
+    },
+    "worms_bbbc010": {
+        "kind": "worms",
+        "what": "C. elegans, bright field, vignetting (15)",
+        "source": "CellProfiler/examples, BBBC010",
+        "licence": "BSD-3-Clause",
+        "half_width": 4.0,
+    },
+    "worms_worme": {
+        "kind": "worms, close",
+        "what": "two worms under a compound microscope, one out of focus, JPEG blocks (2)",
+        "source": "group-nn-at-icmab-csic/WorMe",
+        "licence": "BSD-3-Clause",
+        "half_width": 8.0,
+    },
 }
-"""Typical half-widths, px, of cases whose `source.json` does not say."""
-
+"""What is known of cases that have no `source.json`."""
+USUAL = 4.0
+"""Half-width of bodies of which none is known, px."""
 RIGHT = "right"
 """Name of the set of sketches that are right already, 1 px off."""
 
@@ -53,6 +84,8 @@ class Case:
         Set of sketches → one polyline a body, in the order of the references.
     half_width
         Typical half-width, px: the tolerance of methods that measure none follows from it.
+    what, source, licence
+        In words; of the image.
     """
 
     name: str
@@ -61,6 +94,9 @@ class Case:
     references: tuple[Line, ...]
     sketches: dict[str, tuple[Line, ...]]
     half_width: float
+    what: str = ""
+    source: str = ""
+    licence: str = ""
 
     @property
     def split(self) -> Split:
@@ -107,7 +143,7 @@ def in_folders(folders: Sequence[Path] = FOLDERS) -> Iterator[Case]:
 
 def read(folder: Path) -> Case:
     """Read one case."""
-    about = _json(folder / "source.json", {})
+    about = _json(folder / "source.json", ABOUT.get(folder.name, {}))
     image = skimage.io.imread(next(iter(sorted(folder.glob("image.*")))))
     drawn = {name: _lines(lines) for name, lines in _json(folder / "sketches.json", {}).items()}
     truth = _json(folder / "truth.json", None)
@@ -116,8 +152,10 @@ def read(folder: Path) -> Case:
     for name, lines in drawn.items():
         if len(lines) != len(references):
             raise ValueError(f"{folder}: {name} has {len(lines)} for {len(references)} bodies.")
-    width = about.get("half_width", HALF_WIDTHS.get(folder.name, 4.0))
-    return Case(folder.name, about.get("kind", folder.name), image, references, drawn, width)
+    texts = (str(about.get(key, "")) for key in ("what", "source", "licence"))
+    width = float(about.get("half_width", USUAL))
+    kind = about.get("kind", folder.name)
+    return Case(folder.name, kind, image, references, drawn, width, *texts)
 
 
 def _json(path: Path, otherwise: Any) -> Any:

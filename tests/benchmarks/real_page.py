@@ -1,0 +1,163 @@
+"""Writes the tables and the chart of docs/real.md from the rows of earlier runs.
+
+python tests/benchmarks/real.py --page
+"""
+
+from collections.abc import Callable, Sequence
+from statistics import median
+
+import matplotlib.pyplot as plt
+import real_modes
+from insert import insert
+from real_cases import FOLDERS, RIGHT, ROOT, Case, in_folders
+from real_foreign import NAME
+from real_judge import Row, Summary, summary
+from real_methods import LABELS
+
+PAGE = ROOT / "docs" / "real.md"
+CHART = ROOT / "docs" / "benchmarks" / "real.svg"
+OURS = "balanced"
+NONE = "–"
+
+
+def write(rows: Sequence[Row], cases: Sequence[Case]) -> None:
+    """Write all of it."""
+    insert("methods", methods_table(rows), PAGE)
+    insert("targets", targets_table(rows), PAGE)
+    insert("cases", cases_table(rows, cases), PAGE)
+    insert("gallery", gallery(), PAGE)
+    chart(rows)
+
+
+def _of(rows: Sequence[Row], method: str, *, right: bool = False, **wanted: object) -> Summary:
+    """Sum up the rows of a method whose fields have the wanted values."""
+    return summary(
+        [
+            row
+            for row in rows
+            if row.method == method
+            and (row.sketches == RIGHT) == right
+            and all(value(row) == wanted[key] for key, value in FIELDS.items() if key in wanted)
+        ]
+    )
+
+
+FIELDS: dict[str, Callable[[Row], object]] = {
+    "generated": lambda row: row.case.startswith(NAME),
+    "split": lambda row: row.split,
+    "case": lambda row: row.case,
+}
+
+
+def _percent(value: float) -> str:
+    return NONE if value != value else f"{value:.0f} %"
+
+
+def _table(head: str, lines: Sequence[str]) -> str:
+    ruler = "|".join(["---"] * (head.count("|") + 1))
+    return "\n".join([f"| {head} |", f"|{ruler}|", *(f"| {line} |" for line in lines)]) + "\n"
+
+
+def methods_table(rows: Sequence[Row]) -> str:
+    """How much each method finds, loses, marks and spoils, in each part of the images."""
+    lines = []
+    for generated in (False, True):
+        for split in ("tune", "held"):
+            for method in [m for m in LABELS if any(r.method == m for r in rows)]:
+                part = {"generated": generated, "split": split}
+                s, right = _of(rows, method, **part), _of(rows, method, right=True, **part)
+                if s.bodies:
+                    what = ("generated" if generated else "real") + ", " + split
+                    speaks = method not in ("as_drawn", "minimal_path", "active_contour")
+                    marks = [s.bad_marked, s.good_marked] if speaks else [float("nan")] * 2
+                    shares = [s.good, s.lost, *marks, right.spoilt]
+                    lines.append(
+                        " | ".join([what, LABELS[method], str(s.bodies), *map(_percent, shares)])
+                    )
+    head = "images | method | bodies | good | lost | bad ones marked | good ones marked"
+    return _table(f"{head} | right sketches made wrong", lines)
+
+
+def cases_table(rows: Sequence[Row], cases: Sequence[Case]) -> str:
+    """A line for each image."""
+    lines = []
+    for case in cases:
+        s = _of(rows, OURS, case=case.name)
+        others = [_of(rows, m, case=case.name).good for m in ("minimal_path", "active_contour")]
+        shares = [s.good, s.lost, *others]
+        what = [case.name, case.what, case.source, case.licence, case.split]
+        lines.append(" | ".join([*what, *map(_percent, shares)]))
+    head = "case | what | source | licence | split | good | lost"
+    return _table(f"{head} | minimal path good | active contour good", lines)
+
+
+def targets_table(rows: Sequence[Row]) -> str:
+    """What was asked for, and what a run gave."""
+    modes = {row[:2]: float(row[2]) for row in real_modes.read()}
+
+    def mode(name: str, figure: str, unit: str = " %") -> str:
+        value = modes.get((name, figure))
+        return NONE if value is None else f"{value:.3g}{unit}"
+
+    real, path = _of(rows, OURS, generated=False), _of(rows, "minimal_path", generated=False)
+    right = [_of(rows, OURS, right=True, generated=g) for g in (False, True)]
+    better = sum(
+        _of(rows, "minimal_path", case=name).good > _of(rows, OURS, case=name).good
+        for name in {row.case for row in rows if not row.case.startswith(NAME)}
+    )
+    biases = [value for (name, _), value in modes.items() if name == "ends"]
+    lines = [
+        "real images: good / lost | 31 / 41 % | ≥ 85 / ≤ 3 % | "
+        f"{real.good:.0f} / {real.lost:.0f} %",
+        "bad ones marked / good ones marked | 95 / 57 % | ≥ 90 / ≤ 15 % | "
+        f"{real.bad_marked:.0f} / {real.good_marked:.0f} %",
+        "right sketches (1 px off) made wrong, real / generated; in silence | 36 % | ≤ 1 %, none | "
+        + " / ".join(_percent(s.spoilt) for s in right)
+        + "; "
+        + " / ".join(_percent(s.spoilt_silently) for s in right),
+        "minimal path between the sketch's ends, real images: good | better in some | "
+        f"never better | {path.good:.0f} %; better in {better} images",
+        f"`suggest`, reference bodies found; slowest image | 15 % | ≥ 60 %, 3 s | "
+        f"{mode('suggest', 'found, %')}; {mode('suggest', 'slowest image, s', ' s')}",
+        f"crowd one by one, lost | 39 % | ≤ 6 % | {mode('crowd', 'lost, %')}",
+        "order, orientation: curves that move over 0.1 px; largest move unmarked | 60 % | "
+        f"≤ 2 %, 0.5 px | {mode('order', 'moved over 0.1 px, %')}; "
+        f"{mode('order', 'largest unmarked, px', ' px')}",
+        f"22 half-widths and lengths | 18 of 22 | all | {mode('sizes', 'good', '')} of 22",
+        "ends on tapers of other shapes, bias | −1.5 px | within ± 0.3 px | "
+        + (f"{min(biases):+.2f} to {max(biases):+.2f} px" if biases else NONE),
+        "twice the noise, two bodies: lost; of those marked | 22 % | ≤ 10 %, marked | "
+        f"{mode('contrast', 'lost, %')}; {mode('contrast', 'lost ones marked, %')}",
+    ]
+    return _table("what | before | target | measured", lines)
+
+
+def gallery() -> str:
+    """A picture for each image."""
+    parts = [
+        f"### {case.name}\n\n{case.what}\n\n![{case.kind}](real/{case.name}.jpg)\n"
+        for case in in_folders(FOLDERS)
+    ]
+    return "\n".join(parts)
+
+
+def chart(rows: Sequence[Row]) -> None:
+    """Share of good curves against seconds a body, one point a method."""
+    plt.rcParams["svg.hashsalt"] = "real"
+    figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    for method in LABELS:
+        mine = [
+            r
+            for r in rows
+            if r.method == method and r.sketches != RIGHT and not r.case.startswith(NAME)
+        ]
+        runs = {(r.case, r.sketches): r.seconds for r in mine}
+        if mine and method != "as_drawn":
+            counts = {key: sum((r.case, r.sketches) == key for r in mine) for key in runs}
+            seconds = median(runs[key] / counts[key] for key in runs)
+            good = summary(mine).good
+            axes.plot(seconds, good, "o")
+            axes.annotate(LABELS[method], (seconds, good), (5, 4), textcoords="offset points")
+    axes.set(xscale="log", xlabel="seconds a body", ylabel="good, %", ylim=(0, 100))
+    figure.savefig(CHART, metadata={"Date": None})
+    plt.close(figure)
