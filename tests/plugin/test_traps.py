@@ -105,7 +105,7 @@ def test_renaming_layers(
     check_result(viewer)
     viewer.layers["film curves"].name = "the curves"
     refine_all(dock)
-    assert len(viewer.layers) == 6, "they are known whatever their names"
+    assert len(viewer.layers) == 7, "they are known whatever their names"
     assert viewer.layers["the curves"].nshapes == 2
 
 
@@ -196,4 +196,4 @@ def test_cancelling_twice_and_running_again_at_once(
     until(lambda: len(fake.calls) == 2)
     finish(dock, fake)
     check_result(viewer)
-    assert len(viewer.layers) == 6
+    assert len(viewer.layers) == 7

@@ -30,7 +30,7 @@ def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: Splinesketc
     sketches = sketched(viewer)
     refine(dock)
     controller, curves = dock.controller, viewer.layers["cells curves"]
-    assert dock.undo.toolTip() == "Take back the last step (Ctrl+Z): refine 2 curves"
+    assert dock.undo.toolTip() == "Undo the last step (Ctrl+Z): refine 2 curves"
     controller.review("accepted", (0, 1))
     controller.lock(True, (0, 2))
     until(lambda: list(curves.features["review"]) == ["accepted", "open"])
