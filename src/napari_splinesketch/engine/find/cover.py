@@ -12,7 +12,7 @@ from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Array
 
-BODY = 5.0
+BODY = 8.0
 BENDING = 4.0
 KINK = 40.0
 SHARPEST = 0.3
@@ -40,7 +40,9 @@ ROUTES = 300
 ALL_ROUTES = 20_000
 """The same from all nodes of one connected part."""
 SAMPLES = 24
-SECONDS = 5.0
+GAP = 0.02
+"""Share by which a set of paths may be worse than the best one."""
+SECONDS = 1.0
 """Longest search for the best set in one connected part of the graph."""
 
 
@@ -173,7 +175,7 @@ def _best_set(
         constraints=LinearConstraint(
             csc_array(hstack([covers, eye_array(size), -eye_array(size)])), 1, 1
         ),
-        options={"time_limit": SECONDS},
+        options={"time_limit": SECONDS, "mip_rel_gap": GAP},
     )
     if result.x is None:
         return []

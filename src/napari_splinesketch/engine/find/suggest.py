@@ -27,7 +27,7 @@ HIGHEST = 0.99
 """Quantile of an image's ridges that tells its bodies' polarity and half-width."""
 WIDEST = 0.06
 """A half-width is at most so much of the image's shorter side."""
-ENOUGH = 0.9
+ENOUGH = 0.97
 """The smallest half-width whose ridges reach this share of the best one's is the bodies'."""
 SPACING = 4.0
 """Of the points of a sketch, half-widths."""
@@ -127,7 +127,8 @@ def prepare(
     width = WIDTHS[rung]
     crest = enlarged(ridges.heights(rung)[0 if sign > 0 else 1], image.shape, ridges.factor(rung))
     body = (evidence > SEEN) & valid & (crest > NOTHING * CLEAR[-1] * height)
-    graph = trace(remove_small_objects(body, max_size=int(max(8 * width**2, 12))), width)
+    body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
+    graph = trace(body, width, links=False)
     clear = [crest[tuple(piece.astype(int).T)].mean() / height for piece in graph.pieces]
     return Suggestions(graph, np.clip(clear, 0.0, 1.0), width)
 
