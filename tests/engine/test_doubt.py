@@ -21,14 +21,16 @@ SURE = Evidence(
     length=1,
     over_itself=0.0,
 )
+ASTRAY = {"astray": 20.0}
 WORSE = {
-    "sd": ({"sd": 8.0}, "uncertain by up to 8.0 px"),
-    "kink": ({"kink": 12.0, "sd": 0.5}, "bends sharply"),
-    "contrast": ({"contrast": 0.2}, "little of it can be seen"),
-    "margin": ({"margin": 0.0, "sd": 1.0, "kink": 4.0}, "another path"),
-    "astray": ({"astray": 90.0, "sd": 1.0, "kink": 4.0}, "strays up to 90 px"),
-    "length": ({"length": 5.0, "sd": 1.0, "kink": 4.0}, "5.0 times as long"),
-    "over_itself": ({"over_itself": 0.2}, "lies over itself"),
+    "sd": ({"sd": 8.0, **ASTRAY}, "uncertain by up to 8.0 px"),
+    "kink": ({"kink": 12.0, **ASTRAY}, "bends sharply"),
+    "contrast": ({"contrast": 0.2, **ASTRAY}, "little of it can be seen"),
+    "astray": ({"astray": 90.0}, "strays up to 90 px"),
+    "length": ({"length": 5.0, **ASTRAY}, "5.0 times as long"),
+    "over_itself": ({"over_itself": 0.2, **ASTRAY}, "lies over itself"),
+    "residual": ({"residual": 0.6, **ASTRAY}, "60% of its contrast"),
+    "unsettled": ({"unsettled": True, **ASTRAY}, "still improving"),
 }
 
 
@@ -43,7 +45,7 @@ def test_a_strong_sign_is_told_in_words(sign):
 
 
 def test_several_weak_signs_add_up():
-    weak = {"sd": 0.35, "kink": 4.5, "margin": 1.0, "contrast": 0.8}
+    weak = {"sd": 0.6, "kink": 5.5, "margin": 1.0, "contrast": 0.8, "astray": 14.0}
     assert all(reasons(replace(SURE, **{k: v})) == [] for k, v in weak.items())
     assert reasons(replace(SURE, **weak))
 

@@ -12,7 +12,7 @@ from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 LARGE_RESIDUAL = 3.0
-VISIBLE_RESIDUAL = 0.25
+VISIBLE_RESIDUAL = 0.8
 MOVED = 0.5
 LONGER = 1.8
 SHORTER = 2.5

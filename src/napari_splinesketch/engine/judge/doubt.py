@@ -18,14 +18,17 @@ LEAST_SD = 0.03
 ACROSS, ALONG = 2.3, 8.0
 """A curve lies over itself where parts of it are nearer than so many half-widths, and so many apart
 along it."""
-SIGNS = ("sd", "sd_beside", "astray", "kink", "contrast", "margin", "length", "over_itself")
-WEIGHTS = np.array([2.1, -0.5, 1.7, 2.2, -4.7, 0.76, 3.6, 6])
-USUAL = np.array([-1.5, -1.8, -2.4, 0.83, 0.22, -4.2, 0.056, -3.9])
+SIGNS = (
+    "sd", "sd_beside", "astray", "kink", "contrast", "margin", "length", "over_itself",
+    "residual", "unsettled",
+)  # fmt: skip
+WEIGHTS = np.array([0.53, -0.13, 2.36, 0.73, -1.14, 0.11, 0.45, 1.0, 1.27, 1.17])
+USUAL = np.array([-1.16, -1.98, -2.51, 0.99, 0.48, -1.65, 0.06, -3.91, -1.69, 0.0])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 4.9
-"""Of the weighted sum, above which a curve asks for a look. All three are fitted to generated
-frames by tests/benchmarks/doubt_weights.py."""
-TELLING = 0.8
+THRESHOLD = 2.26
+"""Of the weighted sum, above which a curve needs review: fitted to images of many kinds together
+with generated frames, both weighing the same."""
+TELLING = 0.5
 """Signs that add more than this are named."""
 
 
@@ -52,6 +55,11 @@ class Evidence:
         Over the median length of all curves.
     over_itself
         Share of the curve that lies over another part of it.
+    residual
+        Root mean square of what the image leaves unexplained in the body's band, as a share of
+        its contrast.
+    unsettled
+        Whether the fit was still improving when its steps were over.
     """
 
     sd: float
@@ -63,6 +71,8 @@ class Evidence:
     margin: float
     length: float
     over_itself: float
+    residual: float = 0.18
+    unsettled: bool = False
 
     @property
     def signs(self) -> Float[Array, " S"]:
@@ -77,6 +87,8 @@ class Evidence:
                 -np.log1p(np.clip(self.margin, 0, NO_RIVAL)),
                 abs(np.log(self.length)),
                 np.log(0.02 + self.over_itself),
+                np.log(np.clip(self.residual, 0.02, 1e3)),
+                float(self.unsettled),
             ]
         )
 
@@ -90,6 +102,8 @@ def collect(
     margin: float,
     usual_length: float,
     half_width: float,
+    residual: float = 0.18,
+    unsettled: bool = False,
 ) -> Evidence:
     """The evidence about one curve.
 
@@ -106,6 +120,8 @@ def collect(
         Median length of all curves, px.
     half_width
         Of the body, px.
+    residual, unsettled
+        See `Evidence`.
     """
     end = int(END_SHARE * len(points))
     middle = slice(end, -end)
@@ -121,6 +137,8 @@ def collect(
         margin=margin,
         length=max(length, 1e-3) / max(usual_length, 1e-3),
         over_itself=_over_itself(points, half_width),
+        residual=residual,
+        unsettled=unsettled,
     )
 
 
@@ -138,6 +156,8 @@ def reasons(evidence: Evidence) -> list[str]:
         "margin": "another path explains the image about as well",
         "length": f"it is {evidence.length:.1f} times as long as most curves here",
         "over_itself": "it lies over itself",
+        "residual": f"{evidence.residual:.0%} of its contrast is left unexplained",
+        "unsettled": "the fit was still improving when it ended",
     }
     return [text for sign, text in words.items() if sign in told] or [words["sd"]]
 

@@ -125,8 +125,6 @@ def _curves(
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         core = rests[i][body.own > assess.CORE * body["contrast"]]
         reasons = assess.doubts(centres[i], sketch, core, seen.noise, seen.normal.shape)
-        if not body.settled:
-            reasons.append("it had not settled when the steps ran out")
         if i in twins:
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         u = assess.uniform(body.knots)
@@ -142,6 +140,8 @@ def _curves(
             fit.starts[i].margin,
             usual_length,
             widths[i],
+            float(np.sqrt(np.mean(rests[i] ** 2))) if len(rests[i]) else np.inf,
+            not body.settled,
         )
         reasons += doubt.reasons(evidence)
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
