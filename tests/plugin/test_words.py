@@ -47,7 +47,7 @@ def test_the_summary_is_one_line() -> None:
     said = words.summary(records(("good", ()), *[check] * 3))
     assert said == "1 good · 3 to check"
     said = words.summary(records(("good", ()), check, ("failed", ("it is too short",))))
-    assert said == "1 good · 1 to check · 1 !"
+    assert said == "1 good · 1 ? · 1 !"
     assert words.summary(records(("failed", ("why",)))) == "1 failed"
     assert words.summary([]) == ""
 

@@ -4,7 +4,7 @@ import gc
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,9 @@ from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.adapter.pixels import Block, Grid
 from napari_splinesketch.plugin.suggestions import new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, follow
+
+if TYPE_CHECKING:
+    from napari_splinesketch.engine.find.suggest import Suggestions
 
 MARGIN = 40
 """Image around the sketches that the engine explains, px, beside half of the longest one."""
@@ -164,28 +167,24 @@ class SuggestTask:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """An image that was read; gives lines for any sensitivity, in a thread.
+    """An image whose bodies were traced; gives lines for any sensitivity.
 
     Attributes
     ----------
-    pixels, grid
-        The image, and where it lies.
-    polarity, half_width
-        As in `Task`; the half-width in pixels of the block.
+    found
+        What was traced.
+    grid
+        Where the pixels lie.
     """
 
-    pixels: np.ndarray
+    found: "Suggestions"
     grid: Grid
-    polarity: Polarity
-    half_width: float | None
 
     def choose(
         self, sensitivity: float, known: Sequence[Float[np.ndarray, "N 2"]]
     ) -> tuple[Float[np.ndarray, "N 2"], ...]:
         """Give lines over bodies that stand out and are not known, px of the image."""
-        from napari_splinesketch.engine.find.suggest import suggest
-
-        lines = suggest(self.pixels, sensitivity, self.polarity, self.half_width)
+        lines = self.found.choose(sensitivity)
         return tuple(new_among([self.grid.to_image(line) for line in lines], known))
 
 
@@ -194,11 +193,13 @@ Found = tuple[Prepared, tuple[Float[np.ndarray, "N 2"], ...]]
 
 def suggest(task: SuggestTask, on_progress: OnProgress) -> Found:
     """Read the pixels and suggest lines, px of the image; to be called in a thread."""
+    from napari_splinesketch.engine.find.suggest import prepare
+
     on_progress(Progress("reading the image", 0.0))
-    grid = task.block.grid
+    grid, pixels = task.block.grid, task.block.read()
     half_width = task.half_width and task.half_width / grid.size
-    prepared = Prepared(task.block.read(), grid, task.polarity, half_width)
     on_progress(Progress("looking for bodies", 0.2))
+    prepared = Prepared(prepare(pixels, task.polarity, half_width), grid)
     return prepared, prepared.choose(task.sensitivity, task.known)
 
 

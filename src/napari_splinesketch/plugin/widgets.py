@@ -14,6 +14,7 @@ from qtpy.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QToolButton,
+    QVBoxLayout,
     QWidget,
 )
 from superqt.utils import signals_blocked
@@ -72,7 +73,10 @@ class Folded(QWidget):
         self.title.setCheckable(True)
         self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
-        grid(self, (self.title, content), 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.title, 0, Qt.AlignmentFlag.AlignLeft)
+        layout.addWidget(content)
         self.title.toggled.connect(self.unfold)
         self.unfold(False)
 

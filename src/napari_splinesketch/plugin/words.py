@@ -151,7 +151,12 @@ def skipped(strays: int, unusable: Mapping[str, int]) -> str:
 def summary(records: Sequence[Record]) -> str:
     """Say how many curves are good, to check and failed, in one line."""
     statuses = Counter(record.curve.status for record in records)
-    said = {"good": "good", "check": "to check", "failed": "failed" if len(statuses) < 3 else "!"}
+    short = len(statuses) > 2
+    said = {
+        "good": "good",
+        "check": "?" if short else "to check",
+        "failed": "!" if short else "failed",
+    }
     return " · ".join(f"{statuses[s]} {word}" for s, word in said.items() if statuses[s])
 
 
