@@ -12,7 +12,7 @@ import numpy as np
 from stability_cases import CASES
 from stability_rows import FAR, FOLDER, measure
 
-from napari_splinesketch.engine.find import choice, judging, smooth_paths
+from napari_splinesketch.engine.find import choice, scoring
 from napari_splinesketch.engine.fit import bands
 
 FACTORS = (0.1, 10.0)
@@ -57,21 +57,20 @@ def _of_priors(factor: float):
     return _changed(bands, "default_priors", scaled)
 
 
+def _of_score(index: int, factor: float):
+    """Scale the weight of one feature of a path's cost."""
+    weights = scoring.WEIGHTS.copy()
+    weights[index] *= factor
+    return _changed(scoring, "WEIGHTS", weights)
+
+
 WEIGHTS: dict[str, Callable[[float], AbstractContextManager[None]]] = {
     "bending of the curve": partial(_of_bands, "bending"),
     "uneven knots": partial(_of_bands, "spacing"),
     "priors of width, taper, look": _of_priors,
-    **{
-        words: partial(_constant, module, name)
-        for words, module, name in (
-            ("bending of a path", smooth_paths, "BENDING"),
-            ("kinks of a path", smooth_paths, "KINK"),
-            ("too short a path", smooth_paths, "SHORT"),
-            ("skeleton left over", smooth_paths, "UNCOVERED"),
-            ("skeleton explained twice", choice, "SHARED"),
-            ("path against picture", judging, "PATH_WEIGHT"),
-        )
-    },
+    **{f"path: {name}": partial(_of_score, i) for i, name in enumerate(scoring.FEATURES)},
+    "body taken twice": partial(_constant, choice, "SHARED"),
+    "body explained": partial(_constant, choice, "EXPLAINS"),
 }
 
 

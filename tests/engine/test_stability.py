@@ -62,13 +62,6 @@ def test_trials_are_what_they_say(name):
             assert ((truth > -1) & (truth < np.array(first.image.shape))).all()
 
 
-def test_a_body_without_a_sketch_that_lies_across_is_told_of(results):
-    _, found = results("neighbour")
-    assert any("without a sketch" in note for note in found.model.notes)
-    _, found = results("crossing")
-    assert not any("without a sketch" in note for note in found.model.notes)
-
-
 def test_a_half_width_that_no_body_has_is_told_of(results):
     _, found = results("told_wide")
     assert any("No body here" in note for note in found.model.notes)

@@ -13,6 +13,7 @@ from napari_splinesketch.engine.judge.standard_error import (
     standard_error,
     unexplained,
 )
+from napari_splinesketch.engine.look.ridges import Ridges
 from napari_splinesketch.engine.look.scene import Scene
 
 SHAPE = (90, 120)
@@ -22,7 +23,9 @@ ALONE = np.zeros(100, bool)
 
 def seen(noise: float, half_width: float = 3.0) -> Scene:
     blank = np.zeros(SHAPE)
-    return Scene(blank, blank == 0, blank, "constant", 1.0, noise, half_width)
+    return Scene(
+        blank, blank == 0, blank, "constant", 1.0, noise, half_width, Ridges(blank, noise), ()
+    )
 
 
 @pytest.fixture(scope="module")

@@ -46,8 +46,9 @@ def test_transposed_images_give_transposed_lines(crowd: np.ndarray) -> None:
 
 def test_sensitivity_finds_what_is_faint(crowd: np.ndarray) -> None:
     counts = [len(on(suggest(crowd, s), judged()["isolated"], FOUND)) for s in (0.0, 0.35, 0.5)]
-    assert counts == sorted(counts)
-    assert counts[0] < counts[-1]
+    assert min(counts) >= 0.95 * len(judged()["isolated"])  # what is clear is in all of them
+    more = [len(suggest(crowd, s)) for s in (0.0, 1.0)]
+    assert more[0] < more[1]
 
 
 def test_sensitivity_moves_the_threshold() -> None:
@@ -112,7 +113,7 @@ def test_missing_pixels_are_no_bodies() -> None:
         (np.eye(9), {"sensitivity": 1.5}, "0 to 1"),
         (np.eye(9), {"sensitivity": np.nan}, "0 to 1"),
         (np.eye(9), {"polarity": "grey"}, "polarity"),
-        (np.eye(9), {"half_width": 0}, "positive"),
+        (np.eye(9), {"half_width": 0}, "give 0.2 to"),
     ],
 )
 def test_calls_that_make_no_sense_say_so(image, options, words) -> None:

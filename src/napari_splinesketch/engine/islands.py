@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit import bands
+from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.types import Array, Curve
 
 MARGIN = 40
@@ -56,7 +56,7 @@ class Island:
         near = np.zeros([s.stop - s.start for s in self.window], dtype=bool)
         for line in self.sketches:
             radius = np.clip(spline.arc_length(line)[-1] / 2, NEAREST, FARTHEST)
-            rows, columns, mask = bands.band(line, radius, near.shape)
+            rows, columns, mask = band(line, radius, near.shape)
             near[rows, columns] |= mask
         return near
 

@@ -43,15 +43,8 @@ class Settings:
         Paths looked at for each sketch, at most.
     paths
         Candidate paths kept for each sketch.
-    beam
-        Sets of paths followed while choosing.
-    sets
-        Best sets that are fitted and compared before one is polished.
-    coarse
-        Levels that bring a sketch without any trace near its body.
-    judge, polish
-        How sets are fitted for comparison (None takes the likeliest), and how the best is
-        finished.
+    polish
+        How paths are finished.
     knots
         Numbers of knots that a curve may have, in rising order.
     everything
@@ -63,13 +56,6 @@ class Settings:
 
     weigh: int = 3000
     paths: int = 40
-    beam: int = 256
-    sets: int = 5
-    coarse: tuple[LevelSettings, ...] = (
-        LevelSettings(2.5, (10, 10), 8.0, sparse=True),
-        LevelSettings(1.0, (10, 10), 4.0, sparse=True),
-    )
-    judge: LevelSettings | None = LevelSettings(0.5, (5, 3), 4.0, sparse=True)
     polish: LevelSettings = LevelSettings(0.0, (5, 4, 4, 4, 4, 4), 4.0)
     knots: tuple[int, ...] = (8, 12, 16, 24)
     everything: bool = False
@@ -77,7 +63,7 @@ class Settings:
 
 
 SETTINGS: dict[PresetName, Settings] = {
-    "fast": Settings(sets=1, judge=None, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
+    "fast": Settings(weigh=1000, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
     "balanced": Settings(),
-    "thorough": Settings(weigh=6000, sets=10, paths=80, beam=256),
+    "thorough": Settings(weigh=6000, paths=80),
 }

@@ -14,7 +14,7 @@ SHARED, EXPLAINS = 1.0, 1.5
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
 along no other's."""
 TAKEN = 5.0
-"""The former along a fixed curve."""
+"""Cost of a path that runs along a fixed curve for all of a usual length."""
 FREE_SHARED = 4.5
 """Pieces shorter than this many half-widths may be shared for a tenth of that: bodies cross."""
 PLAUSIBLE = 8.0
@@ -98,6 +98,7 @@ def choose(
     """
     used = np.flatnonzero(np.any([c.covers.any(0) for c in candidates], axis=0))
     lengths = graph.lengths[used]
+    keep = TAKEN / usual * lengths * (taken[used] & ~graph.bridges[used])
     price = np.where(graph.bridges[used] | (lengths < FREE_SHARED * half_width), 0.1, 1.0)
     price = lengths * price / usual
     earned = EXPLAINS / usual * lengths
@@ -108,7 +109,7 @@ def choose(
     for i in order:
         mine = candidates[i]
         covers = mine.covers[:, used].astype(np.float32)
-        own = mine.cost + covers @ (TAKEN * price * taken[used] - earned)
+        own = mine.cost + covers @ (keep - earned * ~taken[used])
         again = (covered * (SHARED * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again
         best = np.argsort(extended, axis=None, kind="stable")[:BEAM]

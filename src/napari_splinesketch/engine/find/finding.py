@@ -13,7 +13,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, paths, scoring, strip
 from napari_splinesketch.engine.find.choice import Candidates
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
-from napari_splinesketch.engine.fit.bands import band
+from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import CREST, Scene
 from napari_splinesketch.engine.look.sketched import look_around, reach_of
@@ -26,7 +26,7 @@ FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
 STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
-SMOOTH = 1.0
+SMOOTH = 1.5
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 FIRST = 200
 """Routes whose every feature is looked at."""

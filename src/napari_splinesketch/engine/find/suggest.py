@@ -15,10 +15,12 @@ from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots
 from napari_splinesketch.engine.types import Array, Polarity
 
-CLEAR = (0.6, 0.4, 0.15)
+CLEAR = (0.7, 0.55, 0.15)
 """Ridges so high against the highest count fully, at sensitivity 0, 0.5 and 1 ..."""
-NOTHING = 0.5
+NOTHING = 0.6
 """... and ridges lower than this share of that not at all."""
+GAP = 4.0
+"""Gaps up to so many half-widths are bridged: bodies cross there; longer ones part two bodies."""
 CAUTION = (1.5, 1.0, 0.5)
 """Factor on what a body costs, at the same sensitivities."""
 STANDS_OUT = 2.0
@@ -128,7 +130,7 @@ def prepare(
     crest = enlarged(ridges.heights(rung)[0 if sign > 0 else 1], image.shape, ridges.factor(rung))
     body = (evidence > SEEN) & valid & (crest > NOTHING * CLEAR[-1] * height)
     body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
-    graph = trace(body, width, links=False)
+    graph = trace(body, width, gap=GAP)
     clear = [crest[tuple(piece.astype(int).T)].mean() / height for piece in graph.pieces]
     return Suggestions(graph, np.clip(clear, 0.0, 1.0), width)
 

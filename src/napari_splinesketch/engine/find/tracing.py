@@ -72,7 +72,7 @@ class TraceGraph:
 
 
 def trace(
-    mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0, *, links: bool = True
+    mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0, *, gap: float = GAP
 ) -> TraceGraph:
     """The graph of a mask's skeleton, with straight links across its gaps.
 
@@ -84,8 +84,8 @@ def trace(
         Typical half-width of the bodies, px; every length scales with it.
     usual
         Usual length of the bodies, px, as far as it is known.
-    links
-        Bridge gaps.
+    gap
+        Gaps up to so many half-widths are bridged.
     """
     chains = _prune(list(_chains(skeletonize(mask))), SPUR * half_width)
     ends_of = [tuple(map(tuple, (c[0], c[-1]))) for c in chains]
@@ -108,8 +108,7 @@ def trace(
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree.get(tuple(int(x) for x in n), 2) == 1 for n in number], dtype=bool)
     headings = [[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces]
-    gaps = _gaps(nodes, tips, ends, headings, GAP * half_width) if links else []
-    for a, b in gaps:
+    for a, b in _gaps(nodes, tips, ends, headings, gap * half_width):
         ends.append([a, b])
         pieces.append(nodes[[a, b]])
         bridges.append(False)

@@ -20,6 +20,8 @@ from napari_splinesketch.engine.types import Array, Curve
 
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
+MOST_WEIGHED = 60
+"""So many bodies tell which parts of the model pay."""
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """An end beyond which a body goes on is held within so many px, for so many more sweeps."""
@@ -55,7 +57,7 @@ class SceneFit:
     starts
         Where the fit of each sketch began.
     parts
-        Which parts of the model pay; empty where that was not weighed.
+        Which parts of the model pay.
     """
 
     seen: Scene
@@ -99,7 +101,6 @@ def fit_scene(
     else:
         found = finding.believed(seen, sketches)
     seen, starts, number = found.seen, found.starts, len(sketches)
-    parts: dict[str, model.Part] = {}
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
     groups: dict[int, list[int]] = {}
     for members in found.clusters:
@@ -108,13 +109,15 @@ def fit_scene(
     priors = bands.default_priors(len(starts) + len(fixed), seen.half_width)
     for mean, start in zip(priors.mean, starts, strict=False):
         mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(start.half_width), start.contrast
-    priors = model.restrict(priors, parts, flat)
+    priors = model.restrict(priors, {}, flat)
 
     def on_polish(share: float, lines: Centrelines) -> None:
         report("polishing", 0.4 + 0.6 * share, lambda: lines()[:number])
 
     bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
     sketched, beside = bodies[:number], bodies[number:]
+    weighed = range(min(number, MOST_WEIGHED))
+    parts = model.weigh([sketched[i] for i in weighed], priors.of([*weighed]), 1.0)
     if settings.hold is not None:
         return SceneFit(seen, sketched, others, beside, starts, parts)
     again = partial(_polish_again, seen, settings.polish, settings.knots[0])
@@ -176,7 +179,7 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
             def lines():
                 now = dict(zip(members, (b.points() for b in current()[:count]), strict=True))
                 known = {i: b.points() for i, b in enumerate(bodies) if b is not None}
-                return [{**known, **now}.get(i, s.line) + corner for i, s in enumerate(starts)]
+                return [{**known, **now}.get(i, s.line) for i, s in enumerate(starts)]
 
             report((done + share * count) / len(starts), lines)
 

@@ -21,7 +21,7 @@ FAINTEST = 0.5
 """The smallest contrast there can be, times the noise of a pixel."""
 CREST = 0.9
 """Height of a body's ridge above its sides, as a share of the body's contrast."""
-BELIEVED = 0.6
+BELIEVED = 0.75
 """A half-width that was told is believed where its ridges are so high against the best ones."""
 
 Line = Float[Array, "N 2"]
