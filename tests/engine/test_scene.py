@@ -1,6 +1,7 @@
 """What an image is made of, against what generated scenes are made of."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def frame(seed: int = 2, **look) -> synthetic.Scene:
 MIDDLE = np.array([[SHAPE[0] / 2, 10.0], [SHAPE[0] / 2, SHAPE[1] - 10.0]])
 
 
-def read(made, polarity: Polarity = "auto", half_width=None) -> scene.Scene:
+def read(made: Any, polarity: Polarity = "auto", half_width=None) -> scene.Scene:
     """The scene of a generated frame, seen through its centrelines, or of an image."""
     image, lines = (made, [MIDDLE]) if isinstance(made, np.ndarray) else (made.image, None)
     lines = [line[::20] for line in made.centrelines] if lines is None else lines

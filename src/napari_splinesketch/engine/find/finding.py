@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import spline
@@ -26,7 +26,7 @@ FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
 STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
-SMOOTH = 1.5
+SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 FIRST = 200
 """Routes whose every feature is looked at."""
@@ -152,7 +152,7 @@ def _mask(
         for sketch, own in zip(sketches, seen.rungs, strict=True):
             if own == rung:
                 reach = _reach(sketch, WIDTHS[rung])
-                rows, columns, inside = band(sketch, reach, mask.shape)
+                rows, columns, inside = band(sketch, reach, seen.normal.shape)
                 near[rows, columns] |= inside
         mask |= near & (seen_at > BODY)
     return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
@@ -209,7 +209,7 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     if not lines or not len(graph.pieces):
         return np.zeros(len(graph.pieces), dtype=bool)
     dense = [spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines]
-    apart = cKDTree(np.concatenate(dense)).query(graph.middles)[0]
+    apart = KDTree(np.concatenate(dense)).query(graph.middles)[0]
     return apart < choice.EXPLAINED * half_width
 
 
@@ -229,7 +229,7 @@ def _start(
     if unseen > UNSEEN or not near:
         return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
     around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
-    own = int(np.clip(around.rung, rung - 2, rung + 2))
+    own = int(np.clip(around.rung, rung - 1, rung + 1))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
     goes_on = scoring.goes_on(evidence[rung], sampled[None], WIDTHS[rung])[0]
     return Start(line, True, margin, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))

@@ -6,7 +6,7 @@ from itertools import chain, count
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
@@ -162,7 +162,7 @@ def routes_of_sketch(
     if not len(graph.pieces):
         return []
     line = spline.resample(sketch, max(20, int(length / (2 * half_width))))
-    tree = cKDTree(line)
+    tree = KDTree(line)
     apart = tree.query(graph.middles)[0]
     away, at = tree.query(graph.nodes)
     near = (away < reach)[graph.ends].all(1)

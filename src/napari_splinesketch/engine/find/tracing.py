@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from skimage.morphology import skeletonize
 
 from napari_splinesketch.engine.spline import arc_length
@@ -133,7 +133,7 @@ def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     for pair, both in zip(ends, headings, strict=True):
         for node, heading in zip(pair, both, strict=True):
             out.setdefault(node, []).append(heading)
-    tree, found = cKDTree(nodes), set()
+    tree, found = KDTree(nodes), set()
     for tip in np.flatnonzero(tips).tolist():
         own = {tip, *(n for pair in ends if tip in pair for n in pair)}
         likely = []

@@ -25,7 +25,7 @@ SIGNS = (
 WEIGHTS = np.array([0.53, -0.13, 2.36, 0.73, -1.14, 0.11, 0.45, 1.0, 1.27, 1.17])
 USUAL = np.array([-1.16, -1.98, -2.51, 0.99, 0.48, -1.65, 0.06, -3.91, -1.69, 0.0])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 2.26
+THRESHOLD = 2.7
 """Of the weighted sum, above which a curve needs review: fitted to images of many kinds together
 with generated frames, both weighing the same."""
 TELLING = 0.5

@@ -109,7 +109,7 @@ def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H 
     """A reduced image at its full size (H, W) again."""
     if factor == 1:
         return image
-    wide = ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True)
+    wide = np.asarray(ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True))
     return wide[: shape[0], : shape[1]]
 
 
@@ -153,4 +153,4 @@ def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
         return np.full(height.shape, medians[0, 0], np.float32)
     medians = ndimage.median_filter(medians, 3, mode="nearest")
     zoom = [n / m for n, m in zip(height.shape, medians.shape, strict=True)]
-    return ndimage.zoom(medians, zoom, order=1, mode="nearest", grid_mode=True)
+    return np.asarray(ndimage.zoom(medians, zoom, order=1, mode="nearest", grid_mode=True))
