@@ -312,7 +312,9 @@ def test_unreadable_files_are_one_sentence(
     Path("sketches.csv").write_text("a,b\n")
     assert refine() == 2
     error = capsys.readouterr().err
-    assert error.startswith("napari-splinesketch refine: sketches.csv, line 1: no column curve, row, col")
+    assert error.startswith(
+        "napari-splinesketch refine: sketches.csv, line 1: no column curve, row, col"
+    )
     assert "Traceback" not in error
     os.remove("sketches.csv")
     assert refine() == 2

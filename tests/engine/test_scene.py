@@ -22,8 +22,10 @@ MIDDLE = np.array([[SHAPE[0] / 2, 10.0], [SHAPE[0] / 2, SHAPE[1] - 10.0]])
 
 def read(made: Any, polarity: Polarity = "auto", half_width=None) -> scene.Scene:
     """The scene of a generated frame, seen through its centrelines, or of an image."""
-    image, lines = (made, [MIDDLE]) if isinstance(made, np.ndarray) else (made.image, None)
-    lines = [line[::20] for line in made.centrelines] if lines is None else lines
+    if isinstance(made, np.ndarray):
+        image, lines = made, [MIDDLE]
+    else:
+        image, lines = made.image, [line[::20] for line in made.centrelines]
     ((members, seen),) = scene.read_scenes(image, lines, polarity, half_width)
     assert members == list(range(len(lines)))
     return seen

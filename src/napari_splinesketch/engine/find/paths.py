@@ -167,7 +167,7 @@ def routes_of_sketch(
     away, at = tree.query(graph.nodes)
     near = (away < reach)[graph.ends].all(1)
     weight = graph.lengths / half_width * (BASE + UNSEEN * unseen + (apart / tolerance) ** 2 / 8)
-    ahead = BASE * length / half_width * (1 - at / (len(line) - 1))
+    ahead = np.asarray(BASE * length / half_width * (1 - at / (len(line) - 1)))
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
     near_nodes = np.unique(graph.ends[near])
     likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
