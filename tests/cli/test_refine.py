@@ -90,7 +90,7 @@ def test_reconstruction_masks_and_overlay(folder: Path, engine: FakeEngine) -> N
     overlay = imageio.v3.imread("o.png")
     zoom = overlay.shape[0] // 40
     assert overlay.shape == (40 * zoom, 60 * zoom, 3)
-    blue = (overlay == [0x56, 0xB4, 0xE9]).all(axis=2)
+    blue = (overlay == [0x00, 0x9E, 0x73]).all(axis=2)
     rows, cols = np.nonzero(blue)
     assert abs(rows.mean() / zoom - 16) < 1
     assert abs(cols.mean() / zoom - 27) < 1

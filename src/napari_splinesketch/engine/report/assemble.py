@@ -125,6 +125,8 @@ def _curves(
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         core = rests[i][body.own > assess.CORE * body["contrast"]]
         reasons = assess.doubts(centres[i], sketch, core, seen.noise, seen.normal.shape)
+        if not fit.starts[i].found:
+            reasons.append("no body was seen along its sketch")
         if i in twins:
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         u = assess.uniform(body.knots)
