@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from napari.layers import Image, Shapes
 from psygnal import Signal
+from qtpy.compat import isalive
 from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.engine.types import OnProgress
@@ -310,7 +311,8 @@ class Saver(QObject):
         return work.state if work else State()
 
     def _wait(self, milliseconds: int = DELAY_MS) -> None:
-        if not self._timer.isActive():
+        # An answer may come after Qt has deleted the window and all that is in it.
+        if isalive(self._timer) and not self._timer.isActive():
             self._timer.start(milliseconds)
 
     def _save(self) -> None:
