@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from napari_splinesketch import refine
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip, tracing
 from napari_splinesketch.engine.look import scene
@@ -83,6 +84,10 @@ def test_where_nothing_is_the_sketch_stays_and_is_not_found():
     (start,) = finding.find(seen, [sketch], [], SETTINGS["balanced"], lambda _: None).starts
     assert not start.found
     np.testing.assert_array_equal(start.line, sketch)
+    (curve,) = refine(image, [sketch], polarity="bright", half_width=3.0).curves
+    assert curve.status == "check"
+    assert "no body was seen along its sketch" in curve.reasons
+    assert away(curve.points, spline.resample(sketch, 200)) < 1
 
 
 def test_a_fixed_curve_keeps_its_body():

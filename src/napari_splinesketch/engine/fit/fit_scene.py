@@ -24,7 +24,8 @@ MOST_WEIGHED = 60
 """So many bodies tell which parts of the model pay."""
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
-"""An end beyond which a body goes on is held within so many px, for so many more sweeps."""
+"""What is held in place is held within so many px: sketches without a body, and for so many more
+sweeps the ends beyond which a body goes on."""
 GROWS, GROWS_PX = 1.5, 1.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 LOOSE_FIT = 0.1
@@ -52,8 +53,6 @@ class SceneFit:
         One for each sketch.
     fixed
         Bodies that did not move.
-    beside
-        Bodies without a sketch that lie across the others.
     starts
         Where the fit of each sketch began.
     parts
@@ -63,7 +62,6 @@ class SceneFit:
     seen: Scene
     bodies: list[Body]
     fixed: list[Body]
-    beside: list[Body]
     starts: list[Start]
     parts: dict[str, model.Part]
 
@@ -100,7 +98,7 @@ def fit_scene(
         )  # fmt: skip
     else:
         found = finding.believed(seen, sketches)
-    seen, starts, number = found.seen, found.starts, len(sketches)
+    seen, starts = found.seen, found.starts
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
     groups: dict[int, list[int]] = {}
     for members in found.clusters:
@@ -112,17 +110,15 @@ def fit_scene(
     priors = model.restrict(priors, {}, flat)
 
     def on_polish(share: float, lines: Centrelines) -> None:
-        report("polishing", 0.4 + 0.6 * share, lambda: lines()[:number])
+        report("polishing", 0.4 + 0.6 * share, lines)
 
     bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
-    sketched, beside = bodies[:number], bodies[number:]
-    weighed = range(min(number, MOST_WEIGHED))
-    parts = model.weigh([sketched[i] for i in weighed], priors.of([*weighed]), 1.0)
-    if settings.hold is not None:
-        return SceneFit(seen, sketched, others, beside, starts, parts)
-    again = partial(_polish_again, seen, settings.polish, settings.knots[0])
-    sketched = pairs.settle_pairs(seen, sketches, sketched, [*others, *beside], again)
-    return SceneFit(seen, sketched, others, beside, starts[:number], parts)
+    weighed = range(min(len(bodies), MOST_WEIGHED))
+    parts = model.weigh([bodies[i] for i in weighed], priors.of([*weighed]), 1.0)
+    if settings.hold is None:
+        again = partial(_polish_again, seen, settings.polish, settings.knots[0])
+        bodies = pairs.settle_pairs(seen, sketches, bodies, others, again)
+    return SceneFit(seen, bodies, others, starts, parts)
 
 
 def _polish_again(
@@ -185,11 +181,15 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
 
         found = fitting.fit_level(
             seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level,
-            anchor=_anchor(theta, knots, settings.hold),
+            anchor=_anchor(theta, knots, [starts[i] for i in members], settings.hold),
         )  # fmt: skip
-        cut = [_ended(b, starts[i]) for b, i in zip(found, members, strict=False)]
+        cut = [
+            _ended(b, starts[i]) if starts[i].found else None
+            for b, i in zip(found, members, strict=False)
+        ]
         if settings.hold is None and any(c is not None for c in cut):
-            found = _held(seen, found, cut, mine, settings.polish, count)
+            stay = [not starts[i].found for i in members]
+            found = _held(seen, found, cut, stay, mine, settings.polish)
         for i, body in zip(members, found, strict=False):
             bodies[i] = body
         others = found[count:]
@@ -197,12 +197,16 @@ def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, rep
     return bodies, others
 
 
-def _anchor(theta: Float[Array, "n D"], knots: int, sd: float | None) -> bands.Anchor | None:
-    """Holds curves to where they begin."""
-    if sd is None:
+def _anchor(
+    theta: Float[Array, "n D"], knots: int, starts: list[Start], sd: float | None
+) -> bands.Anchor | None:
+    """Holds curves to where they begin: all of them, or those whose bodies were not found."""
+    if sd is None and all(start.found for start in starts):
         return None
     mean = theta[:, : 2 * knots]
-    return bands.Anchor(mean, np.full(mean.shape, sd**-2.0))
+    weight = np.full(mean.shape, 0.0 if sd is None else sd**-2.0)
+    weight[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
+    return bands.Anchor(mean, weight)
 
 
 def _ended(body: Body, start: Start) -> Line | None:
@@ -223,19 +227,27 @@ def _ended(body: Body, start: Start) -> Line | None:
 
 
 def _held(
-    seen: Scene, bodies: list[Body], ended: list[Line | None], priors, level, moving: int
+    seen: Scene,
+    bodies: list[Body],
+    ended: list[Line | None],
+    stay: list[bool],
+    priors: bands.Priors,
+    level: LevelSettings,
 ) -> list[Body]:
-    """Fit bodies once more with the ends of some of them held in place."""
+    """Fit bodies once more with the ends of some of them, and all of those that stay, held."""
     theta = np.array([b.theta for b in bodies])
     knots = len(bodies[0].knots)
     mean, weight = theta[:, : 2 * knots].copy(), np.zeros((len(bodies), 2 * knots))
+    weight[np.flatnonzero(stay)] = HELD**-2.0
     for row, cut in enumerate(ended):
         if cut is not None:
             mean[row] = theta[row, : 2 * knots] = cut.T.ravel()
             weight[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
     level = replace(level, steps=level.steps[:HOLDING])
     anchor = bands.Anchor(mean, weight)
-    return fitting.fit_level(seen.normal, seen, theta, priors, level, moving=moving, anchor=anchor)
+    return fitting.fit_level(
+        seen.normal, seen, theta, priors, level, moving=len(ended), anchor=anchor
+    )
 
 
 def _still(fixed: Sequence[Curve], corner, knots: int, priors: bands.Priors):

@@ -52,7 +52,7 @@ class Part:
 
 def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     """The curves of an island with their status, and what they are drawn as."""
-    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed, *fit.beside])
+    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
     residual = seen.normal - drawn
     rests = [_rest(body, residual) for body in fit.bodies]
     curves = [
@@ -116,7 +116,7 @@ def _curves(
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
-    everything = [*centres, *(b.points() for b in (*fit.fixed, *fit.beside))]
+    everything = [*centres, *(b.points() for b in fit.fixed)]
     twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
     usual_length = float(np.median([spline.arc_length(c)[-1] for c in centres]))
     misfit = unexplained(seen, residual)

@@ -114,9 +114,6 @@ def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]
     most = max(len(b.knots) for b in fit.bodies)
     if most > 8:
         notes.append(f"Some bodies bend so much that their curves have {most} knots.")
-    if fit.beside:
-        some = "A body" if len(fit.beside) == 1 else f"{len(fit.beside)} bodies"
-        notes.append(f"{some} without a sketch lay across others, and took part in the model.")
     if overlap is not None:
         how = "hide each other" if overlap > 0.5 else "add up"
         notes.append(f"Where bodies overlap, they mostly {how}.")
