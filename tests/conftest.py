@@ -30,6 +30,13 @@ def pytest_xdist_auto_num_workers() -> int:
     return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2, 8)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Share tests out evenly; not in pytest's own options, where Xvfb takes it for -n."""
+    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
+        config.option.dist = "worksteal"
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Keep what JAX compiles, all of it, for other workers and runs, beside pytest's own cache."""
     cache = getattr(config, "cache", None)  # none with -p no:cacheprovider
