@@ -46,6 +46,15 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Side by side, whoever is done takes over from the others.
+
+    Not an option of every run: with `--dist` but without `-n`, pytest-xvfb would start no display.
+    """
+    if getattr(config.option, "dist", "no") == "load":
+        config.option.dist = "worksteal"
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the tests of the window where there is none to be had."""
     reason = _no_window()
