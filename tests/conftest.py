@@ -44,13 +44,7 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Side by side, whoever is done takes over from the others.
-
-    Not an option of every run: with `--dist` but without `-n`, pytest-xvfb would start no display.
-    """
+    # Not an option of every run: pytest-xvfb starts no display where it sees one without `-n`.
     if getattr(config.option, "dist", "no") == "load":
         config.option.dist = "worksteal"
 
