@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -60,18 +61,27 @@ def test_a_missing_file_is_the_systems_own_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.csv", "a.geojson", "a.wcon"])
 def test_what_the_user_said_of_a_curve_is_kept(tmp_path: Path, name: str) -> None:
     reviews = ("accepted", "open", "rejected")
-    labels = [replace(one, review=r) for one, r in zip(FULL.labels, reviews, strict=True)]
+    labels = [
+        replace(one, review=r, locked=r == "open")
+        for one, r in zip(FULL.labels, reviews, strict=True)
+    ]
     told = write_labels(tmp_path / name, replace(FULL, labels=tuple(labels)))
     assert not any("accepted" in sentence for sentence in told)
-    assert tuple(one.review for one in read_labels(tmp_path / name).labels) == reviews
+    back = read_labels(tmp_path / name).labels
+    assert tuple(one.review for one in back) == reviews
+    assert [one.locked for one in back] == [False, True, False]
     write_labels(tmp_path / name, FULL, overwrite=True)
-    assert {one.review for one in read_labels(tmp_path / name).labels} == {"open"}
+    back = read_labels(tmp_path / name).labels
+    assert {(one.review, one.locked) for one in back} == {("open", False)}
 
 
+@pytest.mark.parametrize("said", [{"review": "accepted"}, {"locked": True}])
 @pytest.mark.parametrize("name", ["a.swc", "a.zip", "a.masks.tif"])
-def test_formats_without_a_place_for_it_say_so(tmp_path: Path, name: str) -> None:
-    accepted = replace(FULL, labels=(replace(FULL.labels[0], review="accepted"),))
-    told = write_labels(tmp_path / name, accepted)
+def test_formats_without_a_place_for_it_say_so(
+    tmp_path: Path, name: str, said: dict[str, Any]
+) -> None:
+    judged = replace(FULL, labels=(replace(FULL.labels[0], **said),))
+    told = write_labels(tmp_path / name, judged)
     assert any("no place for what you accepted" in sentence for sentence in told)
 
 
@@ -84,6 +94,19 @@ def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
         read_labels(path)
     path.write_text(text.replace("accepted", "open", 1), encoding="utf-8")
     with pytest.raises(LabelsError, match="line 3: review differs from 'open' on line 2"):
+        read_labels(path)
+
+
+def test_a_table_says_where_a_lock_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    write_labels(path, Labels((replace(bent(), locked=True),)))
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[0].endswith(",locked")
+    path.write_text("\n".join([lines[0], *(line[:-1] + "2" for line in lines[1:])]))
+    with pytest.raises(LabelsError, match="line 2: curve 0 of frame 0: locked is 2; expected 1"):
+        read_labels(path)
+    path.write_text("\n".join([*lines[:2], lines[2][:-1] + "0", *lines[3:]]))
+    with pytest.raises(LabelsError, match="line 3: locked differs from 1 on line 2"):
         read_labels(path)
 
 

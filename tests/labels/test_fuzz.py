@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.labels.formats import READERS, reader_of
+from napari_splinesketch.labels.shapes_csv import HEADER
 
 from .samples import FULL, bent
 
@@ -44,6 +45,17 @@ def stored_zip(folder: Path) -> Path:
     return folder / "a.zip"
 
 
+def of_napari(name: str) -> Callable[[Path], Path]:
+    """A Shapes CSV as napari saves it, without the columns that we add."""
+
+    def write(folder: Path) -> Path:
+        rows = (f"{i},path,{j},{i + j},{3 * j}.5\n" for i in range(3) for j in range(5))
+        (folder / name).write_text(f"{','.join(HEADER)}\n{''.join(rows)}")
+        return folder / name
+
+    return write
+
+
 def npy(folder: Path) -> Path:
     np.save(folder / "a.npy", SPLINES)
     return folder / "a.npy"
@@ -56,8 +68,8 @@ def npz(folder: Path) -> Path:
 
 VALID: dict[tuple[str, str], Callable[[Path], Path]] = {
     ("labels CSV", ".csv"): written(".csv"),
-    ("napari Shapes CSV", ".csv"): written(".shapes.csv"),
-    ("napari Shapes CSV", ".shapes.csv"): written(".shapes.csv"),
+    ("napari Shapes CSV", ".csv"): of_napari("a.csv"),
+    ("napari Shapes CSV", ".shapes.csv"): of_napari("a.shapes.csv"),
     ("GeoJSON", ".geojson"): written(".geojson"),
     ("GeoJSON", ".json"): renamed(".geojson"),
     ("ImageJ ROIs", ".zip"): stored_zip,

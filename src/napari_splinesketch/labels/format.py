@@ -178,7 +178,7 @@ class Format:
 PLACES = {
     "scale": "the scale and units",
     "provenance": "provenance (version, settings, image, date)",
-    "review": "what you accepted or rejected",
+    "review": "what you accepted, rejected or locked",
 }
 
 
@@ -187,6 +187,6 @@ def without_place(name: str, labels: AnyLabels, *what: str) -> tuple[str, ...]:
     given = {
         "scale": labels.scale is not None,
         "provenance": bool(labels.provenance),
-        "review": facts_of(labels).reviewed,
+        "review": facts_of(labels).reviewed or facts_of(labels).locked,
     }
     return tuple(f"{name} has no place for {PLACES[each]}" for each in what if given[each])

@@ -1,6 +1,7 @@
 """Lines: how scaling widens them, and how other formats want them sampled."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -29,7 +30,7 @@ def resampled(label: Label, count: int) -> Label:
     places = np.linspace(0, arc[-1], count)
     points = np.column_stack([np.interp(places, arc, axis) for axis in label.points.T])
     width, sd = (np.interp(places, arc, values) for values in (label.half_width, label.sd))
-    return Label(label.frame, label.curve, points, width, sd, label.status, label.review)
+    return replace(label, points=points, half_width=width, sd=sd)
 
 
 def edges(label: Label) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:

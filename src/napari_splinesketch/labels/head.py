@@ -34,13 +34,14 @@ def read_head(head: Node) -> Labels:
 
 
 def own_members(label: Label, unit: str = "") -> dict[str, object]:
-    """Give what other programs have no members for; the review where there is one."""
+    """Give what other programs have no members for; review and lock where there is one."""
     members: dict[str, object] = {
         "status": label.status,
         f"half_width{unit}": finite_or_null(label.half_width),
         f"sd{unit}": finite_or_null(label.sd),
     }
-    return members if label.review == "open" else {**members, "review": label.review}
+    said = {"review": label.review} if label.review != "open" else {}
+    return members | said | ({"locked": True} if label.locked else {})
 
 
 def read_own(
@@ -50,7 +51,9 @@ def read_own(
     half_width = own[f"half_width{unit}"].numbers(unknown=np.nan)
     sd = own[f"sd{unit}"].numbers(unknown=np.inf)
     status, review = own["status"].text(), own["review"].text() if "review" in own else "open"
-    return Label(frame, curve, points, half_width, sd, cast(Any, status), cast(Any, review))
+    locked = "locked" in own and own["locked"].truth()
+    words = cast(Any, status), cast(Any, review)
+    return Label(frame, curve, points, half_width, sd, *words, locked)
 
 
 def _pair(head: Node, name: str) -> tuple[float, float] | None:

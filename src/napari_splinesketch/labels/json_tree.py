@@ -79,6 +79,12 @@ class Node:
             raise self.error(f"expected a string, not {self._kind()}")
         return self.value
 
+    def truth(self) -> bool:
+        """Give true or false."""
+        if not isinstance(self.value, bool):
+            raise self.error(f"expected true or false, not {self._kind()}")
+        return self.value
+
     def number(self) -> float:
         """Give a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):

@@ -1,14 +1,18 @@
-"""napari's own CSV of a Shapes layer: lines and paths only, in data coordinates."""
+"""napari's own CSV of a Shapes layer: lines and paths only, in data coordinates.
 
-import csv
-from collections.abc import Iterator
+What is written is a labels CSV too: napari reads the lines, and lets further columns be.
+"""
+
+from collections.abc import Iterable, Iterator
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 
 from napari_splinesketch.labels.csv_columns import Rows, read_rows, runs
-from napari_splinesketch.labels.format import Format, Source, without_place
+from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.stream import AnyLabels, in_frames
+from napari_splinesketch.labels.table import losses, write_rows
 from napari_splinesketch.labels.types import Label
 
 HEADER = ("index", "shape-type", "vertex-index", "axis-0", "axis-1")
@@ -26,23 +30,15 @@ AREAS = ("rectangle", "ellipse", "polygon")
 def write(path: Path, labels: AnyLabels) -> None:
     """Write each curve as a path: (row, col), or (frame, row, col) where a frame is not 0."""
     film = bool(in_frames(labels).frames.any())
+
+    def leading(number: int, label: Label) -> tuple[Iterable[object], ...]:
+        size = len(label.points)
+        frame = (repeat(float(label.frame), size),) if film else ()
+        first = repeat(number, size), repeat("path", size), range(size)
+        return *first, *frame, *label.points.T.tolist()
+
     with path.open("x", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(HEADER + (("axis-2",) if film else ()))
-        for index, label in enumerate(labels.labels):
-            frame = (float(label.frame),) if film else ()
-            table.writerows(
-                (index, "path", vertex, *frame, *point)
-                for vertex, point in enumerate(label.points.tolist())
-            )
-
-
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what a Shapes CSV has no place for."""
-    return (
-        "Shapes CSV keeps lines only: no half-width, standard error, status or identity",
-        *without_place("Shapes CSV", labels, "scale", "provenance", "review"),
-    )
+        write_rows(file, labels, HEADER + (("axis-2",) if film else ()), leading)
 
 
 def read(source: Source) -> Iterator[Label]:
@@ -116,7 +112,7 @@ def _frame(source: Source, axes: list[np.ndarray]) -> int:
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell from its first line whether a CSV is one of shapes."""
+    """Tell from its first line whether a CSV is one of shapes, and no more."""
     return b"shape-type" in head.partition(b"\n")[0]
 
 

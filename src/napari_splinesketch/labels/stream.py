@@ -30,8 +30,8 @@ class Facts:
         How many have a half-width that is not known somewhere.
     without_radius
         How many have a half-width that is 0 or not known somewhere.
-    reviewed
-        Whether the user has said something of one.
+    reviewed, locked
+        Whether the user has said something of one, and locked one.
     """
 
     count: int
@@ -41,13 +41,14 @@ class Facts:
     without_width: int
     without_radius: int
     reviewed: bool
+    locked: bool
 
     @classmethod
     def of(cls, labels: Iterable[Label]) -> "Facts":
         """Go through labels."""
         count = highest = without_width = without_radius = 0
         sizes: set[int] = set()
-        reach, reviewed = np.ones(2), False
+        reach, reviewed, locked = np.ones(2), False, False
         for label in labels:
             count += 1
             sizes.add(len(label.points))
@@ -57,8 +58,9 @@ class Facts:
             without_width += not np.all(np.isfinite(label.half_width))
             without_radius += not np.all(label.half_width > 0)
             reviewed = reviewed or label.review != "open"
-        size = float(reach[0]), float(reach[1])
-        return cls(count, frozenset(sizes), highest, size, without_width, without_radius, reviewed)
+            locked = locked or label.locked
+        size, said = (float(reach[0]), float(reach[1])), (reviewed, locked)
+        return cls(count, frozenset(sizes), highest, size, without_width, without_radius, *said)
 
 
 @dataclass(frozen=True, eq=False)

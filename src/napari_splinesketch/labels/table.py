@@ -5,7 +5,7 @@ import io
 import itertools
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TextIO, cast
 
@@ -30,6 +30,7 @@ KINDS: dict[str, type | float] = {
     "sd": np.inf,
     "status": str,
     "review": str,
+    "locked": int,
     "y": float,
     "x": float,
     "units": str,
@@ -38,20 +39,21 @@ KINDS: dict[str, type | float] = {
 REQUIRED = ("curve", "row", "col")
 PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
 UNITS = ("y", "x", "half_width_units", "units")
-REVIEW = ("review",)
+Leading = Callable[[int, Label], Sequence[Iterable[object]]]
+"""Gives further columns to stand before the others: of the label of that number, from 0."""
 SCALE_TOLERANCE = 1e-6
 
 
 def write(path: Path, labels: AnyLabels) -> None:
     """Write labels as a table."""
     with path.open("x", encoding="utf-8", newline="") as file:
-        _write(file, labels)
+        write_rows(file, labels)
 
 
 def text(labels: Labels) -> str:
     """Give the whole table as text."""
     file = io.StringIO(newline="")
-    _write(file, labels)
+    write_rows(file, labels)
     return file.getvalue()
 
 
@@ -85,17 +87,26 @@ def join(
                 shutil.copyfileobj(part, file)
 
 
-def _write(file: TextIO, labels: AnyLabels) -> None:
-    table = csv.writer(file, lineterminator="\n")
-    reviewed = facts_of(labels).reviewed
-    table.writerow(PIXELS + (UNITS if labels.scale else ()) + (REVIEW if reviewed else ()))
-    for label in labels.labels:
-        table.writerows(_rows(label, labels, reviewed))
+def write_rows(
+    file: TextIO,
+    labels: AnyLabels,
+    names: tuple[str, ...] = (),
+    leading: Leading = lambda number, label: (),
+) -> None:
+    """Write a table, with further columns of these names before all others."""
+    table, facts = csv.writer(file, lineterminator="\n"), facts_of(labels)
+    said = ("review",) * facts.reviewed + ("locked",) * facts.locked
+    table.writerow(names + PIXELS + (UNITS if labels.scale else ()) + said)
+    for number, label in enumerate(labels.labels):
+        columns = [*leading(number, label), *_columns(label, labels)]
+        words = {"review": label.review, "locked": int(label.locked)}
+        columns += [itertools.repeat(words[name], len(label.points)) for name in said]
+        table.writerows(zip(*columns, strict=True))
 
 
-def _rows(label: Label, labels: AnyLabels, reviewed: bool) -> Iterator[tuple[object, ...]]:
+def _columns(label: Label, labels: AnyLabels) -> list[Iterable[object]]:
     size = len(label.points)
-    columns: list[object] = [
+    columns: list[Iterable[object]] = [
         itertools.repeat(label.frame, size),
         itertools.repeat(label.curve, size),
         range(size),
@@ -109,9 +120,7 @@ def _rows(label: Label, labels: AnyLabels, reviewed: bool) -> Iterator[tuple[obj
         columns += (label.points * labels.scale).T.tolist()
         columns.append((label.half_width * width_growth(label.points, labels.scale)).tolist())
         columns.append(itertools.repeat(labels.units or "", size))
-    if reviewed:
-        columns.append(itertools.repeat(label.review, size))
-    return zip(*columns, strict=True)  # pyright: ignore[reportArgumentType]
+    return columns
 
 
 def losses(labels: AnyLabels) -> tuple[str, ...]:
@@ -166,7 +175,7 @@ def _check(source: Source, pieces: list[_Piece]) -> None:
     """See that the last piece goes on as the first one began."""
     first, last = pieces[0], pieces[-1]
     before = sum(len(piece.lines) for piece in pieces[:-1])
-    for name in ("point", "status", "review"):
+    for name in ("point", "status", "review", "locked"):
         values = last.columns.get(name)
         if values is None:
             continue
@@ -179,7 +188,8 @@ def _check(source: Source, pieces: list[_Piece]) -> None:
                 raise ValueError(
                     f"point is {values[wrong[0]]}; expected {before + wrong[0]}, counting from 0"
                 )
-            raise ValueError(f"{name} differs from {expected!r} on line {first.lines[0]}")
+            said = first.columns[name].tolist()[0]
+            raise ValueError(f"{name} differs from {said!r} on line {first.lines[0]}")
 
 
 def _label(source: Source, pieces: list[_Piece]) -> Label:
@@ -193,8 +203,12 @@ def _label(source: Source, pieces: list[_Piece]) -> Label:
         str(columns[name][0]) if name in columns else usual
         for name, usual in (("status", "sketch"), ("review", "open"))
     )
-    points = np.column_stack([row, col])
-    return Label(*pieces[0].key, points, half_width, sd, cast(Any, status), cast(Any, review))
+    locked = int(columns["locked"][0]) if "locked" in columns else 0
+    if locked > 1:
+        key = pieces[0].key
+        raise ValueError(f"curve {key[1]} of frame {key[0]}: locked is {locked}; expected 1 or 0")
+    points, words = np.column_stack([row, col]), (cast(Any, status), cast(Any, review))
+    return Label(*pieces[0].key, points, half_width, sd, *words, bool(locked))
 
 
 class _Scale:

@@ -42,6 +42,8 @@ class Label:
         What the refinement says of the curve, or "sketch" for a line that was not refined.
     review
         What the user says of it.
+    locked
+        Whether the user wants it to stay as it is.
     """
 
     frame: int
@@ -51,6 +53,7 @@ class Label:
     sd: Float[Array, " N"]
     status: LabelStatus
     review: Review = "open"
+    locked: bool = False
 
     def __post_init__(self) -> None:
         """Make the arrays float64 and refuse what no file could hold."""
@@ -70,10 +73,17 @@ class Label:
 
     @classmethod
     def from_curve(
-        cls, curve: Curve, *, frame: int = 0, identity: int = 0, review: Review = "open"
+        cls,
+        curve: Curve,
+        *,
+        frame: int = 0,
+        identity: int = 0,
+        review: Review = "open",
+        locked: bool = False,
     ) -> Self:
         """Label a refined curve with its frame and identity."""
-        return cls(frame, identity, curve.points, curve.half_width, curve.sd, curve.status, review)
+        along = curve.points, curve.half_width, curve.sd
+        return cls(frame, identity, *along, curve.status, review, locked)
 
     @classmethod
     def from_sketch(cls, points: Float[Array, "N 2"], *, frame: int = 0, identity: int = 0) -> Self:

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pint
 from jaxtyping import Float
+from napari.layers import Shapes
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, Status
-from napari_splinesketch.labels import Label, Labels
+from napari_splinesketch.labels import Label, Labels, LabelsError, table
+from napari_splinesketch.labels.formats import claiming
 from napari_splinesketch.labels.geometry import resampled
 from napari_splinesketch.plugin.adapter.look import COLOURS
 from napari_splinesketch.plugin.adapter.roles import OWNER, Known
@@ -28,7 +30,7 @@ LABELS = "napari-splinesketch labels"
 def labels_of(work: Known, *, rejected: bool = True) -> Labels:
     """Label the curves of an image, with or without those that the user has rejected."""
     labels = [
-        Label.from_curve(r.curve, frame=r.frame, identity=r.id, review=r.review)
+        Label.from_curve(r.curve, frame=r.frame, identity=r.id, review=r.review, locked=r.locked)
         for r in work.records
         if rejected or r.review != "rejected"
     ]
@@ -106,11 +108,35 @@ def layer_of_labels(labels: Labels, name: str) -> tuple[list[Any], dict[str, Any
         },
         "metadata": {LABELS: labels},
     }
+    return shapes, meta | _placed(labels, 2 + leading), "shapes"
+
+
+def read_with(layer: Shapes) -> Labels:
+    """Give the labels that a layer was read from; none where it was not.
+
+    Of a table that napari itself has opened, which takes the lines alone, the rest is read now.
+    """
+    source = layer.source
+    if LABELS not in layer.metadata and source.reader_plugin == "napari" and source.path:
+        try:
+            form = claiming(source.path)
+            labels = form.read_whole(source.path) if form is table.FORMAT else Labels()
+        except (LabelsError, OSError):
+            labels = Labels()
+        layer.metadata[LABELS] = labels
+        for name, value in _placed(labels, layer.ndim).items():
+            setattr(layer, name, value)
+    return layer.metadata.get(LABELS, Labels())
+
+
+def _placed(labels: Labels, ndim: int) -> dict[str, Any]:
+    """Give scale and units of a layer that shows labels, as far as they are known."""
+    first, meta = ndim - 2, {}
     if labels.scale:
-        meta["scale"] = (*[1.0] * leading, *labels.scale)
+        meta["scale"] = (*[1.0] * first, *labels.scale)
     if labels.units:
-        meta["units"] = (*["pixel"] * leading, labels.units, labels.units)
-    return shapes, meta, "shapes"
+        meta["units"] = (*["pixel"] * first, labels.units, labels.units)
+    return meta
 
 
 def _in_film(label: Label) -> Float[np.ndarray, "N 3"]:
@@ -136,8 +162,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
     here = [label for label in curves if label.frame < frames]
     first = int(any(label.curve == 0 for label in here))
     made = [
-        Record(label.curve + first, label.frame, label.points, _curve_of(label), label.review)
-        for label in here
+        Record(r.curve + first, r.frame, r.points, _curve_of(r), r.review, r.locked) for r in here
     ]
     return tuple(made), len(curves) - len(here)
 

@@ -8,8 +8,8 @@ from functools import partial
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import OnProgress
-from napari_splinesketch.labels import Labels, LabelsError
-from napari_splinesketch.plugin.adapter.labels import LABELS, records_of
+from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin.adapter.labels import read_with, records_of
 from napari_splinesketch.plugin.adapter.sketches import line_style
 from napari_splinesketch.plugin.adapter.space import frame_count
 from napari_splinesketch.plugin.autosave.folder import Folder, read
@@ -128,8 +128,7 @@ def read_curves(controller: Controller) -> int:
     layer, work = controller.choices.sketches, controller.work
     if controller.choices.image is None or layer is None or (work and work.records):
         return 0
-    labels = layer.metadata.get(LABELS, Labels()).labels
-    return sum(label.status != "sketch" for label in labels)
+    return sum(label.status != "sketch" for label in read_with(layer).labels)
 
 
 def take_up(controller: Controller) -> None:
@@ -137,7 +136,7 @@ def take_up(controller: Controller) -> None:
     image, layer = controller.choices.image, controller.choices.sketches
     if image is None or layer is None or controller.progress or not read_curves(controller):
         return
-    records, beyond = records_of(layer.metadata[LABELS], frame_count(image))
+    records, beyond = records_of(read_with(layer), frame_count(image))
     controller.begin(image, layer)
     controller.apply("Continue with labels", State(records=records))
     if beyond:
