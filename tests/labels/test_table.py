@@ -229,7 +229,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     def broken(*args: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("napari_splinesketch.labels.table._rows", broken)
+    monkeypatch.setattr("napari_splinesketch.labels.table._columns", broken)
     with pytest.raises(OSError, match="disk full"):
         write_labels(path, Labels((LINE,)), overwrite=True)
     assert path.read_text() == "mine"

@@ -18,7 +18,7 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, 
 from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.formats import READERS, WRITERS
 from napari_splinesketch.labels.types import LabelStatus
-from napari_splinesketch.plugin.adapter.labels import layer_of_labels
+from napari_splinesketch.plugin.adapter.labels import layer_of_labels, read_with
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import (
     _napari_s_own,
@@ -318,8 +318,8 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     name: str,
     plugin: str | None,
 ) -> None:
-    for name in ("napari", "napari-splinesketch"):
-        npe2pm.register(PluginManifest.from_distribution(name))
+    for each in ("napari", PLUGIN):
+        npe2pm.register(PluginManifest.from_distribution(each))
     open_tables()
     viewer.add_image(np.random.default_rng(0).random((3, 96, 128)), name="film")
     viewer.add_shapes(LINES, shape_type="line", name="film sketches")
@@ -335,13 +335,10 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     (tmp_path / "shapes.csv").write_text(SHAPES)
     (shapes,) = viewer.open(tmp_path / "shapes.csv", plugin=None)
     assert shapes.nshapes == 1, "napari's own tables are opened as ever"
-    if plugin == "napari":  # viewer.open(path) means napari's own reader, which takes no others
-        with pytest.raises(ValueError, match=r"refused the file|returned no data"):
-            viewer.open(tmp_path / "film.csv")
     viewer.open(tmp_path / name, **({} if plugin else {"plugin": None}))
     assert dock.offer.labels.text() == "Continue with these 2 curves"
     click(dock.offer.labels)
-    until(lambda: "film [1] curves" in viewer.layers)
+    until(dock.controller.records)
     after = dock.controller.records()
     for one, other in zip(before, after, strict=True):
         for what in ("id", "frame", "review", "locked"):
@@ -352,3 +349,18 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     assert dock.offer.labels.isHidden()
     assert not dock.controller.request().plan.targets
     assert dock.export.isEnabled()
+
+
+def test_a_path_without_a_plugin_means_napari_s_own_reader(
+    viewer: Any, npe2pm: Any, tmp_path: Path, labels: Labels
+) -> None:
+    for each in ("napari", PLUGIN):
+        npe2pm.register(PluginManifest.from_distribution(each))
+    for ending in ("csv", "shapes.csv"):
+        write_labels(tmp_path / f"a.{ending}", labels)
+    (layer,) = viewer.open(tmp_path / "a.shapes.csv")
+    assert layer.source.reader_plugin == "napari"
+    same(read_with(layer), labels)
+    np.testing.assert_array_equal(layer.scale, (1.0, 0.5, 2.0))
+    with pytest.raises(ValueError, match="returned no data"):
+        viewer.open(tmp_path / "a.csv")

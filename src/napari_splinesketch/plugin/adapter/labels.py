@@ -119,8 +119,8 @@ def read_with(layer: Shapes) -> Labels:
     source = layer.source
     if LABELS not in layer.metadata and source.reader_plugin == "napari" and source.path:
         try:
-            form = claiming(source.path)
-            labels = form.read_whole(source.path) if form is table.FORMAT else Labels()
+            ours = claiming(source.path) is table.FORMAT
+            labels = table.FORMAT.read_whole(source.path) if ours else Labels()
         except (LabelsError, OSError):
             labels = Labels()
         layer.metadata[LABELS] = labels
