@@ -144,19 +144,45 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
     assert len(asked) == 1
 
 
+def text(records: tuple[Record, ...], ruler: Ruler, **options: str) -> str:
+    model = CurvesModel()
+    model.show_records(records, ruler)
+    return as_text(records, model.measures_of, ruler.unit, **options)
+
+
+def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
+    one, two, far = record(1), record(1, frame=1), record(1, frame=5)
+    moved = replace(two, curve=replace(two.curve, points=two.curve.points + np.array([0, 3])))
+    model = CurvesModel()
+    model.show_records((one, two, far), Ruler((2.0, 2.0), "µm"))
+    assert column(model, "Speed (%/frame)") == ["0", "0", "–"]
+    model.show_records((one, moved, far), Ruler((2.0, 2.0), "µm"))
+    assert column(model, "Speed (%/frame)") == ["6.00", "6.00", "–"]
+    model.show_records((moved, far), Ruler((2.0, 2.0), "µm"))
+    assert column(model, "Speed (%/frame)") == ["–", "–"]
+    assert list(features((one, moved, far))["speed"].round(3))[:2] == [3, 3]
+
+
+def test_curvature_is_that_of_a_circle_in_the_unit() -> None:
+    angle = np.linspace(0, 2, 100)
+    circle = 20 * np.column_stack([np.sin(angle), np.cos(angle)])
+    found = measure(replace(as_drawn(circle), points=circle), Ruler((0.5, 0.5), "µm"))
+    assert found.curvature == pytest.approx(1 / 10, rel=0.01)
+
+
 def test_the_table_as_text() -> None:
-    lines = as_text(MIXED[:2], Ruler((0.5, 0.5), "µm")).splitlines()
+    lines = text(MIXED[:2], Ruler((0.5, 0.5), "µm")).splitlines()
     assert lines[0].startswith("curve,frame,reasons,status,review,length")
     assert lines[1].split(",")[:6] == ["1", "0", "", "good", "open", "25.0"]
     assert lines[2].split(",")[2] == "it moved"
     assert lines[2].endswith(",False,µm")
-    assert "\t" in as_text(MIXED, Ruler(), separator="\t")
+    assert "\t" in text(MIXED, Ruler(), separator="\t")
 
 
 def test_layers_table_and_files_read_one_table_of_columns() -> None:
     names = [column.name for column in COLUMNS]
     assert list(features(MIXED).columns) == names
-    header = as_text((), Ruler()).strip().split(",")
+    header = text((), Ruler()).strip().split(",")
     assert header == ["curve", *names[1:], "units"]
     first_text = next(column for column in SHOWN if column.kind == "text")
     assert first_text.name == "reasons"

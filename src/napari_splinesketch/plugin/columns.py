@@ -6,7 +6,7 @@ A column that is added here is in all of them.
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from typing import Any, Literal
 
@@ -16,7 +16,8 @@ from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.adapter.look import MARKS
 from napari_splinesketch.plugin.measures import Measures, Ruler, measure, severity, three_digits
 from napari_splinesketch.plugin.once import once
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.records import Key, Record, key_of
+from napari_splinesketch.tracking.over_time import mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
@@ -104,6 +105,11 @@ COLUMNS = (
            "length", colour="standard error"),
     Column("residual", "Residual", "Image minus model around it, as a share of its contrast",
            lambda r, m: m.residual, "number", colour="residual"),
+    Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
+           lambda r, m: m.curvature, "number"),
+    Column("speed", "Speed (%/frame)",
+           "Mean over the body's points, from its curves in the frames beside",
+           lambda r, m: m.speed, "number"),
     Column("locked", "", "Whether it stays as it is", lambda r, m: r.locked),
 )  # fmt: skip
 SHOWN = tuple(column for column in COLUMNS if column.title)
@@ -118,7 +124,8 @@ def in_pixels(curve: Curve) -> Measures:
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """What a layer of curves says of each of them; lengths in px."""
-    measured = [in_pixels(record.curve) for record in records]
+    curves = {key_of(record): record.curve for record in records}
+    measured = [in_film(in_pixels(record.curve), record, curves.get, Ruler()) for record in records]
     return pd.DataFrame(
         {
             column.name: [column.value(r, m) for r, m in zip(records, measured, strict=True)]
@@ -127,12 +134,29 @@ def features(records: Sequence[Record]) -> pd.DataFrame:
     )
 
 
-def as_text(records: Sequence[Record], ruler: Ruler, *, separator: str = ",") -> str:
+def in_film(
+    measures: Measures, record: Record, curve_at: Callable[[Key], Curve | None], ruler: Ruler
+) -> Measures:
+    """Add to a curve's measures what its body's curves in the frames beside tell."""
+    around = [curve_at((record.frame + step, record.id)) for step in (-1, 1)]
+    if not any(around):
+        return measures
+    before, after = (one and one.points * ruler.scale for one in around)
+    return replace(measures, speed=mean_speed(before, record.curve.points * ruler.scale, after))
+
+
+def as_text(
+    records: Sequence[Record],
+    measures: Callable[[Record], Measures],
+    unit: str,
+    *,
+    separator: str = ",",
+) -> str:
     """Write records as a table with a header, numbers in full."""
     file = StringIO()
     writer = csv.writer(file, delimiter=separator, lineterminator="\n")
     writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
     for record in records:
-        measures = measure(record.curve, ruler)
-        writer.writerow([*(c.value(record, measures) for c in COLUMNS), ruler.unit])
+        measured = measures(record)
+        writer.writerow([*(c.value(record, measured) for c in COLUMNS), unit])
     return file.getvalue()

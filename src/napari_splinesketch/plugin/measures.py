@@ -9,6 +9,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.labels.geometry import width_growth
 from napari_splinesketch.plugin.once import once
+from napari_splinesketch.tracking.over_time import mean_curvature
 
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
@@ -63,6 +64,10 @@ class Measures:
         Median standard error along the normal.
     residual
         As a share of the body's contrast.
+    curvature
+        Mean of its size along the curve, 1 / unit.
+    speed
+        Mean over the curve's points, in units a frame; NaN without a curve in a frame beside.
     """
 
     length: float
@@ -70,6 +75,8 @@ class Measures:
     half_width_max: float
     sd: float
     residual: float
+    curvature: float
+    speed: float = float("nan")
 
 
 def measure(curve: Curve, ruler: Ruler) -> Measures:
@@ -81,6 +88,7 @@ def measure(curve: Curve, ruler: Ruler) -> Measures:
         float(np.max(half_width)),
         float(np.median(ruler.across(curve, curve.sd))),
         curve.residual,
+        mean_curvature(curve.points * ruler.scale),
     )
 
 

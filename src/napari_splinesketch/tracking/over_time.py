@@ -73,6 +73,27 @@ def curvature_of(curve: Curve, points: int = 100) -> Float[np.ndarray, " points"
     return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
 
 
+def mean_curvature(points: Float[np.ndarray, "P 2"]) -> float:
+    """Mean size of a line's curvature, from how much it turns over its length, 1 / px."""
+    step = np.diff(points, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    turn = np.angle(np.exp(1j * np.diff(np.arctan2(step[:, 1], step[:, 0]))))
+    inside = length.sum() - (length[0] + length[-1]) / 2
+    return float(np.abs(turn).sum() / inside) if inside > 0 else 0.0
+
+
+def mean_speed(
+    before: Float[np.ndarray, "P 2"] | None,
+    now: Float[np.ndarray, "P 2"],
+    after: Float[np.ndarray, "P 2"] | None,
+) -> float:
+    """Mean speed of a body's points in one of its frames, px a frame; NaN without another."""
+    lines = np.full((3, *now.shape), np.nan)
+    for line, points in zip(lines, (before, now, after), strict=True):
+        line[:] = np.nan if points is None else points
+    return float(np.linalg.norm(_velocity(lines)[1], axis=1).mean())
+
+
 def _velocity(lines: Float[np.ndarray, "T P 2"]) -> Float[np.ndarray, "T P 2"]:
     """Central differences; one-sided beside frames without a curve."""
     step = np.diff(lines, axis=0)

@@ -1,6 +1,6 @@
 """The table of curves, made cell by cell when Qt asks for it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,7 +16,7 @@ from qtpy.QtGui import QColor
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.adapter.look import COLOURS
-from napari_splinesketch.plugin.columns import SHOWN
+from napari_splinesketch.plugin.columns import SHOWN, in_film
 from napari_splinesketch.plugin.measures import Measures, Ruler, measure
 from napari_splinesketch.plugin.records import Key, Record, key_of
 
@@ -53,11 +53,24 @@ class CurvesModel(QAbstractTableModel):
 
     def measures(self, row: int) -> Measures:
         """Numbers of a row, in the unit of the image."""
-        curve = self._rows[row].curve
-        found = self._measures.get(curve)
+        record = self._rows[row]
+        found = self._measures.get(record.curve)
         if found is None:
-            found = self._measures[curve] = measure(curve, self.ruler)
+            found = in_film(measure(record.curve, self.ruler), record, self._curve_at, self.ruler)
+            self._measures[record.curve] = found
         return found
+
+    def measures_of(self, record: Record) -> Measures:
+        """Numbers of a record in the table, in the unit of the image."""
+        return self.measures(self._places[key_of(record)])
+
+    def body(self, number: int) -> dict[int, Curve]:
+        """Curves of one body, by frame."""
+        return {r.frame: r.curve for r in self._rows if r.id == number}
+
+    def _curve_at(self, key: Key) -> Curve | None:
+        row = self._places.get(key)
+        return None if row is None else self._rows[row].curve
 
     def show_records(self, records: Sequence[Record], ruler: Ruler) -> None:
         """Show records, in the order of (frame, id)."""
@@ -85,7 +98,8 @@ class CurvesModel(QAbstractTableModel):
 
     def _follow(self, records: Sequence[Record]) -> None:
         """Take out, put in and change what differs."""
-        wanted = {key_of(r) for r in records}
+        wanted = {key_of(r): r for r in records}
+        self._forget_beside(wanted)
         gone = _runs([i for key, i in self._places.items() if key not in wanted])
         new = _runs([i for i, r in enumerate(records) if key_of(r) not in self._places])
         if len(gone) + len(new) > MOST_RUNS:
@@ -106,6 +120,15 @@ class CurvesModel(QAbstractTableModel):
         changed = [i for i, (a, b) in enumerate(zip(before, records, strict=True)) if a is not b]
         for first, last in _runs(changed):
             self.dataChanged.emit(self.index(first, 0), self.index(last, len(SHOWN) - 1))
+
+    def _forget_beside(self, wanted: Mapping[Key, Record]) -> None:
+        """Forget measures of curves whose bodies have other curves in the frames beside."""
+        before = {key: self._rows[i] for key, i in self._places.items()}
+        for frame, number in wanted.keys() | before.keys():
+            if wanted.get((frame, number)) is not before.get((frame, number)):
+                for key in ((frame - 1, number), (frame + 1, number)):
+                    if key in before:
+                        self._measures.pop(before[key].curve, None)
 
     def keys(self, column: int) -> Sequence[Any]:
         """What the cells of a column are sorted by, row by row."""

@@ -27,6 +27,7 @@ from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.model import CurvesModel
 from napari_splinesketch.plugin.review.plots import CurvePlots
 from napari_splinesketch.plugin.review.profiles import Profiles
@@ -41,6 +42,8 @@ SHOWN_WORDS = {
     "not reviewed": "Not reviewed",
     "this frame": "In this frame",
 }
+PLOTTED = ("Along the curve", "Over time: curvature, speed", "Over time: velocity")
+"""What the plots show; the pictures over time come in pairs."""
 HEIGHT = 210
 """That it asks for, px: leaves most of a laptop's window to the canvas."""
 SHARES = [740, 530]
@@ -79,6 +82,9 @@ class ReviewPanel(QWidget):
         self.shown = QComboBox()
         self.shown.addItems([SHOWN_WORDS[shown] for shown in SHOWN])
         self.shown.setToolTip("Which curves the table shows")
+        self.plotted = QComboBox()
+        self.plotted.addItems(PLOTTED)
+        self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = QLabel()
         self.accept = QPushButton("Accept")
         self.reject = QPushButton("Reject")
@@ -97,6 +103,7 @@ class ReviewPanel(QWidget):
             top.addWidget(widget)
         top.addWidget(self.count)
         top.addStretch(1)
+        top.addWidget(self.plotted)
         top.addWidget(self.shown)
         top.addWidget(self.more)
         left = QWidget()
@@ -120,6 +127,7 @@ class ReviewPanel(QWidget):
         self.reviewing.order = self.visible
         self.table.picked.connect(self.reviewing.go_to)
         self.shown.activated.connect(self._on_shown)
+        self.plotted.activated.connect(lambda index: self.show_selected())
         self.accept.clicked.connect(self.reviewing.accept)
         self.reject.clicked.connect(self.reviewing.reject)
         self.next.clicked.connect(self.reviewing.next)
@@ -162,6 +170,7 @@ class ReviewPanel(QWidget):
             self._known = records, ruler
             self.model.show_records(records, ruler)
             reviewed = sum(record.review != "open" for record in records)
+            self.plotted.setVisible(len({record.frame for record in records}) > 1)
             self.count.setText(f"{reviewed} of {len(records)} reviewed")
             for button in (self.accept, self.reject, self.next, self.more):
                 button.setEnabled(bool(records))
@@ -175,15 +184,24 @@ class ReviewPanel(QWidget):
         row = self.model.row_of(key)
         if work is None or row is None:
             self.plots.show_profile(None)
-        else:
-            record = self.model.records[row]
-            self.plots.show_profile(self._profiles.profile(work, record, self.model.ruler))
+            return
+        record, ruler = self.model.records[row], self.model.ruler
+        if at := self.plotted.currentIndex():
+            made = pictures(f"curve {record.id}", self.model.body(record.id), ruler)
+            if made:
+                self.plots.show_pictures((made[2 * at - 2], made[2 * at - 1]), record.frame)
+                return
+        self.plots.show_profile(self._profiles.profile(work, record, ruler))
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
         clipboard = QApplication.clipboard()
         if clipboard is not None:
-            clipboard.setText(as_text(self.visible(), self.model.ruler, separator="\t"))
+            clipboard.setText(self._as_text("\t"))
+
+    def _as_text(self, separator: str) -> str:
+        model = self.model
+        return as_text(self.visible(), model.measures_of, model.ruler.unit, separator=separator)
 
     def _ask_where(self) -> None:
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")
@@ -192,7 +210,7 @@ class ReviewPanel(QWidget):
 
     def _save(self, path: Path) -> None:
         try:
-            path.write_text(as_text(self.visible(), self.model.ruler), encoding="utf-8")
+            path.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
             show_error(f"The table was not saved: {error}")
 

@@ -1,4 +1,4 @@
-"""Plots beside the table: width and what is left unexplained, along the selected curve."""
+"""Plots beside the table: of the selected curve along it, and of its body over the frames."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,9 @@ from qtpy.QtCore import QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from qtpy.QtWidgets import QWidget
 
+from napari_splinesketch.plugin.measures import three_digits
 from napari_splinesketch.plugin.review.axes import Axes, spanned, ticks
+from napari_splinesketch.plugin.review.kymographs import Picture
 from napari_splinesketch.plugin.theme import Theme
 
 Along = Float[np.ndarray, " P"]
@@ -20,6 +22,8 @@ TICK, GAP = 4, 3
 """Length of a tick, and from it to its number, px."""
 PER_TICK = 60, 26
 """Room for a number along x and along y, px."""
+BAR = 8, 40
+"""Width of the bar of colours beside a picture, and the room that it has with its numbers, px."""
 SWATCH = 14
 """Length of a line in the legend, px."""
 ROOM, LEGEND = 0.08, 0.25
@@ -61,17 +65,19 @@ class Profile:
 
 
 class CurvePlots(QWidget):
-    """Half-width and residual against arc length; drawn in a few milliseconds."""
+    """Half-width and residual against arc length, or two pictures over the frames."""
 
     def __init__(self, theme: Theme):
         super().__init__()
         self.profile: Profile | None = None
+        self.pictures: tuple[Picture, ...] = ()
+        self._frame = 0
         self._theme = theme
         font = self.font()
         font.setPointSizeF(SMALL)
         self.setFont(font)
         self.setMinimumSize(320, 130)
-        self.setAccessibleName("Half-width and residual along the selected curve")
+        self.setAccessibleName("Plots of the selected curve")
 
     def show_theme(self, theme: Theme) -> None:
         """Take the window's colours."""
@@ -80,7 +86,12 @@ class CurvePlots(QWidget):
 
     def show_profile(self, profile: Profile | None) -> None:
         """Draw a curve, or say that none is selected."""
-        self.profile = profile
+        self.profile, self.pictures = profile, ()
+        self.update()
+
+    def show_pictures(self, pictures: tuple[Picture, Picture], frame: int) -> None:
+        """Draw pictures of a body over the frames, one of which is marked."""
+        self.profile, self.pictures, self._frame = None, pictures, frame
         self.update()
 
     def paintEvent(self, a0: QPaintEvent | None) -> None:
@@ -100,7 +111,10 @@ class CurvePlots(QWidget):
             )
             for i in (0, 1)
         )
-        if self.profile is None:
+        if self.pictures:
+            for axes, picture in zip((left, right), self.pictures, strict=True):
+                self._draw_picture(painter, axes.box, picture)
+        elif self.profile is None:
             self._draw_axes(painter, left, WIDTH, numbered=False)
             self._draw_axes(painter, right, RESIDUAL, numbered=False)
         else:
@@ -139,6 +153,25 @@ class CurvePlots(QWidget):
         zero = np.zeros(len(x))
         self._draw_lines(painter, axes, x, [(zero, self._other(), ""), (y, self._line(), "")])
 
+    def _draw_picture(self, painter: QPainter, box: QRectF, picture: Picture) -> None:
+        """Draw a picture, time downwards, with the colours beside it."""
+        box = box.adjusted(0, 0, -BAR[1], 0)
+        painter.drawImage(box, picture.image)
+        painter.setPen(QPen(QColor(self._theme.text), 1.2))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.drawRect(picture.row(box, self._frame))
+        first, last = picture.frames
+        axes = Axes(box, (0.0, picture.length), (last + 0.5, first - 0.5))
+        self._draw_axes(
+            painter, axes, picture.title, f"distance along it ({picture.unit})", whole=True
+        )
+        bar = QRectF(box.right() + GAP, box.top(), BAR[0], box.height())
+        painter.drawImage(bar, picture.bar)
+        high = painter.fontMetrics().height()
+        for value, at in zip(picture.span, (bar.bottom() - high, bar.top()), strict=True):
+            place = QRectF(bar.right() + GAP, at, BAR[1] - BAR[0] + GAP, high)
+            painter.drawText(place, BEGIN, three_digits(value))
+
     def _draw_lines(
         self, painter: QPainter, axes: Axes, x: Along, lines: list[tuple[Along, QPen, str]]
     ) -> None:
@@ -158,9 +191,16 @@ class CurvePlots(QWidget):
                 at += SWATCH + room + 14
 
     def _draw_axes(
-        self, painter: QPainter, axes: Axes, title: str, below: str = "", *, numbered: bool = True
+        self,
+        painter: QPainter,
+        axes: Axes,
+        title: str,
+        below: str = "",
+        *,
+        numbered: bool = True,
+        whole: bool = False,
     ) -> None:
-        """Draw two edges with their ticks, and write what they mean."""
+        """Draw two edges with their ticks, upwards maybe whole numbers, and say what they mean."""
         box, fonts = axes.box, painter.fontMetrics()
         edge, text = QPen(QColor(self._theme.faint), 1), QPen(QColor(self._theme.text))
         painter.setPen(edge)
@@ -172,7 +212,10 @@ class CurvePlots(QWidget):
             painter.drawLine(at, at + QPointF(0, TICK))
             painter.setPen(text)
             painter.drawText(QRectF(at.x() - 30, at.y() + TICK, 60, high), CENTRE, name)
-        for value, name in ticks(*axes.y, int(box.height() / PER_TICK[1])) if numbered else ():
+        most = int(box.height() / PER_TICK[1])
+        for value, name in ticks(min(axes.y), max(axes.y), most) if numbered else ():
+            if whole and value != round(value):
+                continue
             (at,) = axes.places(np.array([axes.x[0]]), np.array([value]))
             painter.setPen(edge)
             painter.drawLine(at, at - QPointF(TICK, 0))
@@ -180,8 +223,9 @@ class CurvePlots(QWidget):
             place = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
             painter.drawText(place, BESIDE, name)
         painter.setPen(text)
-        said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(box.width()))
-        painter.drawText(QRectF(box.left(), 0, box.width(), TOP - 4), BEGIN, said)
+        room = self.width() / 2 - LEFT - RIGHT
+        said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(room))
+        painter.drawText(QRectF(box.left(), 0, room, TOP - 4), BEGIN, said)
         place = QRectF(box.left(), box.bottom() + TICK + high, box.width(), high)
         painter.drawText(place, CENTRE, below)
 

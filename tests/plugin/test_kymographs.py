@@ -1,0 +1,66 @@
+"""A body over its length and over the frames, in the review panel."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.review.kymographs import pictures
+from napari_splinesketch.plugin.review.panel import ReviewPanel
+
+from .fakes import FakeEngine, as_drawn
+from .hand import refine
+
+LINE = np.array([[20.0, 20], [20, 60]])
+
+
+def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
+    body = {t: as_drawn(LINE + np.array([0, 2.0 * t])) for t in (3, 4, 6)}
+    curvature, speed, along, across = pictures("curve 7", body, Ruler((0.5, 0.5), "µm"))
+    assert curvature.title == "Curvature of curve 7 (1/µm)"
+    assert speed.frames == (3, 6)
+    assert speed.length == pytest.approx(20)
+    np.testing.assert_allclose(along.values[:2], 1.0, atol=1e-6)
+    np.testing.assert_allclose(across.values[:2], 0.0, atol=1e-6)
+    np.testing.assert_array_equal(np.isnan(speed.values).all(1), [False, False, True, True])
+    clear = [along.image.pixelColor(5, row).alpha() for row in range(4)]
+    assert clear == [255, 255, 0, 0]
+    assert along.image.pixelColor(5, 0).name() == "#a34700", "forwards is orange"
+    assert pictures("curve 7", {3: body[3]}, Ruler()) == ()
+
+
+def test_the_panel_shows_the_selected_body_over_the_frames(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.zeros((4, 96, 128), np.float32), name="film", scale=(1, 0.5, 0.5))
+    line = np.insert(LINE, 0, 0, axis=1)
+    viewer.add_shapes([line], shape_type="line", name="film sketches", scale=(1, 0.5, 0.5))
+    viewer.dims.set_point(0, 0)
+    refine(dock)
+    controller = dock.controller
+    panel = ReviewPanel(controller, controller.reviewing)
+    assert panel.plotted.isHidden(), "one frame is no film"
+    (first,) = controller.records()
+    moved = replace(first.curve, points=first.curve.points + np.array([0, 2]))
+    work = controller.work
+    assert work is not None
+    state = work.state
+    controller.apply("Track", replace(state, records=(first, replace(first, frame=1, curve=moved))))
+    assert not panel.plotted.isHidden()
+    controller.selected = (1, first.id)
+    assert panel.plots.profile is not None
+    panel.plotted.setCurrentIndex(1)
+    panel.plotted.activated.emit(1)
+    assert [p.title.split(" of")[0] for p in panel.plots.pictures] == ["Curvature", "Speed"]
+    shown = panel.plots.grab().toImage()
+    wanted = panel.plots.pictures[1].image.pixelColor(50, 0)
+    assert wanted.name() in {
+        shown.pixelColor(x, shown.height() // 3).name() for x in range(0, shown.width(), 3)
+    }
+    panel.plotted.setCurrentIndex(0)
+    panel.plotted.activated.emit(0)
+    assert panel.plots.profile is not None
+    assert not panel.plots.pictures
