@@ -60,7 +60,7 @@ def reviewing(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
 
     w.look(viewer, *NEAR)
     w.click(dock.review)
-    dock.controller.reviewing.next()
+    dock.controller.actions.run("next")
     w.shoot(viewer, folder / "review.png")
     dock.look.by.setCurrentIndex(1)
     dock.look.by.activated.emit(1)

@@ -60,7 +60,7 @@ class Bench:
         until(self.saver.offers, SOON)
         resume(self.controller, self.saver)
         self.rest()
-        until(lambda: not self.controller._drawing.busy, SOON)
+        until(lambda: not self.controller.drawing.busy, SOON)
 
     def close(self) -> None:
         """Close the dock; the window stays."""

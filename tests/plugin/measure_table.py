@@ -67,7 +67,7 @@ def main(number: int) -> None:
         "selecting a curve:", milliseconds(lambda i: setattr(controller, "selected", (0, ids[i])))
     )
     print("drawing the plots:", milliseconds(draw))
-    print("accepting a curve:", milliseconds(lambda i: dock.controller.reviewing.accept()))
+    print("accepting a curve:", milliseconds(lambda i: dock.controller.actions.run("accept")))
     orders = Qt.SortOrder.AscendingOrder, Qt.SortOrder.DescendingOrder
     sort = panel.table.sortByColumn
     print("sorting the table:", milliseconds(lambda i: sort(4 + i % 5, orders[i % 2])))

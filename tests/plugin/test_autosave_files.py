@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Grid
 from napari_splinesketch.plugin.autosave.folder import Folder, read, summary
 from napari_splinesketch.plugin.autosave.offer_box import LISTED, describe
 from napari_splinesketch.plugin.autosave.saver import Offer
 from napari_splinesketch.plugin.autosave.session import EVERY, Head, Page, Session, Shape
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch
+from napari_splinesketch.plugin.model import Record
 
 from .fakes import as_drawn
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from napari_splinesketch.plugin.adapter.bodies import alone
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Grid
+from napari_splinesketch.plugin.layers.pictures import alone
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch
 
 from .fakes import as_drawn
 

@@ -9,7 +9,7 @@ from qtpy.QtCore import QAbstractItemModel, Qt
 
 from napari_splinesketch.plugin.columns import COLUMNS, SHOWN, as_text, features
 from napari_splinesketch.plugin.measures import Ruler, measure, severity, three_digits
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.model import CurvesModel
 from napari_splinesketch.plugin.review.sorting import CurvesInOrder, Shown
 

@@ -18,7 +18,6 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, 
 from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.formats import READERS, WRITERS
 from napari_splinesketch.labels.types import LabelStatus
-from napari_splinesketch.plugin.adapter.labels import layer_of_labels, read_with
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import (
     _napari_s_own,
@@ -27,6 +26,7 @@ from napari_splinesketch.plugin.files import (
     read,
     write,
 )
+from napari_splinesketch.plugin.layers.labels import layer_of_labels, read_with
 
 from .hand import assert_drawn, click, refine, rest, until
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.adapter.film import Film, Patch, patched
-from napari_splinesketch.plugin.adapter.pixels import Grid
+from napari_splinesketch.plugin.layers.pixels import Film, Grid, Patch, patched
 
 KEYS: dict[str, Any] = {
     "frame": 1,

@@ -4,12 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from napari_splinesketch.plugin import history
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Grid
-from napari_splinesketch.plugin.history import History
-from napari_splinesketch.plugin.records import Record
-from napari_splinesketch.plugin.state import State, bytes_beside
+from napari_splinesketch.plugin import model as history
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch
+from napari_splinesketch.plugin.model import History, Record, State, bytes_beside
 
 from .fakes import as_drawn
 
@@ -78,7 +75,7 @@ def test_a_state_changes_by_giving_another() -> None:
     assert [r.review for r in state.records] == ["open", "open", "open"]
     less = accepted.without([(0, 2)])
     assert [(r.frame, r.id) for r in less.records] == [(0, 1), (3, 1)]
-    back = less.restored((0, 2))
+    back = less.restored([(0, 2)])
     assert [(r.frame, r.id) for r in back.records] == [(0, 1), (0, 2), (3, 1)]
     assert back.records[1].review == "accepted"
     assert not back.deleted
@@ -88,7 +85,7 @@ def test_of_several_that_were_deleted_the_last_comes_back() -> None:
     state = State((record(1),)).locked([(0, 1)], True).without([(0, 1)])
     again = state.with_records(record(1)).reviewed([(0, 1)], "rejected").without([(0, 1)])
     assert [(r.locked, r.review) for r in again.deleted] == [(True, "open"), (False, "rejected")]
-    back = again.restored((0, 1))
+    back = again.restored([(0, 1)])
     assert [(r.locked, r.review) for r in back.records] == [(False, "rejected")]
     assert not back.deleted
 

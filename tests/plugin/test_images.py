@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from napari.utils.notifications import notification_manager
 
-from napari_splinesketch.plugin.adapter import pixels
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers import pixels
 
 from .fakes import FakeEngine
 from .hand import click, outlines, refine, refine_all

@@ -41,7 +41,7 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     viewer.dims.set_point(0, 0)
     refine(dock)
     controller = dock.controller
-    panel = ReviewPanel(controller, controller.reviewing)
+    panel = ReviewPanel(controller)
     assert panel.plotted.isHidden(), "one frame is no film"
     (first,) = controller.records()
     moved = replace(first.curve, points=first.curve.points + np.array([0, 2]))

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.plugin.adapter.marks import MOST, View, readable
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.gently import CHUNK
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.layers.drawn import CHUNK
+from napari_splinesketch.plugin.layers.marks import MOST, View, readable
+from napari_splinesketch.plugin.model import Record
 
 from .fakes import FakeEngine, as_drawn
 from .hand import assert_drawn, click, refine, until

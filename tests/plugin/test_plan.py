@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
-from napari_splinesketch.plugin.records import Record
-from napari_splinesketch.plugin.state import State
 
 from .fakes import as_drawn
 

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from napari.layers import Image, Labels, Shapes
+from napari.layers import Image, Labels, Vectors
 
-from napari_splinesketch.plugin.adapter import pictures
-from napari_splinesketch.plugin.adapter.look import ribbon
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers import pictures
+from napari_splinesketch.plugin.layers.looks import ribbon
 
 from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, layer_named, refine, until
@@ -66,7 +66,7 @@ def test_every_proof_lies_on_the_image(
     ask(dock, "ribbon")
     lines = layer_named(viewer, "film uncertainty")
     assert_lies_on(lines, image)
-    apart = np.linalg.norm(lines.data[0][10] - lines.data[0][201 - 2 - 10])
+    apart = np.linalg.norm(lines.data[10, 0] - lines.data[201 - 2 - 10, 0])
     np.testing.assert_allclose(apart, 4 * 0.1, rtol=1e-3)
     ask(dock, "masks")
     masks = layer_named(viewer, "film masks")
@@ -81,7 +81,7 @@ def test_every_proof_lies_on_the_image(
     assert stack.data[0, 1, 20, 30] == 1
     assert stack.data[1, 1, 20, 30] == 2, "where bodies cross, both have their mask"
     kinds = [type(layer) for layer in (residual, lines, masks, stack)]
-    assert kinds == [Image, Shapes, Labels, Labels]
+    assert kinds == [Image, Vectors, Labels, Labels]
     assert not dock.eyes.entry("body").isChecked()
     ask(dock, "body")
     assert "Select one curve" in dock.notice.text()
@@ -107,7 +107,7 @@ def test_proofs_follow_while_they_are_in_view(
     assert not dock.eyes.entry("masks").isChecked()
     made = []
     maker = pictures.MAKERS["masks"]
-    slow = pictures.Maker(maker.source, lambda known: made.append(1) or maker.make(known))
+    slow = pictures.Maker("masks", maker.source, lambda known: made.append(1) or maker.make(known))
     monkeypatch.setitem(pictures.MAKERS, "masks", slow)
     click(dock.undo)
     until(lambda: layer_named(viewer, "film curves").nshapes == 2, 5)

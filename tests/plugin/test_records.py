@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.records import Record, identify
+from napari_splinesketch.plugin.model import Record, identify
 
 from .fakes import as_drawn
 

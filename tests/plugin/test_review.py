@@ -8,6 +8,7 @@ from napari.layers import Shapes
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication, QFileDialog
 
+from napari_splinesketch.plugin.commands import go_to
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 
@@ -166,7 +167,7 @@ def test_the_panel_closes_and_comes_back(
     until(lambda: dock.panel.panel is None, 5)
     assert not dock.review.isChecked()
     dock.controller.review("accepted", (0, 1))
-    dock.controller.reviewing.next()
+    dock.controller.actions.run("next")
     assert dock.controller.selected == (0, 5), "the keys work without the panel"
     click(dock.review)
     again = dock.panel.panel
@@ -190,7 +191,7 @@ def test_a_row_of_another_frame_goes_there(
     click(dock.review)
     panel = dock.panel.panel
     assert panel is not None
-    panel.reviewing.go_to((1, 2))
+    go_to(dock.controller, (1, 2))
     assert viewer.dims.point[0] == 2
     np.testing.assert_allclose(centre(viewer), [20, 30], atol=1e-6)
     panel.shown.setCurrentIndex(3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from napari.components import ViewerModel
 
-from napari_splinesketch.plugin.adapter.sketches import (
+from napari_splinesketch.plugin.layers.drawn import (
     drawn_in,
     new_sketch_layer,
     selected_in,

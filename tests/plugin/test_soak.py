@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from napari.layers import Shapes
 
-from napari_splinesketch.plugin import drawing, gently
-from napari_splinesketch.plugin.adapter.space import go_to_frame
+from napari_splinesketch.plugin import work
 from napari_splinesketch.plugin.autosave.folder import read
-from napari_splinesketch.plugin.history import STEPS as REMEMBERED
-from napari_splinesketch.plugin.records import Key, Record, key_of
+from napari_splinesketch.plugin.layers.space import go_to_frame
+from napari_splinesketch.plugin.model import STEPS as REMEMBERED
+from napari_splinesketch.plugin.model import Key, Record, key_of
 
 from .bench import SOON, Bench
 from .fakes import FakeEngine
@@ -155,7 +155,7 @@ class Day:
         keys, before = self.chosen(), self.records()
         if keys and not any(before[key].locked for key in keys):
             self.bench.controller.select(keys)
-            self.bench.controller.corrections.flip()
+            self.bench.controller.actions.run("flip")
             turned = {k: before[k].curve.points[::-1].tobytes() for k in keys}
             known = self.shadow.curves
             self.shadow.step(known | {k: (turned[k], known[k][1], False) for k in keys})
@@ -217,7 +217,7 @@ class Day:
     def check(self) -> None:
         """Look whether all is there that she had."""
         self.bench.rest()
-        until(lambda: not self.bench.controller._drawing.busy, SOON)
+        until(lambda: not self.bench.controller.drawing.busy, SOON)
         assert not self.bench.saver.problem
         for layer in self.bench.controller.choices.sketch_layers():
             shadow = self.shadows.setdefault(layer.name, Shadow())
@@ -256,7 +256,7 @@ ACTS: dict[Callable[[Day], None], int] = {
 
 
 def test_nothing_is_ever_gone(qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((drawing, "BREATH_MS"), (drawing, "FIRST_MS"), (gently, "BREATH_MS")):
+    for module, name in ((work, "BREATH_MS"), (work, "FIRST_MS")):
         monkeypatch.setattr(module, name, 0)
     day, told = Day(SEED), Counter[str]()
     done: list[str] = []

@@ -7,7 +7,8 @@ import pytest
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 
-from napari_splinesketch.plugin.adapter.space import (
+from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers.space import (
     current_frame,
     frame_index,
     frame_numbers,
@@ -17,7 +18,6 @@ from napari_splinesketch.plugin.adapter.space import (
     plane_problem,
     to_pixels,
 )
-from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
 from .hand import canvas_point, click, draw, fit_view, refine

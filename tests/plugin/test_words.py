@@ -8,8 +8,8 @@ import pytest
 from napari_splinesketch.engine.settings import SETTINGS
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Plan, Scope, Target
-from napari_splinesketch.plugin.records import Record
 
 from .fakes import as_drawn
 

@@ -26,11 +26,11 @@ from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Curve, Progress
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.adapter.colours import COLOUR_BY, COLUMN, RAMP, ColourBy, scale_of
-from napari_splinesketch.plugin.adapter.pictures import Proof
-from napari_splinesketch.plugin.adapter.roles import Role
 from napari_splinesketch.plugin.columns import COLUMNS
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.layers.looks import COLOUR_BY, COLUMN, RAMP, ColourBy, scale_of
+from napari_splinesketch.plugin.layers.pictures import Proof
+from napari_splinesketch.plugin.layers.slot import Role
 from napari_splinesketch.plugin.measures import Ruler, three_digits
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.text_label import TextLabel
@@ -155,13 +155,13 @@ class LookBox(QWidget):
             return
         self._seen = seen
         self.by.setCurrentIndex(COLOUR_BY.index(by))
-        scale = scale_of(curves, by, ruler)
+        scale = scale_of(curves, (by, ruler))
         self.scale.setVisible(scale is not None)
         self.words.say(words.LEGEND if by == "status" else "")
         if scale is not None:
             unit = f" {ruler.unit}" if by != "residual" else ""
-            self.low.setText(three_digits(scale.low))
-            self.high.setText(three_digits(scale.high) + unit)
+            self.low.setText(three_digits(scale[0]))
+            self.high.setText(three_digits(scale[1]) + unit)
 
 
 def called(by: ColourBy) -> str:
@@ -211,9 +211,7 @@ class EyeBox(QWidget):
             entry.setChecked(work is not None and work.proofs.shown(proof))
 
     def _layer(self, role: Any) -> Layer | None:
-        if self._work is None:
-            return None
-        return self._work.sketches if role == "sketches" else self._work.layers.layer(role)
+        return self._work.layer(role) if self._work is not None else None
 
     def _show(self, role: Role | str, on: bool) -> None:
         layer = self._layer(role)

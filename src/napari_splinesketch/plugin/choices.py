@@ -1,42 +1,41 @@
 """Which image and which sketches are worked on, as layers come and go."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal
 
-from napari_splinesketch.plugin.adapter.roles import is_result
+from napari_splinesketch.plugin.layers.slot import is_result
+
+L = TypeVar("L", bound=Layer)
+PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
+"""Events after which lines may lie elsewhere."""
 
 
 class Choices:
     """The chosen layers; follows the viewer.
 
     A layer that the user adds is chosen; when the chosen one is removed, the topmost of those left
-    is. Layers of results are no choice.
-
-    Parameters
-    ----------
-    viewer
-        The viewer whose layers there are to choose from.
+    is. Layers of results are no choice: which is why it is not magicgui's choice of layers, that
+    knows no such rule.
     """
 
     changed = Signal()
     """There are other layers, or another one is chosen, or one has another name."""
     edited = Signal()
     """What the chosen layers hold, or where they lie, or what is in view may have changed."""
-
     drawn = Signal()
     """The user has finished a line."""
 
     def __init__(self, viewer: ViewerModel):
         self._viewer = viewer
-        self._image: Image | None = None
-        self._sketches: Shapes | None = None
+        self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
         active = viewer.layers.selection.active
-        self._choose(*viewer.layers, *([active] if active else []))
+        for layer in (*viewer.layers, *([active] if active else [])):
+            self._choose(layer)
         layers = viewer.layers.events
         self._connections: list[tuple[Any, Callable[[Any], None]]] = [
             (layers.inserted, self._on_inserted),
@@ -52,73 +51,72 @@ class Choices:
         """Follow the viewer no longer, and choose nothing."""
         for signal, slot in self._connections:
             signal.disconnect(slot)
-        self._listen(self._image, None)
-        self._listen(self._sketches, None)
-        self._image = self._sketches = None
         for signal in (self.changed, self.edited, self.drawn):
             signal.disconnect()
+        for kind in self._chosen:
+            self._set(kind, None)
 
     def images(self) -> list[Image]:
         """Give the images to choose from, topmost first."""
-        return [x for x in reversed(self._viewer.layers) if isinstance(x, Image) and free(x)]
+        return self._free(Image)
 
     def sketch_layers(self) -> list[Shapes]:
         """Give the layers of sketches to choose from, topmost first."""
-        return [x for x in reversed(self._viewer.layers) if isinstance(x, Shapes) and free(x)]
+        return self._free(Shapes)
 
     @property
     def image(self) -> Image | None:
-        """The image."""
-        return self._image if self._is_there(self._image) else None
+        """The image, or None."""
+        return self._there(Image)
 
     @image.setter
     def image(self, layer: Image | None) -> None:
-        self._listen(self._image, layer)
-        self._image = layer
-        self.changed.emit()
+        self._set(Image, layer)
 
     @property
     def sketches(self) -> Shapes | None:
-        """The layer of sketches."""
-        return self._sketches if self._is_there(self._sketches) else None
+        """The layer of sketches, or None."""
+        return self._there(Shapes)
 
     @sketches.setter
     def sketches(self, layer: Shapes | None) -> None:
-        self._listen(self._sketches, layer)
-        self._sketches = layer
-        self.changed.emit()
+        self._set(Shapes, layer)
 
-    def _is_there(self, layer: Layer | None) -> bool:
+    def _free(self, kind: type[L]) -> list[L]:
+        layers = [layer for layer in self._viewer.layers if not is_result(layer)]
+        return [layer for layer in reversed(layers) if isinstance(layer, kind)]
+
+    def _there(self, kind: type[L]) -> L | None:
         # napari tells of its sliders before it tells that a layer is gone.
-        return layer in self._viewer.layers
+        layer = self._chosen[kind]
+        return layer if isinstance(layer, kind) and layer in self._viewer.layers else None
 
-    def _choose(self, *layers: Layer) -> None:
-        for layer in layers:
-            if isinstance(layer, Image) and free(layer):
-                self.image = layer
-            elif isinstance(layer, Shapes) and free(layer):
-                self.sketches = layer
-
-    def _listen(self, old: Layer | None, new: Layer | None) -> None:
-        for layer, what in ((old, "disconnect"), (new, "connect")):
+    def _set(self, kind: type[Layer], new: Layer | None) -> None:
+        for layer, what in ((self._chosen[kind], "disconnect"), (new, "connect")):
             if layer is None:
                 continue
-            for name in ("data", "scale", "translate", "rotate", "shear", "affine", "units"):
+            for name in PLACED:
                 getattr(getattr(layer.events, name), what)(self._on_edited)
             if isinstance(layer, Shapes):
                 getattr(layer.events.mode, what)(self._on_edited)
                 getattr(layer.selected_data.events.items_changed, what)(self._on_selected)
+        self._chosen[kind] = new
+        self.changed.emit()
+
+    def _choose(self, layer: Layer) -> None:
+        for kind in self._chosen:
+            if isinstance(layer, kind) and not is_result(layer):
+                self._set(kind, layer)
 
     def _on_inserted(self, event: Any) -> None:
-        if free(event.value):
+        if not is_result(event.value):
             self._choose(event.value)
             self.changed.emit()
 
     def _on_removed(self, event: Any) -> None:
-        if event.value is self._image:
-            self.image = next(iter(self.images()), None)
-        if event.value is self._sketches:
-            self.sketches = next(iter(self.sketch_layers()), None)
+        for kind, others in ((Image, self.images), (Shapes, self.sketch_layers)):
+            if event.value is self._chosen[kind]:
+                self._set(kind, next(iter(others()), None))
         self.changed.emit()
 
     def _on_layers(self, event: Any) -> None:
@@ -126,13 +124,9 @@ class Choices:
 
     def _on_edited(self, event: Any) -> None:
         self.edited.emit()
-        if event.source is self._sketches and getattr(event, "action", None) == ActionType.ADDED:
+        added = getattr(event, "action", None) == ActionType.ADDED
+        if event.source is self._chosen[Shapes] and added:
             self.drawn.emit()
 
     def _on_selected(self) -> None:
         self.edited.emit()
-
-
-def free(layer: Layer) -> bool:
-    """Whether a layer is the user's own."""
-    return not is_result(layer)

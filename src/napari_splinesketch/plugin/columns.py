@@ -13,10 +13,16 @@ from typing import Any, Literal
 import pandas as pd
 
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.adapter.look import MARKS
-from napari_splinesketch.plugin.measures import Measures, Ruler, measure, severity, three_digits
-from napari_splinesketch.plugin.once import once
-from napari_splinesketch.plugin.records import Key, Record, key_of
+from napari_splinesketch.plugin.layers.looks import MARKS
+from napari_splinesketch.plugin.measures import (
+    Measures,
+    Ruler,
+    measure,
+    once,
+    severity,
+    three_digits,
+)
+from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.tracking.over_time import mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}

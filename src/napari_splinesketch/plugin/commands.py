@@ -1,19 +1,28 @@
 """What the user can do: one table, which buttons, keys, tooltips and the manifest follow."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from sys import maxsize
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakSet
 
+import numpy as np
 from napari.components import ViewerModel
 from napari.utils.key_bindings import coerce_keybinding
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin import shaping, words
+from napari_splinesketch.plugin.layers.space import look_at, pointer
+from napari_splinesketch.plugin.measures import severity
+from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 else:
     Controller = Any
 
+REACH = 8.0
+"""How far from a curve the pointer may be to mean it, px, where its body is not broader."""
 Place = Literal["", "curve", "film", "review"]
 """Where a command has a button: with the selected curve, with a film, in the table of curves."""
 ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
@@ -26,14 +35,10 @@ class Command:
 
     Attributes
     ----------
-    id
-        By which settings know it.
-    name
-        What its button says.
+    id, name
+        By which settings know it; what its button says.
     key
         The key that does it, as napari writes it ("Ctrl+Z"); empty for none.
-    run
-        Does it.
     tip
         What it does, in one sentence.
     place
@@ -51,6 +56,146 @@ class Command:
     curves: range | None = None
 
 
+def flip(controller: Controller) -> None:
+    """Let the selected curves begin where they ended."""
+    chosen = _chosen(controller)
+    if chosen:
+        turned = [replace(r, curve=shaping.flipped(r.curve)) for r in chosen]
+        _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
+
+
+def split(controller: Controller) -> None:
+    """Cut a curve at the point that is nearest to the pointer."""
+    record = _one(controller, "Select the curve to split, and point at the place.")
+    if record is None or controller.work is None:
+        return
+    try:
+        at = shaping.nearest(record.curve, _place(controller))[0]
+        pieces = shaping.split(record.curve, at)
+    except ValueError as error:
+        controller.say(str(error))
+        return
+    state = controller.work.state
+    number = max(other.id for other in (*state.records, *state.deleted)) + 1
+    second = Record(number, record.frame, pieces[1].points, pieces[1], drawn=False, edited=True)
+    _put(controller, f"Split curve {record.id}", [_edited(record, pieces[0]), second])
+
+
+def join(controller: Controller) -> None:
+    """Make one curve of the two that are selected; it keeps the first one's number."""
+    chosen, work = _chosen(controller), controller.work
+    if len(chosen) != 2 or chosen[0].frame != chosen[1].frame or work is None:
+        controller.say("Select two curves of this frame to join: click one, Shift-click the other.")
+        return
+    first, second = chosen
+    made = _edited(first, shaping.joined(first.curve, second.curve))
+    state = work.state.without([key_of(second)]).with_records(made)
+    controller.apply(f"Join curves {first.id} and {second.id}", state)
+    controller.selected = key_of(made)
+
+
+def extend(controller: Controller) -> None:
+    """Lengthen the end nearest to the pointer by the body's width, and refine."""
+    record = _one(controller, "Select the curve to extend, and point at its end.")
+    if record is not None:
+        curve = record.curve
+        apart = np.linalg.norm(curve.points[[0, -1]] - _place(controller), axis=1)
+        longer = shaping.extended(curve, bool(apart[1] <= apart[0]), shaping.body_width(curve))
+        _put(controller, f"Extend curve {record.id}", [_edited(record, longer)])
+        controller.refine("selected")
+
+
+def toggle_lock(controller: Controller) -> None:
+    """Lock the selected curves, or unlock them if all are locked."""
+    controller.lock(not all(record.locked for record in controller.selected_records()))
+
+
+def pick(controller: Controller, *, add: bool = False) -> None:
+    """Select the curve that the pointer is at, beside those selected or instead of them."""
+    found = _pointed(controller)
+    chosen = controller.selection if add else ()
+    if found is not None:
+        key = key_of(found)
+        chosen = tuple(k for k in chosen if k != key) if key in chosen else (*chosen, key)
+    controller.select(chosen)
+
+
+def worst_first(records: Sequence[Record]) -> list[Record]:
+    """Give curves in the order in which they need review."""
+    return sorted(records, key=lambda record: severity(record.curve), reverse=True)
+
+
+def judge(controller: Controller, review: Review) -> None:
+    """Say what the user thinks of the selected curves, and go on to the next."""
+    order = controller.order(controller.records())
+    if controller.selection:
+        controller.review(review)
+    _go_on(controller, order)
+
+
+def go_to(controller: Controller, key: Key) -> None:
+    """Select a curve, and bring it to the middle of the canvas."""
+    work = controller.work
+    record = work.state.record(key) if work else None
+    if work is not None and record is not None:
+        controller.selected = key
+        look_at(controller.viewer, work.image, record.frame, record.curve.points)
+
+
+def _go_on(controller: Controller, order: Sequence[Record]) -> None:
+    """Go to the first open curve after the selected one, or to the first of all."""
+    now = {key_of(r): r for r in controller.records()}
+    keys = [key_of(r) for r in order if key_of(r) in now]
+    at = max((i for i, key in enumerate(keys) if key in controller.selection), default=-1)
+    ahead = [k for k in (*keys[at + 1 :], *keys[: at + 1]) if now[k].review == "open"]
+    if ahead:
+        go_to(controller, ahead[0])
+
+
+def _pointed(controller: Controller) -> Record | None:
+    """Give the curve in view that the pointer is at."""
+    place, here = _place(controller), controller.records(controller.frame)
+    near = [(shaping.nearest(record.curve, place)[1], record) for record in here]
+    reached = [pair for pair in near if pair[0] < max(REACH, shaping.body_width(pair[1].curve))]
+    return min(reached, key=lambda pair: pair[0])[1] if reached else None
+
+
+def _chosen(controller: Controller) -> list[Record]:
+    """Give the selected curves, or else the one pointed at; say so if there is none."""
+    pointed = None if controller.selection else _pointed(controller)
+    chosen = controller.selected_records() or ([pointed] if pointed else [])
+    if not chosen:
+        controller.say("Select a curve first, or point at it.")
+    locked = [record for record in chosen if record.locked]
+    if locked:
+        controller.say("Curve " + ", ".join(str(r.id) for r in locked) + " is locked.")
+    return [] if locked else chosen
+
+
+def _one(controller: Controller, otherwise: str) -> Record | None:
+    chosen = _chosen(controller)
+    if len(chosen) > 1:
+        controller.say(otherwise)
+    return chosen[0] if len(chosen) == 1 else None
+
+
+def _put(controller: Controller, what: str, changed: list[Record]) -> None:
+    if controller.work is not None:
+        controller.apply(what, controller.work.state.with_records(*changed))
+        controller.select(map(key_of, changed))
+
+
+def _edited(record: Record, curve: Curve) -> Record:
+    """Put a changed curve into a record; what was said of the old one no longer holds."""
+    return replace(record, curve=curve, edited=True, review="open")
+
+
+def _place(controller: Controller) -> np.ndarray:
+    """(row, col) that the pointer is at, px of the image."""
+    image = controller.choices.image
+    return pointer(controller.viewer, image) if image else np.full(2, np.nan)
+
+
 COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
             "Draw lines, or go back to selecting curves"),
@@ -59,27 +204,29 @@ COMMANDS = (
             "Refine each line as soon as it is drawn, while you draw the next"),
     Command("knots", "Knots", "U", lambda c: c.knots.toggle(),
             "Drag the knots of the selected curve", "curve", ONE),
-    Command("flip", "Flip", "Shift+H", lambda c: c.corrections.flip(),
+    Command("flip", "Flip", "Shift+H", flip,
             "Swap head and tail of the selected curves", "curve", ANY),
-    Command("split", "Split", "Shift+U", lambda c: c.corrections.split(),
+    Command("split", "Split", "Shift+U", split,
             "Cut the curve where you point", "curve", ONE),
-    Command("join", "Join", "Shift+J", lambda c: c.corrections.join(),
+    Command("join", "Join", "Shift+J", join,
             "Make one curve of the two that are selected", "curve", TWO),
-    Command("extend", "Extend", "Shift+N", lambda c: c.corrections.extend(),
+    Command("extend", "Extend", "Shift+N", extend,
             "Lengthen the end you point at, and refine", "curve", ONE),
-    Command("lock", "Lock", "Shift+K", lambda c: c.toggle_lock(),
+    Command("lock", "Lock", "Shift+K", toggle_lock,
             "Keep the selected curves as they are", "curve", ANY),
     Command("delete", "Delete", "Shift+Q", lambda c: c.delete(),
             "Delete the selected curves; their lines stay", "curve", ANY),
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(), "Undo the last step"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(), "Redo what was undone"),
-    Command("accept", "Accept", "J", lambda c: c.reviewing.accept(),
+    Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots if c.knots.active else c).undo(),
+            "Undo the last step"),
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots if c.knots.active else c).redo(),
+            "Redo what was undone"),
+    Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
             "Accept the curve and go on to the next", "review"),
-    Command("reject", "Reject", "K", lambda c: c.reviewing.reject(),
+    Command("reject", "Reject", "K", lambda c: judge(c, "rejected"),
             "Reject the curve and go on to the next", "review"),
-    Command("next", "Next", "N", lambda c: c.reviewing.next(),
+    Command("next", "Next", "N", lambda c: _go_on(c, c.order(c.records())),
             "Go on to the next curve to review", "review"),
     Command("suggest", "Suggest lines", "W", lambda c: c.films.suggest(),
             "Draw a line over each body that stands out in this frame"),
@@ -98,21 +245,10 @@ Bound = Callable[[ViewerModel], None]
 
 
 class Commands:
-    """The commands, bound to keys of a viewer.
+    """The commands that act on a controller, bound to keys of a viewer where those are `heard`.
 
     The keys of napari's layers and of other plugins come first: these are only heard where
     nobody else wants them.
-
-    Parameters
-    ----------
-    viewer
-        Whose keys are bound.
-    controller
-        What the commands act on.
-    heard
-        Whether a key is meant for us, when it is pressed.
-    table
-        What there is to do.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The state behind the dock: what would be refined, what runs, what came of it."""
+"""What would be refined, what runs, what came of it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,50 +8,40 @@ from time import perf_counter
 from typing import Any
 
 from napari.components import ViewerModel
-from napari.layers import Image, Shapes
+from napari.layers import Image
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
+from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.adapter.labels import labels_of
-from napari_splinesketch.plugin.adapter.pixels import block_around
-from napari_splinesketch.plugin.adapter.preview import Preview
-from napari_splinesketch.plugin.adapter.roles import is_result
-from napari_splinesketch.plugin.adapter.sketches import (
+from napari_splinesketch.plugin.commands import Commands, pick, worst_first
+from napari_splinesketch.plugin.files import export
+from napari_splinesketch.plugin.films import Films
+from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.keeper import Keeper, Notice
+from napari_splinesketch.plugin.knots import KnotEditing
+from napari_splinesketch.plugin.layers.drawn import (
+    MANY,
     begin_drawing,
     drawing,
     new_sketch_layer,
     select_curves,
 )
-from napari_splinesketch.plugin.commands import Commands
-from napari_splinesketch.plugin.corrections import Corrections
-from napari_splinesketch.plugin.files import export
-from napari_splinesketch.plugin.films import Films
-from napari_splinesketch.plugin.gently import MANY, Soon
-from napari_splinesketch.plugin.jobs import Job
-from napari_splinesketch.plugin.keeper import Notice
-from napari_splinesketch.plugin.knot_editing import KnotEditing
-from napari_splinesketch.plugin.plan import Scope
-from napari_splinesketch.plugin.records import Record, key_of
-from napari_splinesketch.plugin.request import Request, Requests
-from napari_splinesketch.plugin.review.reviewing import Reviewing
-from napari_splinesketch.plugin.settings_keeper import SettingsKeeper
+from napari_splinesketch.plugin.layers.labels import labels_of
+from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers.slot import Preview, is_result
+from napari_splinesketch.plugin.model import Record, Refined, key_of
+from napari_splinesketch.plugin.plan import Request, Requests, Scope
 from napari_splinesketch.plugin.work import Work, remove_results
 
 SAVING = "Saving"
-
 KNOWN_AFTER = 2.0
 """Seconds after which the time that is left is worth a guess."""
 
 
-class Controller(SettingsKeeper):
-    """Owns the state; widgets show it.
-
-    Parameters
-    ----------
-    viewer
-        The viewer whose layers are worked on.
+class Controller(Keeper):
+    """Does what the user asks for; widgets show what came of it.
 
     Attributes
     ----------
@@ -59,12 +49,11 @@ class Controller(SettingsKeeper):
         Whether a line is refined as soon as it is drawn.
     actions
         What can be done with a key.
-    corrections
-        What can be done to the shape of a curve.
-    knots
-        Moving a curve by its knots.
-    films, reviewing
-        Suggesting and tracking; going from curve to curve.
+    knots, films
+        Moving a curve by its knots; suggesting and tracking.
+    order
+        Puts curves into the order in which they are gone through; the worst first, unless a table
+        shows another one.
     left
         About how long what runs still will, s; None where nobody knows.
     """
@@ -72,6 +61,8 @@ class Controller(SettingsKeeper):
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
+        self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
+        self.left: float | None = None
         self._closed = False
         self._requests = Requests(self)
         self._pair = self.choices.image, self.choices.sketches
@@ -80,17 +71,14 @@ class Controller(SettingsKeeper):
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
         self._told: list[Image] = []
-        self.corrections = Corrections(self, partial(self.refine, "selected"))
+        self._began = 0.0
         self.knots = KnotEditing(self, partial(self.refine, "selected"))
         self.films = Films(self)
-        self.reviewing = Reviewing(self)
-        self.left: float | None = None
-        self._began = 0.0
         self.actions = Commands(viewer, self, self._is_meant)
-        self.use_keys()
-        self.clicked.connect(lambda shift: self.corrections.pick(add=shift))
+        self.actions.rebind(self.settings.keys)
+        self.clicked.connect(lambda shift: pick(self, add=shift))
         self.choices.changed.connect(self._follow)
-        self._soon = Soon(lambda: self.changed.emit())
+        self._soon = qdebounced(lambda: self.changed.emit(), 0)
         self.choices.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
         self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
@@ -114,18 +102,22 @@ class Controller(SettingsKeeper):
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in request.plan.targets)
-        block = block_around(image, request.frame, lines)
         task = engine.Task(
-            block,
+            block_around(image, request.frame, lines),
             lines,
             request.plan.fixed,
-            self.preset,
+            self.settings.preset,
             self.settings.polarity,
             self.half_width_in(image),
         )
-        self._preview = Preview(self.viewer, image, f"{work.name} on the way")
-        done = partial(self._on_done, work, request)
-        see = partial(self._see, request.frame)
+        preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
+
+        def see(progress: Progress) -> None:
+            if progress.centrelines:
+                preview.show(request.frame, progress.centrelines)
+
+        self._preview = preview
+        done = partial(self._on_refined, work, request)
         self.start(partial(engine.run, task), done, "Refining", see, on=work)
 
     def start(
@@ -170,50 +162,30 @@ class Controller(SettingsKeeper):
         """Whether Cancel can still keep what runs from changing anything."""
         return self._job is not None
 
+    @property
+    def waited(self) -> float:
+        """For how long the user has waited for what she started last, s."""
+        return perf_counter() - self._began
+
     def finish(self, notice: Notice) -> None:
-        """Say what came of what was running: it is over."""
-        self._stop(notice)
+        """End what runs, and say what came of it."""
+        if self._job:
+            self._job.cancel()
+        if self._preview:
+            self._preview.remove()
+        self._job = self._preview = self.progress = self._on = None
+        self.tell(notice)
+
+    def cancel(self) -> None:
+        """Forget the running refinement; everything stays as it was."""
+        if self._job:
+            self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
 
     def toggle_at_once(self) -> None:
         """Refine each line as soon as it is drawn, or no longer."""
         self.at_once = not self.at_once
         self.changed.emit()
         self._refine_at_once()
-
-    def begin(self, image: Image, sketches: Shapes) -> Work:
-        """Give what is known of an image through a layer of sketches, from now on at the latest."""
-        known = self.work_on(image, sketches)
-        if known:
-            return known
-        work = Work(image, sketches, self.viewer)
-        self._works.append(work)
-        self._attend(work)
-        return work
-
-    def cancel(self) -> None:
-        """Forget the running refinement; everything stays as it was."""
-        if self._job:
-            said = self._cancelled()
-            self._stop(Notice("cancelled", f"Cancelled. {said}"))
-
-    def undo(self) -> None:
-        """Take back the last step, or the last move of a knot."""
-        if self.knots.active:
-            self.knots.undo()
-        else:
-            super().undo()
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        if self.knots.active:
-            self.knots.redo()
-        else:
-            super().redo()
-
-    @property
-    def waited(self) -> float:
-        """For how long the user has waited for what she started last, s."""
-        return perf_counter() - self._began
 
     def draw(self) -> None:
         """Draw lines into the chosen layer, or into a new one where there is none."""
@@ -225,7 +197,7 @@ class Controller(SettingsKeeper):
     def draw_or_select(self) -> None:
         """Draw lines; or, while drawing, go back to selecting curves."""
         layer = self.choices.sketches
-        curves = self.work.layers.layer("curves") if self.work else None
+        curves = self.work.layer("curves") if self.work else None
         if layer is not None and curves is not None and drawing(self.viewer, layer):
             select_curves(self.viewer, curves)
         else:
@@ -252,26 +224,18 @@ class Controller(SettingsKeeper):
         if work is None or not work.records or self.progress:
             return
         labels = labels_of(work, rejected=rejected)
-        left_out = len(work.records) - len(labels.labels)
-        if not labels.labels:
+        written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
+        if not written:
             self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
             return
-        done = partial(self._on_exported, Path(path), len(labels.labels), left_out)
+
+        def done(lost: Sequence[str]) -> None:
+            without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
+            text = f"Saved {words.count(written, 'curve')} to {Path(path).name}{without}. "
+            self.finish(Notice("done", f"{text}{words.together(lost)}".rstrip()))
+
         order = partial(export, path, labels, overwrite)
         self.start(order, done, SAVING, cancelled=lambda: "Nothing was written.")
-
-    def _on_exported(self, path: Path, count: int, left_out: int, lost: Sequence[str]) -> None:
-        without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
-        text = f"Saved {words.count(count, 'curve')} to {path.name}{without}. "
-        self.finish(Notice("done", f"{text}{words.together(lost)}".rstrip()))
-
-    def abandon(self) -> None:
-        """End what runs, and do not speak of it."""
-        if self._job:
-            self._job.cancel()
-        if self._preview:
-            self._preview.remove()
-        self._job, self._preview, self.progress, self._on = None, None, None, None
 
     def close(self) -> None:
         """End what runs; nobody is there any more to show anything."""
@@ -279,10 +243,10 @@ class Controller(SettingsKeeper):
             return
         self._closed = True
         self.knots.discard()
-        self.abandon()
+        self.changed.disconnect()
+        self.finish(Notice())
         self.actions.close()
-        self.stop_listening()
-        self._soon.stop()
+        self._soon.cancel()
         super().close()
 
     def _on_edited(self) -> None:
@@ -298,26 +262,16 @@ class Controller(SettingsKeeper):
         ours = None, self.choices.image, self.choices.sketches
         return layer in ours or (layer is not None and is_result(layer))
 
-    def _stop(self, notice: Notice) -> None:
-        self.abandon()
-        self.notice = notice
-        self.changed.emit()
-
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
         self.left = time_left(self.waited, progress.fraction)
         self.changed.emit()
 
-    def _see(self, frame: int, progress: Progress) -> None:
-        """Show the curves on their way."""
-        if self._preview and progress.centrelines:
-            self._preview.show(frame, progress.centrelines)
-
     def _on_failed(self, name: str, message: str) -> None:
+        text = f"{name} failed, nothing was changed. {message}"
         if name == SAVING:
-            self._stop(Notice("failed", f"Not saved: {message.partition(': ')[2]}"))
-            return
-        self._stop(Notice("failed", f"{name} failed, nothing was changed. {message}"))
+            text = f"Not saved: {message.partition(': ')[2]}"
+        self.finish(Notice("failed", text))
 
     def _on_ended(self, done: Callable[[Any], None], outcome: Any) -> None:
         """What the thread was to do is done: what is left is to show it."""
@@ -325,7 +279,7 @@ class Controller(SettingsKeeper):
         self.changed.emit()
         done(outcome)
 
-    def _on_done(self, work: Work, request: Request, refined: engine.Refined) -> None:
+    def _on_refined(self, work: Work, request: Request, refined: Refined) -> None:
         targets = request.plan.targets
         ids = [target.id for target in targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
@@ -337,12 +291,13 @@ class Controller(SettingsKeeper):
         state = work.state.set_aside([(request.frame, t.id) for t in targets if t.again])
         work.history.apply(what, state.refined(request.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
-        self._drawing.start(work, last=partial(self._on_all_shown, work, len(fresh)))
 
-    def _on_all_shown(self, work: Work, number: int) -> None:
-        work.layers.select(self.selection)
-        self._stop(Notice("done", words.done("Refined", number, "curve", self.waited)))
-        self._refine_at_once()
+        def shown() -> None:
+            work.layers.select(self.selection)
+            self.finish(Notice("done", words.done("Refined", len(fresh), "curve", self.waited)))
+            self._refine_at_once()
+
+        self.drawing.start(work, work.show(), shown)
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""
@@ -358,23 +313,19 @@ class Controller(SettingsKeeper):
         there = set(self.viewer.layers)
         gone = [work for work in self._works if not {work.image, work.sketches} <= there]
         self._works = [work for work in self._works if work not in gone]
+        # Later: napari is still busy with the layer that it tells of.
         for work in gone:
-            self._leave(work)
+            half = self.drawing.drop(work)  # what is half shown goes with it
+            if half:
+                QTimer.singleShot(0, partial(remove_results, self.viewer, work))
+            if half or (self.progress and self._on is work):
+                name = (work.sketches if work.image in there else work.image).name
+                said = f"{name!r} was removed: what was running on it ended."
+                self.finish(Notice("cancelled", said))
         for work in self._works:
             if work.layers.deleted():
-                # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changed.emit()
-
-    def _leave(self, work: Work) -> None:
-        """End what runs on layers that the user has removed; what is half shown goes with them."""
-        half = self._drawing.drop(work)
-        if half:
-            # Later: napari is still busy with the layer that it tells of.
-            QTimer.singleShot(0, partial(remove_results, self.viewer, work))
-        if half or (self.progress and self._on is work):
-            name = (work.sketches if work.image in self.viewer.layers else work.image).name
-            self._stop(Notice("cancelled", f"{name!r} was removed: what was running on it ended."))
 
 
 def time_left(spent: float, done: float) -> float | None:

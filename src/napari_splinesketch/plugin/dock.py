@@ -2,7 +2,6 @@
 
 import atexit
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -25,15 +24,15 @@ from qtpy.QtWidgets import (
 )
 
 from napari_splinesketch.plugin import boxes, engine, widgets, words
-from napari_splinesketch.plugin.adapter.space import ruler_of
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.export_dialog import ask_where
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.layers.space import ruler_of
 from napari_splinesketch.plugin.panel_keeper import PanelKeeper
-from napari_splinesketch.plugin.request import Request
+from napari_splinesketch.plugin.plan import Request
 from napari_splinesketch.plugin.settings_form import SettingsForm
 from napari_splinesketch.plugin.text_label import TextLabel
 from napari_splinesketch.plugin.widgets import button, enable
@@ -173,11 +172,9 @@ class SplinesketchDock(QWidget):
         controller.changed.connect(self._show)
         _open.add(self)
         self.destroyed.connect(controller.close)
-        self.preset.activated.connect(lambda i: setattr(controller, "preset", engine.PRESETS[i]))
-        self.look.valueChanged.connect(
-            lambda by: controller.change(replace(controller.settings, colour_by=by))
-        )
-        self.settings_form.valueChanged.connect(controller.change)
+        self.preset.activated.connect(lambda i: controller.choose(preset=engine.PRESETS[i]))
+        self.look.valueChanged.connect(lambda by: controller.choose(colour_by=by))
+        self.settings_form.valueChanged.connect(lambda changes: controller.choose(**changes))
         self.eyes.refused.connect(controller.say)
         self.panel.toggled.connect(lambda on: self.review.setChecked(on))
         self.at_once.clicked.connect(controller.toggle_at_once)
@@ -235,7 +232,7 @@ class SplinesketchDock(QWidget):
         self.track.show_state()
         self.curve.show_selection()
         self._show_results(request)
-        self.preset.setCurrentIndex(engine.PRESETS.index(controller.preset))
+        self.preset.setCurrentIndex(engine.PRESETS.index(controller.settings.preset))
         self.settings_form.show_ruler(ruler_of(controller.choices.image))
         self.settings_form.setValue(controller.settings)
         self._show_steps()
@@ -265,7 +262,7 @@ class SplinesketchDock(QWidget):
         here = controller.records(request.frame)
         self.results.say(words.summary(here))
         self.results.setToolTip(words.SUMMARY_TIP)
-        notes = work.notes.get(request.frame, ()) if work and here else ()
+        notes = work.state.notes.get(request.frame, ()) if work and here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
         self.eyes.show_work(work)

@@ -12,9 +12,8 @@ from jaxtyping import Float
 from napari_splinesketch.engine.settings import PRESETS as PRESETS
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Block, Grid
-from napari_splinesketch.plugin.suggestions import new_among
+from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
+from napari_splinesketch.plugin.model import Refined, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, follow
 
 if TYPE_CHECKING:
@@ -52,31 +51,6 @@ class Task:
     preset: PresetName
     polarity: Polarity = "auto"
     half_width: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A refinement in pixels of the image.
-
-    Attributes
-    ----------
-    curves
-        One for each line of the task.
-    patch
-        The reconstruction and the background.
-    seconds
-        Wall time of the engine.
-    notes
-        What the scene needed and why, one sentence each.
-    region
-        (low, high): corners of the part of the reconstruction that bodies are drawn in, px.
-    """
-
-    curves: tuple[Curve, ...]
-    patch: Patch
-    seconds: float
-    notes: tuple[str, ...]
-    region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 
 def run(task: Task, on_progress: OnProgress) -> Refined:

@@ -14,24 +14,24 @@ from qtpy.QtCore import QTimer
 from superqt.utils import QSignalDebouncer
 
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.adapter.pixels import block_around
-from napari_splinesketch.plugin.adapter.sketches import (
+from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.layers.drawn import (
+    BREATH_MS,
     begin_drawing,
     drawn_in,
     new_sketch_layer,
 )
-from napari_splinesketch.plugin.adapter.space import (
+from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers.space import (
     current_frame,
     frame_count,
     go_to_frame,
     plane_problem,
+    size_of,
 )
-from napari_splinesketch.plugin.gently import BREATH_MS
-from napari_splinesketch.plugin.jobs import Job
-from napari_splinesketch.plugin.keeper import Notice
-from napari_splinesketch.plugin.records import Line
-from napari_splinesketch.plugin.request import OPEN
-from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin.model import Line, State
+from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.plugin.tracks import Progressing, bodies_at, given_in, taken_in
 from napari_splinesketch.plugin.work import Work
 
@@ -129,8 +129,7 @@ class Films:
             QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
         work = controller.begin(image, layer)
         frame = current_frame(controller.viewer, image)
-        height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
-        corners = np.array([[0.0, 0.0], [height - 1, width - 1]])
+        corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
         task = engine.SuggestTask(
             block_around(image, frame, [corners]),
             tuple(self._known(work, layer, image, frame, work.state.suggested(frame, ()))),
@@ -190,7 +189,7 @@ class Films:
             bodies_at(state, here, way),
             partial(block_around, image),
             {frame: given_in(state, frame) for frame in frames},
-            controller.preset,
+            controller.settings.preset,
             controller.settings.polarity,
             controller.half_width_in(image),
         )
@@ -256,7 +255,7 @@ class Films:
             return
         if len(task.frames) == 1 and not error:
             go_to_frame(controller.viewer, work.image, task.frames[0])
-        controller.when_shown(partial(controller.finish, notice))
+        controller.show(work, partial(controller.finish, notice))
 
 
 def _among(line: Line, others: Float[np.ndarray, "L N 2"] | None) -> bool:

@@ -1,7 +1,7 @@
-"""What is known, what is selected, and the one door through which it changes."""
+"""What is known and selected, what the user chose, and the one door through which it changes."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -9,16 +9,20 @@ from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from psygnal import Signal, SignalInstance
 from qtpy.QtCore import QTimer
+from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.adapter.space import current_frame
+from napari_splinesketch.plugin import settings, words
 from napari_splinesketch.plugin.choices import Choices
-from napari_splinesketch.plugin.drawing import Drawing
-from napari_splinesketch.plugin.gently import BREATH_MS, MANY, Soon
-from napari_splinesketch.plugin.records import Key, Record, Review, key_of
-from napari_splinesketch.plugin.state import State
-from napari_splinesketch.plugin.work import Work, works_in
+from napari_splinesketch.plugin.commands import Commands
+from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
+from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
+from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
+from napari_splinesketch.plugin.settings import Settings
+from napari_splinesketch.plugin.work import Drawing, Work, works_in
+
+BACK = "Undo brings them back."
 
 
 @dataclass(frozen=True)
@@ -29,25 +33,21 @@ class Notice:
     text: str = ""
 
 
-BACK = "Undo brings them back."
-
-
 class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them.
-
-    Parameters
-    ----------
-    viewer
-        The viewer whose layers are worked on.
 
     Attributes
     ----------
     choices
         The chosen image and sketches.
+    settings
+        What the user chose once and for all.
     progress
         Where what runs stands; None when nothing runs.
     notice
         What the last action came to.
+    drawing
+        Brings the layers in step with what is known.
     """
 
     changed = Signal()
@@ -56,19 +56,21 @@ class Keeper:
     """Other curves are selected."""
     clicked = Signal(bool)
     """The user has clicked into the layer of curves; with Shift, or without."""
+    actions: Commands
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
         self.choices = Choices(viewer)
+        self.settings = settings.load()
         self.progress: Progress | None = None
         self.notice = Notice()
+        self.drawing = Drawing(self._on_not_shown)
         self._selection: tuple[Key, ...] = ()
-        self._drawing = Drawing(self._on_not_shown)
-        self._soon_marked = Soon(self._mark_selected, after=BREATH_MS)
-        self.selected_changed.connect(self._look_at_selected)
+        self._soon_marked = qdebounced(self._mark_selected, BREATH_MS)
         self._works = works_in(viewer)
         for work in self._works:
             self._attend(work)
+        self._end = settings.on_change(lambda: self._take(settings.load()))
 
     @property
     def work(self) -> Work | None:
@@ -84,6 +86,15 @@ class Keeper:
         """Give what is known of an image through a layer of sketches."""
         pair = image, sketches
         return next((work for work in self._works if (work.image, work.sketches) == pair), None)
+
+    def begin(self, image: Image, sketches: Shapes) -> Work:
+        """Give what is known of an image through a layer of sketches, from now on at the latest."""
+        work = self.work_on(image, sketches)
+        if work is None:
+            work = Work(image, sketches, self.viewer)
+            self._works.append(work)
+            self._attend(work)
+        return work
 
     @property
     def frame(self) -> int:
@@ -111,6 +122,19 @@ class Keeper:
     def selected(self, key: Key | None) -> None:
         self.select(() if key is None else (key,))
 
+    def select(self, keys: Iterable[Key]) -> None:
+        """Select curves, here and in their layer."""
+        chosen = tuple(keys)
+        if self.work and len(self.work.records) < MANY:
+            self.work.layers.select(chosen)
+        else:
+            self._soon_marked()
+        self._note_selected(chosen)
+
+    def selected_records(self) -> list[Record]:
+        """Give the selected curves."""
+        return [self.work.state.by_key[key] for key in self.selection] if self.work else []
+
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
         self.tell(Notice("failed", text))
@@ -119,18 +143,6 @@ class Keeper:
         """Tell the user what came of something."""
         self.notice = notice
         self.changed.emit()
-
-    def select(self, keys: Iterable[Key]) -> None:
-        """Select curves, here and in their layer."""
-        chosen = tuple(keys)
-        if self.work and len(self.work.records) < MANY:
-            self.work.layers.select(chosen)
-        else:
-            self._soon_marked()
-        if chosen != self._selection:
-            self._selection = chosen
-            self.selected_changed.emit()
-            self.changed.emit()
 
     def apply(self, what: str, state: State, last: Callable[[], None] = lambda: None) -> None:
         """Put a state in the place of the present one, as a step that can be taken back.
@@ -149,18 +161,25 @@ class Keeper:
         if self.work:
             self.notice = Notice()
             self.work.history.apply(what, state)
-            self._show(self.work, last)
+            self.show(self.work, last)
 
     def amend(self, state: State) -> None:
         """Put a state in the place of the present one, as part of the last step."""
         if self.work:
             self.work.history.amend(state)
-            self._show(self.work)
+            self.show(self.work)
 
-    def when_shown(self, call: Callable[[], None]) -> None:
-        """Call something when the layers show what is known."""
-        if self.work:
-            self._show(self.work, call)
+    def show(self, work: Work, last: Callable[[], None] = lambda: None) -> None:
+        """Let the layers show what is known, and then call something."""
+
+        def shown() -> None:
+            if work is self.work:
+                self._mark_selected()
+            last()
+            self.changed.emit()
+
+        self.changed.emit()
+        self.drawing.start(work, work.show(), shown)
 
     def undo(self) -> None:
         """Take back the last step."""
@@ -173,43 +192,45 @@ class Keeper:
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
         verb = {"accepted": "Accept", "rejected": "Reject", "open": "Reopen"}[review]
-        chosen = keys or self.selection
-        if self.work and chosen:
-            self.apply(f"{verb} {words.curves(chosen)}", self.work.state.reviewed(chosen, review))
+        self._change(verb, keys, lambda state, chosen: state.reviewed(chosen, review))
 
     def lock(self, locked: bool, *keys: Key) -> None:
         """Lock or unlock curves, those selected if none are named."""
-        chosen = keys or self.selection
-        if self.work and chosen:
-            what = f"{'Lock' if locked else 'Unlock'} {words.curves(chosen)}"
-            self.apply(what, self.work.state.locked(chosen, locked))
-
-    def toggle_lock(self) -> None:
-        """Lock the selected curves, or unlock them if all are locked."""
-        chosen = [self.work.state.record(key) for key in self.selection] if self.work else []
-        self.lock(not all(record is not None and record.locked for record in chosen))
+        verb = "Lock" if locked else "Unlock"
+        self._change(verb, keys, lambda state, chosen: state.locked(chosen, locked))
 
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named."""
-        chosen = keys or self.selection
-        if self.work and chosen:
-            self.apply(f"Delete {words.curves(chosen)}", self.work.state.without(chosen))
+        self._change("Delete", keys, State.without)
 
     def restore(self, *keys: Key) -> None:
         """Bring deleted curves back, the latest if none are named."""
         deleted = self.work.state.deleted if self.work else ()
         chosen = keys or tuple(map(key_of, deleted[-1:]))
-        if self.work and chosen:
-            state = self.work.state
-            for key in chosen:
-                state = state.restored(key)
-            self.apply(f"Restore {words.curves(chosen)}", state)
+        if chosen:
+            self._change("Restore", chosen, State.restored)
             self.select(chosen)
+
+    @property
+    def ruler(self) -> Ruler:
+        """What lengths are told in."""
+        return ruler_of(None if self.settings.lengths_in_pixels else self.choices.image)
+
+    def half_width_in(self, image: Image) -> float | None:
+        """Give what the user says of the bodies' half-width, px; None to measure it."""
+        ruler = ruler_of(image)
+        return self.settings.half_width_in(ruler.unit, ruler.pixel)
+
+    def choose(self, **chosen: object) -> None:
+        """Take settings that the user chose, and keep them for other sessions."""
+        self._take(replace(self.settings, **chosen))
+        settings.save(self.settings)
 
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
-        self._soon_marked.stop()
-        self._drawing.stop()
+        self._end()
+        self._soon_marked.cancel()
+        self.drawing.stop()
         for work in self._works:
             for signal in _signals(work):
                 signal.disconnect()
@@ -218,15 +239,47 @@ class Keeper:
         for signal in (self.changed, self.selected_changed, self.clicked):
             signal.disconnect()
 
+    def _take(self, chosen: Settings) -> None:
+        before, self.settings = self.settings, chosen
+        if chosen.keys != before.keys:
+            # A key that was given to a command is taken from the one that had it.
+            given = {k for name, k in chosen.keys.items() if k != before.keys.get(name)} - {""}
+            lost = {n: "" for n, k in chosen.keys.items() if k in given and before.keys.get(n) == k}
+            if lost:
+                self.settings = replace(chosen, keys={**chosen.keys, **lost})
+                settings.save(self.settings)
+            self.actions.rebind(self.settings.keys)
+        for work in self._works:
+            self._colour(work)
+        self.changed.emit()
+
+    def _colour(self, work: Work) -> None:
+        """Let the colours of curves say what the user wants them to."""
+        ruler = Ruler() if self.settings.lengths_in_pixels else ruler_of(work.image)
+        if work.layers.colour((self.settings.colour_by, ruler)):
+            self.show(work)
+
+    def _change(
+        self,
+        verb: str,
+        keys: Collection[Key],
+        change: Callable[[State, Collection[Key]], State],
+    ) -> None:
+        chosen = tuple(keys) or self.selection
+        if self.work and chosen:
+            self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
+
     def _attend(self, work: Work) -> None:
+        """Hear of the user's doings in layers of results."""
         for signal in _signals(work):
             signal.disconnect()
-        # Later: napari is still busy with the edit that it tells of.
         work.layers.toggled.connect(lambda: self.changed.emit())
         work.proofs.toggled.connect(lambda: self.changed.emit())
+        # Later: napari is still busy with the edit that it tells of.
         work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
         work.layers.selected.connect(partial(self._on_selected, work))
         work.layers.clicked.connect(lambda shift: self.clicked.emit(shift))
+        self._colour(work)
 
     def _adopt(self, work: Work) -> None:
         """Take over what the user deleted among the curves; what she moved goes back."""
@@ -236,7 +289,7 @@ class Keeper:
         elif not self.progress:
             said = f"Curves are results: draw and move lines in {work.sketches.name!r}."
             self.notice = Notice("failed", said)
-        self._show(work)
+        self.show(work)
 
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
@@ -246,46 +299,39 @@ class Keeper:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
                 self.notice = Notice("done", "The curves are gone with their layer. " + BACK)
-                self._show(work)
+                self.show(work)
 
     def _on_selected(self, work: Work) -> None:
         if work is self.work and work.layers.selection() != self._selection:
-            self._selection = work.layers.selection()
             # Later: napari is still busy with the click, and with its own mark of the curve.
             QTimer.singleShot(BREATH_MS, work.layers.emphasise)
-            self.selected_changed.emit()
-            self.changed.emit()
+            self._note_selected(work.layers.selection())
+
+    def _note_selected(self, chosen: tuple[Key, ...]) -> None:
+        if chosen == self._selection:
+            return
+        self._selection = chosen
+        if self.work:
+            self.work.looked_at = self.selected
+            for _ in self.work.proofs.show():  # the body of the curve that is looked at
+                pass
+        self.selected_changed.emit()
+        self.changed.emit()
 
     def _mark_selected(self) -> None:
         if self.work:
             self.work.layers.select(self.selection)
-
-    def _look_at_selected(self) -> None:
-        if self.work:
-            self.work.looked_at = self.selected
-            self.work.proofs.update()
 
     def _travel(self, said: str, way: Literal["undo", "redo"]) -> None:
         if self.work and not self.progress:
             what = getattr(self.work.history, way)()
             if what:
                 self.notice = Notice("done", f"{said}: {what[0].lower()}{what[1:]}.")
-                self._show(self.work)
-
-    def _show(self, work: Work, last: Callable[[], None] = lambda: None) -> None:
-        self.changed.emit()
-        self._drawing.start(work, last=partial(self._on_shown, work, last))
-
-    def _on_shown(self, work: Work, last: Callable[[], None]) -> None:
-        if work is self.work:
-            self._mark_selected()
-        last()
-        self.changed.emit()
+                self.show(self.work)
 
     def _on_not_shown(self, error: Exception) -> None:
         self.progress = None
-        self.notice = Notice("failed", f"The results could not be shown. {error}")
-        self.changed.emit()
+        self.tell(Notice("failed", f"The results could not be shown. {error}"))
 
 
 def _signals(work: Work) -> tuple[SignalInstance, ...]:

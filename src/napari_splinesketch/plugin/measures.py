@@ -1,21 +1,37 @@
 """What the table says of a curve: numbers in the image's units, free of Qt and napari."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.labels.geometry import width_growth
-from napari_splinesketch.plugin.once import once
 from napari_splinesketch.tracking.over_time import mean_curvature
 
+V = TypeVar("V", bound=Hashable)
+T = TypeVar("T")
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
 RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
 UNKNOWN = "–"
+
+
+def once(find: Callable[[V], T]) -> Callable[[V], T]:
+    """Remember what a function gave for each value, while the value lives."""
+    known: WeakKeyDictionary[V, T] = WeakKeyDictionary()
+
+    def found(value: V) -> T:
+        try:
+            return known[value]
+        except KeyError:
+            return known.setdefault(value, find(value))
+
+    return found
 
 
 @dataclass(frozen=True)

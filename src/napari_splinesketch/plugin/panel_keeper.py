@@ -6,9 +6,9 @@ from weakref import ref
 
 from psygnal import Signal
 from qtpy.QtWidgets import QWidget
+from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.gently import Soon
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 
 NAME = "Curves"
@@ -34,11 +34,10 @@ class PanelKeeper:
     """The panel was shown or hidden."""
 
     def __init__(self, controller: Controller):
-        self.reviewing = controller.reviewing
         self.panel: ReviewPanel | None = None
         self._controller = controller
         self._waiting: ref[QWidget] | None = None
-        self._soon = Soon(self._paint, after=LAYOUT_MS)
+        self._soon = qdebounced(self._paint, LAYOUT_MS)
 
     def show_or_hide(self) -> None:
         """Show the panel if it is not there, hide it if it is."""
@@ -50,7 +49,7 @@ class PanelKeeper:
     def show(self) -> None:
         """Show the panel."""
         if self.panel is None:
-            self.panel = ReviewPanel(self._controller, self.reviewing)
+            self.panel = ReviewPanel(self._controller)
             self.panel.closed.connect(self._on_closed)
             added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
             self._paint_later(added.window())

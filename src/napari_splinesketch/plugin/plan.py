@@ -1,17 +1,32 @@
-"""What a refinement would take up, and what it leaves alone."""
+"""What Refine would take up now, with the layers as they are, and what it leaves alone."""
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Literal
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import resample
-from napari_splinesketch.plugin.once import once
-from napari_splinesketch.plugin.records import Key, Line, Record, identify, key_of
-from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in, selected_in
+from napari_splinesketch.plugin.layers.space import current_frame, plane_problem
+from napari_splinesketch.plugin.measures import once
+from napari_splinesketch.plugin.model import (
+    Key,
+    Line,
+    Record,
+    State,
+    identify,
+    key_of,
+    length_of,
+    print_of,
+    prints_of,
+)
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.keeper import Keeper
 
 Scope = Literal["new", "selected", "all"]
 WITHIN = 1.25
@@ -21,28 +36,25 @@ LIKE = 0.6
 """Such a line is as long as the curve but for this factor, either way."""
 LEAST = 1.5
 """Half-width that counts at least, px: a hand is no steadier."""
+BEGIN = "Press Draw lines, then draw a line over each body."
+OPEN = "Open an image: drop a file on the window, or File > Open Sample."
+NOTHING = State()
 SAMPLES = 16
 """Points of a line that are compared."""
-SAME = 2
-"""Decimals of a pixel to which a line is the same as before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A curve to refine.
+    """A curve to refine, by its number.
 
     Attributes
     ----------
-    id
-        Its number.
     sketch
         (N, 2) what the user drew, px.
     start
         (N, 2) where to begin, px: the sketch, or the curve as the user has changed it.
-    new
-        Whether there is no such curve yet.
-    drawn
-        Whether the sketch is a line in the user's layer.
+    new, drawn
+        Whether there is no such curve yet; whether the sketch is a line in the user's layer.
     again
         Whether it is a second line over a body that has a curve, which it replaces.
     """
@@ -61,18 +73,12 @@ class Plan:
 
     Attributes
     ----------
-    scope
-        What was asked for.
-    targets
-        The curves that it would move.
-    fixed
-        The curves that take part as they are.
-    decided
-        How many lines it leaves out because their curves were accepted or locked.
+    targets, fixed
+        The curves that it would move, and those that take part as they are.
+    decided, deleted
+        How many lines it leaves out because their curves were accepted or locked, or deleted.
     orphans
         Numbers of curves whose line the user has deleted: they stay.
-    deleted
-        How many lines it leaves out because their curves were deleted.
     """
 
     scope: Scope = "new"
@@ -181,7 +187,7 @@ def _matched(
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
     exact = {_print_of(record): record.id for record in reversed(drawn)}
-    found = [exact.get(known, 0) for known in _prints(lines)]
+    found = [exact.get(known, 0) for known in prints_of(lines)]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right.
@@ -193,18 +199,9 @@ def _matched(
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
 
-def _prints(lines: Sequence[Line]) -> list[bytes]:
-    """What lines have in common that are the same."""
-    if not lines:
-        return []
-    rounded = np.round(np.concatenate(lines), SAME) + 0.0
-    ends = np.cumsum([len(line) for line in lines]).tolist()
-    return [rounded[a:b].tobytes() for a, b in pairwise([0, *ends])]
-
-
 @once
 def _print_of(record: Record) -> bytes:
-    return _prints([record.sketch])[0]
+    return print_of(record.sketch)
 
 
 def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:
@@ -236,10 +233,66 @@ def _apart(line: Line, record: Record) -> float:
     low, high = curve.points.min(axis=0), curve.points.max(axis=0)
     if curve.status == "failed" or (line.min(axis=0) > high).any() or (line.max(0) < low).any():
         return np.inf
-    length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    if not LIKE < length / max(curve.length, 1e-9) < 1 / LIKE:
+    if not LIKE < length_of(line) / max(curve.length, 1e-9) < 1 / LIKE:
         return np.inf
     some = resample(line, SAMPLES)
     far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
     width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
     return float(far / max(width, LEAST))
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What Refine would do now in the frame in view, or why there is nothing to do, in words."""
+
+    frame: int = 0
+    plan: Plan = field(default_factory=Plan)
+    drawn: Drawn = field(default_factory=Drawn)
+    problem: str = ""
+
+
+class Requests:
+    """Says what Refine would do, again and again; works it out where something has changed."""
+
+    def __init__(self, controller: "Keeper"):
+        self._controller = controller
+        self._drawn: tuple[int, Drawn] | None = None
+        # The same question has the same answer.
+        self._plan = lru_cache(2)(
+            lambda drawn, state, *asked: make_plan(state, asked[0], drawn.lines, *asked[1:])
+        )
+        controller.choices.changed.connect(self.forget)
+        controller.choices.edited.connect(self.forget)
+
+    def forget(self) -> None:
+        """Look at the lines anew the next time."""
+        self._drawn = None
+
+    def request(self, scope: Scope) -> Request:
+        """Say what Refine would do now; selected lines go before those that are new."""
+        c = self._controller
+        image, layer, selection = c.choices.image, c.choices.sketches, c.selection
+        problem = plane_problem(c.viewer, image) if image is not None else OPEN
+        if problem or image is None:
+            return Request(problem=problem)
+        frame = current_frame(c.viewer, image)
+        if layer is None:
+            return Request(frame, problem=BEGIN)
+        if self._drawn is None or self._drawn[0] != frame:
+            self._drawn = frame, drawn_in(c.viewer, layer, image, frame)
+        drawn, marked = self._drawn[1], frozenset[int]()
+        about_curves = scope == "selected" and any(key[0] == frame for key in selection)
+        if layer is c.viewer.layers.selection.active and not about_curves and scope != "all":
+            marked = selected_in(layer)
+        chosen = frozenset(i for i, number in enumerate(drawn.numbers) if number in marked)
+        if marked:
+            scope = "selected"
+            if not chosen:
+                return Request(frame, Plan(scope), drawn, words.NO_LINE)
+        state = c.work.state if c.work else NOTHING
+        plan = self._plan(drawn, state, frame, scope, chosen, selection)
+        if plan.targets:
+            return Request(frame, plan, drawn)
+        full = any(record.frame == frame for record in state.records)
+        place = "full" if full else "empty" if image.ndim > 2 else "all"
+        return Request(frame, plan, drawn, words.nothing(plan, drawn, place, layer.name))

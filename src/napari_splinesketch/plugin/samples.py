@@ -7,8 +7,8 @@ import numpy as np
 
 from napari_splinesketch import palette
 from napari_splinesketch.data import load_sample
-from napari_splinesketch.plugin.adapter.roles import ROLE
-from napari_splinesketch.plugin.adapter.sketches import SUFFIX, line_style
+from napari_splinesketch.plugin.layers.drawn import SUFFIX, line_style
+from napari_splinesketch.plugin.layers.slot import ROLE
 from napari_splinesketch.synthetic import rotate, scene
 
 LayerData = tuple[Any, dict[str, Any], str]
@@ -49,4 +49,4 @@ def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[L
 
 def _lines(name: str, lines: Sequence[np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
     kinds = ["line" if len(line) == 2 else "path" for line in lines]
-    return {"name": name, "shape_type": kinds, **line_style(shape)}
+    return {"name": name, "shape_type": kinds, **line_style((shape[0], shape[1]))}

@@ -9,7 +9,7 @@ from napari.settings import get_plugin_settings
 
 from napari_splinesketch.engine.settings import PRESETS, PresetName
 from napari_splinesketch.engine.types import Polarity
-from napari_splinesketch.plugin.adapter.colours import COLOUR_BY, ColourBy
+from napari_splinesketch.plugin.layers.looks import COLOUR_BY, ColourBy
 
 PLUGIN = "napari-splinesketch"
 PREFERENCES = "Opens napari's preferences: the keys are on the page of Splinesketch"

@@ -68,10 +68,8 @@ class SettingsForm(QWidget):
         changes = {name: value}
         if name == "half_width":
             changes["half_width_unit"] = self._ruler.unit
-        changed = replace(self._settings, **changes)
-        if changed != self._settings:
-            self._settings = changed
-            self.valueChanged.emit(changed)
+        if replace(self._settings, **changes) != self._settings:
+            self.valueChanged.emit(changes)
 
 
 def _widget(name: str, label: str, tip: str, **options: Any) -> Any:

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.engine import refined_of
-from napari_splinesketch.plugin.records import Record
-from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Body, Given, Tracked
 
 NUMBERS = 6

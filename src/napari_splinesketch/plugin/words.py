@@ -4,16 +4,18 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS
-from napari_splinesketch.plugin.adapter.pictures import Proof
-from napari_splinesketch.plugin.adapter.sketches import Drawn
 from napari_splinesketch.plugin.columns import STATUS_WORDS
-from napari_splinesketch.plugin.plan import Plan
-from napari_splinesketch.plugin.records import Key, Record
+from napari_splinesketch.plugin.layers.drawn import Drawn
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
+from napari_splinesketch.plugin.layers.pictures import Proof
+from napari_splinesketch.plugin.model import Key, Record
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.plan import Plan
 
 PRESET_TIPS: dict[PresetName, str] = {
     "fast": "Fast: one guess for each line; for bodies that lie apart",
@@ -69,7 +71,7 @@ def curves(keys: Sequence[Key]) -> str:
     return count(len(keys), "curve")
 
 
-def button(plan: Plan) -> str:
+def button(plan: "Plan") -> str:
     """Label what a refinement would do."""
     number, new = len(plan.targets), sum(target.new for target in plan.targets)
     if not number:
@@ -83,7 +85,7 @@ def button(plan: Plan) -> str:
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
 
 
-def nothing(plan: Plan, drawn: Drawn, frame: Literal["all", "empty", "full"], layer: str) -> str:
+def nothing(plan: "Plan", drawn: Drawn, frame: Literal["all", "empty", "full"], layer: str) -> str:
     """Say why a plan is empty.
 
     Parameters
@@ -113,7 +115,7 @@ def nothing(plan: Plan, drawn: Drawn, frame: Literal["all", "empty", "full"], la
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
 
-def left_alone(plan: Plan) -> str:
+def left_alone(plan: "Plan") -> str:
     """Say what a plan leaves out."""
     said = []
     if plan.decided and plan.targets:

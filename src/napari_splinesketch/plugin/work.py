@@ -1,24 +1,29 @@
-"""What is known of one image through one layer of sketches."""
+"""What is known of one image through one layer of sketches, and the layers that show it."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import InitVar, dataclass, field
+import logging
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from functools import partial
+from typing import Any
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
+from qtpy.QtCore import QTimer
 
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.proof import ProofLayers
-from napari_splinesketch.plugin.adapter.results import ResultLayers
-from napari_splinesketch.plugin.adapter.roles import OWNER
-from napari_splinesketch.plugin.adapter.sketches import SUFFIX
-from napari_splinesketch.plugin.adapter.suggested import SuggestedLines
-from napari_splinesketch.plugin.history import History
-from napari_splinesketch.plugin.records import Key, Record
-from napari_splinesketch.plugin.state import State, bytes_beside
-from napari_splinesketch.plugin.suggestions import Suggestion
+from napari_splinesketch.plugin.layers.drawn import SUFFIX, SuggestedLines
+from napari_splinesketch.plugin.layers.pictures import ProofLayers
+from napari_splinesketch.plugin.layers.pixels import Patch
+from napari_splinesketch.plugin.layers.results import ResultLayers
+from napari_splinesketch.plugin.layers.slot import OWNER
+from napari_splinesketch.plugin.model import History, Key, Record, State, bytes_beside
+
+_log = logging.getLogger(__name__)
+
+BREATH_MS = 30
+"""Between two steps of drawing results: time for the window to paint and to answer."""
+FIRST_MS = 5
+"""Before the first one: what has changed the state is still to be seen in the dock."""
 
 
-@dataclass(eq=False)
 class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
@@ -26,47 +31,27 @@ class Work:
     ----------
     image, sketches
         The user's layers.
-    viewer
-        Where the results are shown.
     history
         What is known, and what was known before.
-    layers
-        The layers of results.
-    proofs
-        The layers that are made when the user asks for them.
+    layers, proofs, suggested
+        The layers of curves, those of what the model says, and the suggested lines among the
+        sketches; they come with the first results.
     looked_at
         (frame, id) of the curve that is selected, or None.
-    suggested
-        The suggested lines among the sketches.
     """
 
-    image: Image
-    sketches: Shapes
-    viewer: InitVar[ViewerModel]
-    history: History[State] = field(default_factory=lambda: History(State(), bytes_beside))
-    layers: ResultLayers = field(init=False)
-    proofs: ProofLayers = field(init=False)
-    suggested: SuggestedLines = field(init=False)
-    looked_at: Key | None = None
-
-    def __post_init__(self, viewer: ViewerModel) -> None:
-        """Make the layers' keeper; the layers come with the first results."""
-        self.layers = ResultLayers(viewer, self.name, self)
-        self.proofs = ProofLayers(viewer, self.name, self)
-        self.suggested = SuggestedLines(viewer, self.image, self.sketches, self)
+    def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
+        self.image, self.sketches = image, sketches
+        self.looked_at: Key | None = None
+        self.history: History[State] = History(State(), bytes_beside)
+        self.layers = ResultLayers(viewer, self)
+        self.proofs = ProofLayers(viewer, self)
+        self.suggested = SuggestedLines(viewer, image, sketches)
 
     @property
     def name(self) -> str:
         """What names of layers begin with."""
         return self.sketches.name.removesuffix(SUFFIX)
-
-    def show(self) -> Iterator[None]:
-        """Bring the layers in step with what is known, a little at each step."""
-        yield from self.suggested.show()
-        yield from self.layers.show()
-        self.suggested.fade(self.records)
-        yield
-        self.proofs.update()
 
     @property
     def state(self) -> State:
@@ -79,11 +64,6 @@ class Work:
         return self.state.records
 
     @property
-    def suggestions(self) -> tuple[Suggestion, ...]:
-        """The suggested lines of all frames."""
-        return self.state.suggestions
-
-    @property
     def patches(self) -> Mapping[int, Patch]:
         """Reconstructions by frame, the latest last."""
         return self.state.patches
@@ -93,15 +73,19 @@ class Work:
         """The record that is selected."""
         return self.state.record(self.looked_at) if self.looked_at else None
 
-    @property
-    def seconds(self) -> Mapping[int, float]:
-        """How long the engine took, by frame."""
-        return self.state.seconds
+    def layer(self, role: Any) -> Any:
+        """Give the layer of a role, or None where there is none or the user removed it."""
+        if role == "sketches":
+            return self.sketches
+        slots = self.layers.slots
+        return slots[role].layer if role in slots else self.proofs.layer(role)
 
-    @property
-    def notes(self) -> Mapping[int, tuple[str, ...]]:
-        """What the scene needed and why, by frame."""
-        return self.state.notes
+    def show(self) -> Iterator[None]:
+        """Bring the layers in step with what is known, a little at each step."""
+        yield from self.suggested.show(self.state.suggestions)
+        yield from self.proofs.show()
+        yield from self.layers.show()
+        self.suggested.fade(self.records)
 
 
 def works_in(viewer: ViewerModel) -> list[Work]:
@@ -114,3 +98,57 @@ def remove_results(viewer: ViewerModel, work: Work) -> None:
     """Remove the layers of results of a work."""
     for layer in [layer for layer in viewer.layers if layer.metadata.get(OWNER) is work]:
         viewer.layers.remove(layer)
+
+
+class Drawing:
+    """Changes layers in many short steps; the window lives in between.
+
+    Parameters
+    ----------
+    failed
+        Called with the exception if a step fails.
+    """
+
+    def __init__(self, failed: Callable[[Exception], None]):
+        self._failed = failed
+        self._steps: dict[Hashable, Iterator[object]] = {}
+        self._last: dict[Hashable, list[Callable[[], None]]] = {}
+
+    def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
+        """Take steps, in the place of others of the same key; then call `last`, also of those."""
+        running = key in self._steps
+        self._steps[key] = steps
+        self._last.setdefault(key, []).append(last)
+        if not running:
+            QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is still to be shown."""
+        return bool(self._steps)
+
+    def drop(self, key: Hashable) -> bool:
+        """Take no more steps; say whether there were some left."""
+        self._last.pop(key, None)
+        return self._steps.pop(key, None) is not None
+
+    def stop(self) -> None:
+        """Show nothing more."""
+        self._steps.clear()
+        self._last.clear()
+
+    def _go_on(self, key: Hashable) -> None:
+        if key not in self._steps:
+            return
+        try:
+            next(self._steps[key])
+        except StopIteration:
+            del self._steps[key]
+            for last in self._last.pop(key):
+                last()
+        except Exception as error:
+            _log.exception("The results could not be shown")
+            self.drop(key)
+            self._failed(error)
+        else:
+            QTimer.singleShot(BREATH_MS, partial(self._go_on, key))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.adapter.film import Patch
 from napari_splinesketch.plugin.autosave.session import (
     EVERY,
     Head,
@@ -22,7 +21,8 @@ from napari_splinesketch.plugin.autosave.session import (
     record_text,
     write_patch,
 )
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.layers.pixels import Patch
+from napari_splinesketch.plugin.model import Record
 
 HEAD = "session.json"
 ENDINGS = "json", "npz"

@@ -9,17 +9,16 @@ from napari.layers import Image
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.adapter.labels import read_with, records_of
-from napari_splinesketch.plugin.adapter.sketches import line_style
-from napari_splinesketch.plugin.adapter.space import frame_count
 from napari_splinesketch.plugin.autosave.folder import Folder, read
-from napari_splinesketch.plugin.autosave.pages import layer_for, state_of, vertices
+from napari_splinesketch.plugin.autosave.pages import state_of
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.gently import add_shapes, step_through
 from napari_splinesketch.plugin.keeper import Notice
-from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style
+from napari_splinesketch.plugin.layers.labels import read_with, records_of
+from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
+from napari_splinesketch.plugin.model import State
 
 _log = logging.getLogger(__name__)
 
@@ -37,10 +36,8 @@ def resume(controller: Controller, saver: Saver) -> None:
     """Bring back all that is offered for the chosen image: one layer of sketches for each."""
     image, offers = controller.choices.image, saver.offers()
     if image is not None and offers and not controller.progress:
-        height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
-        size = int(height), int(width)
         done = partial(_restore_all, controller, saver, image)
-        work = partial(_read_all, offers, frame_count(image), size)
+        work = partial(_read_all, offers, frame_count(image), size_of(image))
         controller.start(work, done, "Reading the saved work")
 
 
@@ -84,7 +81,7 @@ def _restore_all(
         text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
         controller.finish(Notice("failed", text) if problems else Notice())
 
-    step_through(steps, over)
+    controller.drawing.start(image, steps, over)
 
 
 def _restore(
@@ -98,13 +95,13 @@ def _restore(
         return
     drawn = [(frame, shape) for frame, page in session.pages.items() for shape in page.shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
-    layer = layer_for(image, session.layer, flat)
+    layer = empty_layer(image, session.layer, flat=flat)
     kept = saver.take(found.offer, (image, layer), folder)
     try:
         controller.viewer.layers.append(layer)
         yield
-        style = line_style(image.level_shapes[0][image.ndim - 2 : image.ndim])
-        points = [shape.points if flat else vertices(image, frame, shape) for frame, shape in drawn]
+        style = line_style(size_of(image))
+        points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
         for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
             yield
             if not {image, layer} <= set(controller.viewer.layers):

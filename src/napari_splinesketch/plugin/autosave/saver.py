@@ -28,7 +28,7 @@ from napari_splinesketch.plugin.autosave.place import Picture
 from napari_splinesketch.plugin.autosave.session import Head, Session
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Keeper
-from napari_splinesketch.plugin.state import State
+from napari_splinesketch.plugin.model import State
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""

@@ -33,9 +33,8 @@ from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Grid
-from napari_splinesketch.plugin.records import Line, Record, Review
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch
+from napari_splinesketch.plugin.model import Line, Record, Review
 
 FORMAT = 1
 MOST_BYTES = 2**27

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Real
 from scipy.ndimage import map_coordinates
 
-from napari_splinesketch.plugin.adapter.look import normals
+from napari_splinesketch.plugin.layers.looks import normals
 
 SPACING = 0.5
 """Between the places across a body at which the picture is read, px at most."""

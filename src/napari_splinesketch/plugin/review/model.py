@@ -15,10 +15,10 @@ from qtpy.QtCore import (
 from qtpy.QtGui import QColor
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.adapter.look import COLOURS
 from napari_splinesketch.plugin.columns import SHOWN, in_film
+from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.measures import Measures, Ruler, measure
-from napari_splinesketch.plugin.records import Key, Record, key_of
+from napari_splinesketch.plugin.model import Key, Record, key_of
 
 MOST_RUNS = 20
 """Where more rows come and go than in so many places, the table is shown anew."""

@@ -1,5 +1,6 @@
 """The panel below the canvas: the table of curves and the plots of the selected one."""
 
+from functools import partial
 from pathlib import Path
 
 from napari.utils.notifications import show_error
@@ -22,16 +23,16 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from napari_splinesketch.plugin.adapter.space import current_frame
 from napari_splinesketch.plugin.columns import as_text
+from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.layers.space import current_frame
 from napari_splinesketch.plugin.measures import Ruler
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.model import CurvesModel
 from napari_splinesketch.plugin.review.plots import CurvePlots
 from napari_splinesketch.plugin.review.profiles import Profiles
-from napari_splinesketch.plugin.review.reviewing import Reviewing
 from napari_splinesketch.plugin.review.sorting import SHOWN, CurvesInOrder
 from napari_splinesketch.plugin.review.table import CurvesTable
 from napari_splinesketch.plugin.theme import theme_of
@@ -57,16 +58,13 @@ class ReviewPanel(QWidget):
     ----------
     controller
         Owns the curves.
-    reviewing
-        Goes from curve to curve.
     """
 
     closed = Signal()
 
-    def __init__(self, controller: Controller, reviewing: Reviewing):
+    def __init__(self, controller: Controller):
         super().__init__()
         self.controller = controller
-        self.reviewing = reviewing
         self._profiles = Profiles()
         self._known: tuple[tuple[Record, ...], Ruler] | None = None
         self._build()
@@ -124,13 +122,12 @@ class ReviewPanel(QWidget):
         controller.changed.connect(self.show_state)
         controller.selected_changed.connect(self.show_selected)
         controller.viewer.events.theme.connect(self._on_theme)
-        self.reviewing.order = self.visible
-        self.table.picked.connect(self.reviewing.go_to)
+        controller.order = lambda records: self.visible()
+        self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._on_shown)
         self.plotted.activated.connect(lambda index: self.show_selected())
-        self.accept.clicked.connect(self.reviewing.accept)
-        self.reject.clicked.connect(self.reviewing.reject)
-        self.next.clicked.connect(self.reviewing.next)
+        for name, button in self._judges.items():
+            button.clicked.connect(lambda _, name=name: controller.actions.run(name))
 
     def changeEvent(self, a0: QEvent | None) -> None:
         """Let go of the controller when the panel is closed: napari takes it out of its dock."""
@@ -144,7 +141,7 @@ class ReviewPanel(QWidget):
         controller.changed.disconnect(self.show_state)
         controller.selected_changed.disconnect(self.show_selected)
         controller.viewer.events.theme.disconnect(self._on_theme)
-        self.reviewing.order = self.reviewing.worst_first
+        controller.order = worst_first
 
     def sizeHint(self) -> QSize:
         """Ask for little height."""

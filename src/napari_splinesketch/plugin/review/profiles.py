@@ -7,11 +7,9 @@ from jaxtyping import Float
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.adapter.film import Patch
-from napari_splinesketch.plugin.adapter.pixels import Grid, block_on
-from napari_splinesketch.plugin.measures import Ruler, mean_along
-from napari_splinesketch.plugin.once import once
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch, block_on
+from napari_splinesketch.plugin.measures import Ruler, mean_along, once
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.along import across, mean_across
 from napari_splinesketch.plugin.review.plots import Profile
 from napari_splinesketch.plugin.work import Work

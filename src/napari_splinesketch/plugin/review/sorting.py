@@ -5,7 +5,7 @@ from typing import Any, Literal, get_args
 from qtpy.QtCore import QAbstractTableModel, QModelIndex, QObject, Qt
 
 from napari_splinesketch.plugin.columns import STATUS
-from napari_splinesketch.plugin.records import Key, Record
+from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.plugin.review.model import NO_INDEX, CurvesModel
 
 Shown = Literal["all", "to check", "not reviewed", "this frame"]

@@ -11,7 +11,7 @@ from qtpy.QtGui import QKeyEvent
 from qtpy.QtWidgets import QAbstractItemView, QTableView, QWidget
 
 from napari_splinesketch.plugin.columns import SHOWN, STATUS
-from napari_splinesketch.plugin.records import Key, key_of
+from napari_splinesketch.plugin.model import Key, key_of
 from napari_splinesketch.plugin.review.sorting import CurvesInOrder
 
 PADDING = 16

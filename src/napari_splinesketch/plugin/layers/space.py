@@ -19,24 +19,17 @@ from napari_splinesketch.plugin.measures import Ruler
 Points = Float[np.ndarray, "N D"]
 
 
-def to_pixels(viewer: ViewerModel, layer: Layer, image: Image, points: Points) -> Points:
-    """Take points from a layer's data to an image's pixels.
+def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -> Points:
+    """Take points from a layer's data to those of another, as an image's pixels.
 
     Parameters
     ----------
     viewer
-        Both layers are in it; its units decide, and its sliders where `layer` has no axis.
-    layer
-        The layer that `points` belong to.
-    image
-        The image.
+        Both layers are in it; its units decide, and its sliders for axes that `layer` lacks.
+    layer, image
+        The layer that `points` belong to, and the one that they are taken to.
     points
-        (N, layer.ndim) data coordinates.
-
-    Returns
-    -------
-    Points
-        (N, image.ndim) data coordinates of the image at full resolution, frame axes first.
+        (N, layer.ndim) data coordinates, at full resolution, frame axes first.
     """
     linear, offset = _affine(layer.data_to_world, layer.ndim)
     world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
@@ -45,17 +38,6 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Image, points: Points) -
         here = np.array(viewer.dims.point[-image.ndim :][:missing])
         world = np.hstack([np.broadcast_to(here, (len(world), missing)), world])
     return from_world(viewer, image, world[:, -image.ndim :])
-
-
-def from_pixels(viewer: ViewerModel, image: Image, layer: Layer, pixels: Points) -> Points:
-    """Take points from an image's pixels to a layer's data, which may have fewer axes."""
-    linear, offset = _affine(image.data_to_world, image.ndim)
-    world = (np.asarray(pixels) @ linear.T + offset) * unit_factors(viewer, image)
-    missing = layer.ndim - image.ndim
-    if missing > 0:
-        here = np.array(viewer.dims.point[-layer.ndim :][:missing])
-        world = np.hstack([np.broadcast_to(here, (len(world), missing)), world])
-    return from_world(viewer, layer, world[:, -layer.ndim :])
 
 
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
@@ -119,6 +101,23 @@ def frame_count(image: Image) -> int:
     return int(np.prod(frame_shape(image), dtype=int))
 
 
+def size_of(image: Image) -> tuple[int, int]:
+    """(H, W) of an image at full resolution, px."""
+    height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
+    return int(height), int(width)
+
+
+def look_at(
+    viewer: ViewerModel, image: Image, frame: int, points: Float[np.ndarray, "N 2"]
+) -> None:
+    """Go to a frame and bring the middle of some points, px of the image, to the canvas's."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    (place,) = in_stack(image, frame, middle[None])
+    world = np.array(image.data_to_world(place)) * unit_factors(viewer, image)
+    go_to_frame(viewer, image, frame)
+    viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
+
+
 def pointer(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
     """(row, col) of the image's pixels that the mouse is at."""
     position = np.array(viewer.cursor.position)[None, -image.ndim :]
@@ -167,17 +166,7 @@ def placement(image: Image) -> dict[str, Any]:
 def placement_on(
     image: Image, origin: Float[np.ndarray, "2"], step: Float[np.ndarray, "2"]
 ) -> dict[str, Any]:
-    """Place pixels where they lie on the image.
-
-    Parameters
-    ----------
-    image
-        The image.
-    origin
-        (2,): where the first of them lies in the image, px.
-    step
-        (2,): pixels of the image from one to the next.
-    """
+    """Place pixels where they lie on the image: (row, col) of the first, and their step, px."""
     place = np.concatenate([np.zeros(image.ndim - 2), origin])
     size = np.concatenate([np.ones(image.ndim - 2), step])
     corner = image.affine.inverse(image.data_to_world(place))

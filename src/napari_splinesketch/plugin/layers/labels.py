@@ -13,12 +13,11 @@ from napari_splinesketch.engine.types import POINTS, Curve, Status
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 from napari_splinesketch.labels.formats import claiming
 from napari_splinesketch.labels.geometry import resampled
-from napari_splinesketch.plugin.adapter.look import COLOURS
-from napari_splinesketch.plugin.adapter.roles import OWNER, Known
-from napari_splinesketch.plugin.adapter.sketches import COLOUR, LINES
-from napari_splinesketch.plugin.adapter.space import pixel_size
-from napari_splinesketch.plugin.adapter.thinning import thinned
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES
+from napari_splinesketch.plugin.layers.looks import COLOURS, thinned
+from napari_splinesketch.plugin.layers.slot import OWNER, Known
+from napari_splinesketch.plugin.layers.space import pixel_size, size_of
+from napari_splinesketch.plugin.model import Record
 
 KNOTS = 10
 """Of a curve that was read from a file: as many as the engine gives most bodies."""
@@ -35,9 +34,8 @@ def labels_of(work: Known, *, rejected: bool = True) -> Labels:
         if rejected or r.review != "rejected"
     ]
     image = work.image
-    height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
-    shape = int(height), int(width)
-    return Labels(tuple(labels), *pixel_size(image.scale.tolist(), image.units), shape)
+    size = pixel_size(image.scale.tolist(), image.units)
+    return Labels(tuple(labels), *size, size_of(image))
 
 
 def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:

@@ -1,15 +1,16 @@
-"""What the engine sees of an image: one frame of it, no more than it needs, in grey."""
+"""Pixels: what the engine sees of an image, and pictures of some frames that napari can show."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Real
+from jaxtyping import Float, Int, Real, Shaped
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.adapter.space import frame_index
+from napari_splinesketch.plugin.layers.space import frame_index
 
 WHOLE_FRAME = 2**22
 """Frames in memory of up to this many pixels are given whole."""
@@ -19,18 +20,16 @@ MARGIN = 64
 """Kept around the sketches beside the length of the longest, px."""
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 """Rec. 709."""
+KEPT = 4
+"""Planes that are remembered: the one in view is read again with every change of the look."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Where a block of pixels lies in its image.
 
-    Attributes
-    ----------
-    origin
-        (2,): (row, col) of the block's first pixel centre in the image at full resolution.
-    step
-        (2,): pixels of the image from one pixel of the block to the next.
+    `origin` is (row, col) of its first pixel centre in the image at full resolution, `step` the
+    pixels of the image from one pixel of the block to the next.
     """
 
     origin: Float[np.ndarray, "2"]
@@ -173,3 +172,125 @@ def _region(
     points = np.clip(np.concatenate(lines), 0, np.array(shape) - 1)
     margin = MARGIN + longest
     return np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A reconstruction of part of a frame, and the same without bodies, where that is known."""
+
+    grid: Grid
+    pixels: Float[np.ndarray, "H W"]
+    background: Float[np.ndarray, "H W"] | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return self.pixels.nbytes + (0 if self.background is None else self.background.nbytes)
+
+
+def patched(
+    old: Patch, new: Patch, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
+) -> Patch:
+    """Take part of a new picture of a frame, from `low` to `high` (px), into an old one.
+
+    The old one is dropped if it has another step.
+    """
+    step = new.grid.step
+    if not np.allclose(old.grid.step, step):
+        return new
+    origin = np.minimum(old.grid.origin, new.grid.origin)
+    first = [np.round((p.grid.origin - origin) / step).astype(int) for p in (old, new)]
+    ends = [at + p.pixels.shape for at, p in zip(first, (old, new), strict=True)]
+    inside = np.round((np.array([low, high]) - origin) / step).astype(int)
+    low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
+
+    def joined(
+        before: Float[np.ndarray, "H W"], after: Float[np.ndarray, "H W"]
+    ) -> Float[np.ndarray, "H W"]:
+        whole = np.full(np.max(ends, axis=0), np.nan, dtype=after.dtype)
+        whole[_window(first[0], ends[0])] = before
+        whole[_window(low, high)] = after[_window(low - first[1], high - first[1])]
+        return whole
+
+    background = None
+    if old.background is not None and new.background is not None:
+        background = joined(old.background, new.background)
+    return Patch(Grid(origin, step), joined(old.pixels, new.pixels), background)
+
+
+def _window(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+class Planes:
+    """Array-like (*leading, H, W) of which `plane` makes (H, W) when napari asks for one.
+
+    Planes are numbered over all leading axes.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        dtype: Any,
+        plane: Callable[[int], Shaped[np.ndarray, "H W"]],
+    ):
+        self.shape, self.ndim, self.size = shape, len(shape), int(np.prod(shape))
+        self.dtype = np.dtype(dtype)
+        self._plane = lru_cache(KEPT)(plane)
+
+    def __getitem__(self, key: Any) -> Shaped[np.ndarray, "..."]:
+        """Read like a NumPy array, making only the planes asked for."""
+        key = key if isinstance(key, tuple) else (key,)
+        if Ellipsis in key:
+            at = key.index(Ellipsis)
+            key = (*key[:at], *[slice(None)] * (self.ndim - len(key) + 1), *key[at + 1 :])
+        depth = self.ndim - 2
+        leading = (*key, *[slice(None)] * depth)[:depth]
+        numbers = np.arange(int(np.prod(self.shape[:depth]))).reshape(self.shape[:depth])[leading]
+        planes = np.array([self._plane(int(n)) for n in numbers.ravel()], dtype=self.dtype)
+        whole = planes.reshape(*numbers.shape, *self.shape[depth:])
+        return whole[(*[slice(None)] * numbers.ndim, *key[depth:])]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Shaped[np.ndarray, "..."]:
+        """Make all planes."""
+        return self[()].astype(dtype or self.dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
+class Film(Planes):
+    """A film of the frames that are known, on one grid; NaN elsewhere.
+
+    Parameters
+    ----------
+    pictures
+        By frame; those on another step than the last one are left out.
+    leading
+        Lengths of the axes before (row, col).
+    make
+        Makes the pixels that are shown of one.
+    """
+
+    def __init__(
+        self,
+        pictures: Mapping[int, Patch],
+        leading: tuple[int, ...],
+        make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+    ):
+        step = list(pictures.values())[-1].grid.step
+        same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
+        origin = np.min([p.grid.origin for p in same.values()], axis=0)
+        corner = {n: np.round((p.grid.origin - origin) / step).astype(int) for n, p in same.items()}
+        ends = [corner[n] + picture.pixels.shape for n, picture in same.items()]
+        self.grid = Grid(origin, step)
+        shape = (*leading, *np.max(ends, axis=0).tolist())
+
+        def plane(number: int) -> Float[np.ndarray, "H W"]:
+            frame = np.full(shape[-2:], np.nan, dtype=np.float32)
+            if number in same:
+                patch, at = same[number], corner[number]
+                frame[_window(at, at + patch.pixels.shape)] = make(number, patch)
+            return frame
+
+        super().__init__(shape, np.float32, plane)

@@ -1,26 +1,25 @@
 """Numbers and signs beside the curves that need review, as many as can be read."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Points
-from qtpy.QtCore import QTimer
+from napari.layers import Image, Layer, Points
+from superqt.utils import qthrottled
 
-from napari_splinesketch.plugin.adapter.look import COLOURS, MARKS, normals, reach
-from napari_splinesketch.plugin.adapter.roles import put, undisturbed
-from napari_splinesketch.plugin.adapter.space import (
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, normals, reach
+from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
+from napari_splinesketch.plugin.layers.space import (
     current_frame,
     from_world,
     in_stack,
-    placement,
     unit_factors,
 )
 from napari_splinesketch.plugin.measures import severity
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.model import Record
 
 LETTER, LINE, GAP = 9.0, 16.0, 10.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
@@ -34,17 +33,7 @@ PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What the canvas shows of an image.
-
-    Attributes
-    ----------
-    frame
-        Index of the frame.
-    low, high
-        (row, col) of its corners, px of the image.
-    pixel
-        (row, col) size of a pixel of the screen, px of the image.
-    """
+    """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
 
     frame: int
     low: Float[np.ndarray, "2"]
@@ -97,79 +86,48 @@ def _places(record: Record, view: View) -> Iterator[Float[np.ndarray, "2"]]:
             yield points[i] + side * away * across[i]
 
 
-class Marks:
-    """A layer with the marks that can be read; follows camera and frame.
+class Marks(Slot):
+    """The marks that can be read; they follow camera and frame."""
 
-    Parameters
-    ----------
-    viewer
-        Where the layer is added, on top of all.
-    image
-        What the curves lie on.
-    keywords
-        Name and metadata of the layer.
-    """
+    _records: Sequence[Record] = ()
+    _shown: tuple[Any, ...] = ()
 
-    def __init__(self, viewer: ViewerModel, image: Image, keywords: Mapping[str, Any]):
-        self._viewer, self._image, self._keywords = viewer, image, keywords
-        self._layer: Points | None = None
-        self._records: Sequence[Record] = ()
-        self._shown: tuple[Any, ...] = ()
-        self._timer = QTimer()
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(AFTER_MS)
-        self._timer.timeout.connect(self._write)
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._soon = qthrottled(self._write, AFTER_MS, leading=False)
 
-    @property
-    def layer(self) -> Points | None:
-        """The layer, or None where there is none or the user removed it."""
-        return self._layer if self._layer in self._viewer.layers else None
-
-    def make(self) -> None:
+    def make(self, kind: type[Layer] = Points, *data: Any, **how: Any) -> Any:
         """Add the layer, with nothing in it."""
-        self._layer = Points(
-            ndim=self._image.ndim,
-            size=1,
-            face_color="transparent",
-            border_color="transparent",
-            **self._keywords,
-            **placement(self._image),
-        )
-        put(self._viewer, self._layer)
+        how = {"size": 1, "face_color": "transparent", "border_color": "transparent"} | how
         self._shown = ()
-        self._viewer.scene.camera.events.connect(self._soon)
-        self._viewer.dims.events.current_step.connect(self._soon)
+        self.viewer.scene.camera.events.connect(self._on_move)
+        self.viewer.dims.events.current_step.connect(self._on_move)
+        return super().make(kind, *data, **how)
 
     def show(self, records: Sequence[Record]) -> None:
         """Mark these curves, and no others."""
         self._records = records
         self._write()
 
-    def forget(self) -> None:
-        """Follow no more."""
-        self._timer.stop()
-        self._viewer.scene.camera.events.disconnect(self._soon)
-        self._viewer.dims.events.current_step.disconnect(self._soon)
-
-    def _soon(self, event: object) -> None:
-        if self._records and not self._timer.isActive():
-            self._timer.start()
+    def _on_move(self, event: object) -> None:
+        if self._records:
+            self._soon()
 
     def _write(self) -> None:
         layer = self.layer
-        if layer is None or self._image not in self._viewer.layers:
+        if layer is None or self.image not in self.viewer.layers:
             return
-        view = in_view(self._viewer, self._image)
+        view = in_view(self.viewer, self.image)
         found = list(readable(self._records, view))
         shown = tuple((id(record), *place) for record, place in found)
         if shown == self._shown:
             return
         self._shown = shown
         places = np.array([place for _, place in found]).reshape(-1, 2)
-        with undisturbed(self._viewer):
+        with undisturbed(self.viewer):
             layer.selected_data = set()
             layer.text = {"string": {"constant": ""}}
-            layer.data = in_stack(self._image, view.frame, places)
+            layer.data = in_stack(self.image, view.frame, places)
             layer.text = {
                 "string": [text_of(record) for record, _ in found],
                 "color": [COLOURS[record.curve.status] for record, _ in found],

@@ -1,0 +1,253 @@
+"""What the user draws: the lines of a Shapes layer, in pixels of an image; and lines suggested."""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from napari.components import ViewerModel
+from napari.layers import Image, Layer, Shapes
+
+from napari_splinesketch import palette
+from napari_splinesketch.plugin.layers.looks import line_width
+from napari_splinesketch.plugin.layers.space import (
+    frame_numbers,
+    from_world,
+    in_stack,
+    placement,
+    size_of,
+    to_pixels,
+)
+from napari_splinesketch.plugin.model import Record, Suggestion, length_of, print_of
+
+LINES = ("line", "path")
+SHORTEST = 2.0
+"""Anything shorter is a stray click, px."""
+SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
+"""Modes in which napari shows what is selected; while drawing, the last line always is."""
+BREATH_MS = 5
+"""Between two short steps of a long change, in which the window lives."""
+MANY = 200
+"""With so many sketches, what follows from several edits in a row is worked out once."""
+CHUNK = 50
+"""Shapes added at once: napari takes about as long for one of them as for so many."""
+FADED = 0.3
+"""How opaque a line is that has become a curve."""
+COLOUR = palette.SKETCH
+SUFFIX = " sketches"
+"""What the name of a new layer ends with; layers of results drop it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """The sketches of one frame, px, and the position of each in its layer.
+
+    Left out are `strays`, too short to mean anything, and shapes of other kinds: {"rectangle": 2}.
+    """
+
+    lines: tuple[Float[np.ndarray, "N 2"], ...] = ()
+    numbers: tuple[int, ...] = ()
+    strays: int = 0
+    unusable: Mapping[str, int] = field(default_factory=dict)
+
+
+def drawn_in(
+    viewer: ViewerModel,
+    layer: Shapes,
+    image: Image,
+    frame: int,
+    among: Collection[int] = (),
+) -> Drawn:
+    """Read the sketches of one frame, all or those at some positions of the layer.
+
+    A layer without an axis for frames belongs to all of them.
+    """
+    read = shapes_in(viewer, layer, image)
+    if not read:
+        return Drawn()
+    first = np.array([shape[0] for shape in layer.data])
+    seen = _in_view(viewer, layer, image, first)
+    kinds = layer.shape_type
+    lines, numbers, strays, unusable = [], [], 0, Counter[str]()
+    for i, (at, line) in enumerate(read):
+        if at != frame or not seen[i] or (among and i not in among):
+            continue
+        if kinds[i] not in LINES:
+            unusable[kinds[i]] += 1
+        elif not length_of(line) >= SHORTEST:
+            strays += 1
+        else:
+            lines.append(line)
+            numbers.append(i)
+    return Drawn(tuple(lines), tuple(numbers), strays, unusable)
+
+
+def shapes_in(
+    viewer: ViewerModel, layer: Shapes, image: Image
+) -> list[tuple[int, Float[np.ndarray, "N 2"]]]:
+    """Read all shapes of a layer: the frame of each, and its vertices in pixels of the image."""
+    shapes = layer.data
+    if not shapes:
+        return []
+    first = np.cumsum([0] + [len(shape) for shape in shapes[:-1]])
+    pixels = to_pixels(viewer, layer, image, np.concatenate(shapes))
+    frames = frame_numbers(image, pixels[first])
+    return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
+
+
+def _in_view(
+    viewer: ViewerModel, layer: Shapes, image: Image, points: Float[np.ndarray, "N D"]
+) -> list[bool]:
+    """Whether shapes are in view as to the axes that the image does not have."""
+    extra = max(layer.ndim - image.ndim, 0)
+    point = from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
+    same = np.round(points[:, :extra]) == np.round(point[:, :extra])
+    return same.all(axis=1).tolist()
+
+
+def selected_in(layer: Shapes) -> frozenset[int]:
+    """Positions of the shapes that the user has selected; none while drawing."""
+    return frozenset(layer.selected_data) if layer.mode in SELECTING else frozenset()
+
+
+def new_sketch_layer(viewer: ViewerModel, image: Image, *, visible: bool = True) -> Shapes:
+    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view.
+
+    A layer that is not to be visible yet gets ready by `begin_drawing`.
+    """
+    layer = empty_layer(image, image.name + SUFFIX, visible=visible)
+    viewer.layers.append(layer)
+    if visible:
+        begin_drawing(layer)
+    return layer
+
+
+def empty_layer(image: Image, name: str, *, flat: bool = False, **how: Any) -> Shapes:
+    """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
+    style, place = line_style(size_of(image)), placement(image)
+    if flat and image.ndim > 2:
+        place = {key: place[key][-2:] for key in ("scale", "translate", "units", "axis_labels")}
+    layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place, **how)
+    layer.current_edge_color = style["edge_color"]
+    layer.current_edge_width = style["edge_width"]
+    return layer
+
+
+def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
+    """Let the user draw lines into a layer, with the tool that she has used there."""
+    if viewer is not None:
+        viewer.layers.selection.active = layer
+    if not layer.visible:
+        layer.visible = True
+    if not layer.mode.startswith("add"):
+        layer.mode = "add_line"
+
+
+def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
+    """Whether the user is drawing into a layer."""
+    return viewer.layers.selection.active is layer and layer.mode.startswith("add")
+
+
+def select_curves(viewer: ViewerModel, curves: Layer) -> None:
+    """Let the user select curves by clicking them."""
+    viewer.layers.selection.active = curves
+    if isinstance(curves, Shapes):
+        curves.mode = "pan_zoom"
+
+
+def line_style(size: tuple[int, int]) -> dict[str, Any]:
+    """Look of sketches on an image of (H, W) px."""
+    return {"edge_color": COLOUR, "edge_width": line_width(size), "face_color": "transparent"}
+
+
+def add_shapes(
+    layer: Shapes, shapes: Iterable[np.ndarray], kinds: Sequence[str], **look: Any
+) -> Iterator[slice]:
+    """Add shapes to a layer, some at each step; gives which.
+
+    An empty layer is hidden until all but the last few are in it: to draw a layer again and again
+    takes napari longer than to fill it.
+
+    Parameters
+    ----------
+    layer, shapes, kinds
+        Where they go; their vertices, made when they are needed; what each is for napari.
+    **look
+        Colours and widths, as `Shapes.add` takes them: for all, or a list with one for each.
+    """
+    made = iter(shapes)
+    veiled = layer.visible and layer.nshapes == 0 and len(kinds) > CHUNK
+    if veiled:
+        layer.visible = False
+    try:
+        for start in range(0, len(kinds), CHUNK):
+            part = slice(start, start + CHUNK)
+            last = part.stop >= len(kinds)
+            if veiled and last:
+                veiled, layer.visible = False, True
+                yield slice(0, 0)
+            some: dict[str, Any] = {"shape_type": list(kinds[part])}
+            some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+            with nullcontext() if last else layer.block_thumbnail_update():
+                layer.add(list(islice(made, CHUNK)), **some)
+            yield part
+    finally:
+        if veiled:
+            layer.visible = True
+
+
+class SuggestedLines:
+    """Brings the user's layer of sketches in step with what is suggested, and with its curves.
+
+    A line that the user has moved, changed or deleted is hers: it is not touched again.
+    """
+
+    def __init__(self, viewer: ViewerModel, image: Image, sketches: Shapes):
+        self._viewer, self._image, self._sketches = viewer, image, sketches
+        self._shown: dict[Suggestion, np.ndarray] = {}
+
+    def show(self, wanted: Sequence[Suggestion]) -> Iterator[None]:
+        """Add and remove lines, some at each step."""
+        if not {self._image, self._sketches} <= set(self._viewer.layers):
+            return
+        gone = [self._shown.pop(one) for one in set(self._shown).difference(wanted)]
+        prints = {vertices.tobytes() for vertices in gone}  # in the layers' single precision
+        data = self._sketches.data if gone else ()
+        old = [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
+        if old:
+            self._sketches.selected_data = set()
+            self._sketches.remove(old)
+            yield
+        fresh = [one for one in wanted if one not in self._shown]
+        if fresh:
+            shapes = self._vertices(fresh)
+            self._shown |= dict(zip(fresh, shapes, strict=True))
+            style = line_style(size_of(self._image))
+            for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
+                yield
+
+    def fade(self, records: Sequence[Record]) -> None:
+        """Let the lines that have become curves step back behind them, and no others."""
+        layer = self._sketches
+        if not {self._image, layer} <= set(self._viewer.layers) or not layer.nshapes:
+            return
+        refined = {(r.frame, print_of(r.sketch)) for r in records if r.drawn}
+        read = shapes_in(self._viewer, layer, self._image)
+        back = [(frame, print_of(line)) in refined for frame, line in read]
+        colours = np.array(layer.edge_color)
+        # A transparency that the user has chosen stays.
+        ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))
+        wanted = np.where(ours, np.where(back, FADED, 1.0), colours[:, 3])
+        if not np.allclose(wanted, colours[:, 3], atol=1e-3):
+            colours[:, 3] = wanted
+            layer.edge_color = colours
+
+    def _vertices(self, some: Sequence[Suggestion]) -> list[np.ndarray]:
+        points = np.concatenate([in_stack(self._image, one.frame, one.line) for one in some])
+        vertices = to_pixels(self._viewer, self._image, self._sketches, points)
+        ends = np.cumsum([len(one.line) for one in some])[:-1]
+        return np.split(vertices.astype(np.float32), ends)

@@ -1,0 +1,200 @@
+"""How curves look: lines around bodies, colours that everybody can tell apart, few points."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from napari_splinesketch import palette
+from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.plugin.measures import Ruler, measure, once
+
+Line = Float[np.ndarray, "_ 2"]
+Pieces = Float[np.ndarray, "P 2 D"]
+"""A line as vectors end to end: where each begins, and how far it goes."""
+
+COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
+MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
+"""Written beside the curve's number: a status is never told by colour alone."""
+BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
+"""Breadth of the line, relative."""
+RIBBON_SDS = 2.0
+UNKNOWN_REACH = 3.0
+"""From centreline to edge where no width is known, px."""
+LEAST = 12
+"""Points along one side of an outline."""
+SEEN = 0.03
+"""How far a drawn line may lie from the curve, px."""
+PIECES = 24, 99, 600
+"""Vectors of a line at least and at most, and of all lines together, about: napari's thumbnail
+alone takes 20 µs for each."""
+
+ColourBy = Literal["status", "length", "half_width", "sd", "residual"]
+COLOUR_BY: tuple[ColourBy, ...] = get_args(ColourBy)
+COLUMN = {"half_width": "half_width_mean"}
+"""The columns that are called otherwise in the settings."""
+RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
+"""Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
+read by everybody."""
+UNKNOWN = "#999999"
+Look = tuple[ColourBy, Ruler]
+"""What the colour of a curve says, and in which unit."""
+
+
+@once
+def _half_width(curve: Curve) -> float:
+    return float(np.median(curve.half_width))
+
+
+@once
+def has_outline(curve: Curve) -> bool:
+    """Whether the width of a body is known."""
+    return curve.status != "failed" and bool(np.isfinite(curve.half_width).all())
+
+
+def breadth(curves: Sequence[Curve]) -> float:
+    """Breadth of a good curve's line, px: a third of the bodies' width."""
+    widths = np.array([_half_width(curve) for curve in curves])
+    finite = widths[np.isfinite(widths)]
+    return float(np.clip(0.6 * np.median(finite), 0.6, 8.0)) if finite.size else 1.0
+
+
+def line_width(size: tuple[int, int]) -> float:
+    """Breadth of a sketch's line on an image of (H, W) px, px."""
+    return max(1.0, max(size) / 512)
+
+
+def outline(curve: Curve) -> Line:
+    """Draw a closed line at a half-width to both sides of a curve, px."""
+    # A body is smooth on the scale of its width: more points would only cost time.
+    count = len(curve.points)
+    spacing = max(curve.length / (count - 1), 1e-9)
+    step = int(np.clip(_half_width(curve) / spacing, 1, count // LEAST))
+    some = np.unique(np.append(np.arange(0, count, step), count - 1))
+    return _around(curve.points[some], curve.half_width[some])
+
+
+def reach(curve: Curve) -> float:
+    """How far a body goes from its centreline, px; a guess where it is not known."""
+    return float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
+
+
+def halo(curve: Curve, gap: float) -> Line:
+    """Draw a closed line outside a body, px: all of the body and its outline can be seen in it."""
+    width = curve.half_width if has_outline(curve) else np.full(len(curve.points), UNKNOWN_REACH)
+    points = curve.points
+    along = np.diff(points[[0, 1, -2, -1]], axis=0)[[0, 2]]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    ends = np.stack([points[0] - gap * along[0], points[-1] + gap * along[1]])
+    longer = np.concatenate([ends[:1], points, ends[1:]])
+    return _around(longer, np.pad(width, 1, mode="edge") + gap)
+
+
+def ribbon(curve: Curve) -> Line | None:
+    """Draw a closed line at `RIBBON_SDS` standard errors to both sides; None if not known."""
+    if curve.status == "failed" or not np.isfinite(curve.sd).all():
+        return None
+    return _around(curve.points, RIBBON_SDS * curve.sd)
+
+
+def normals(points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
+    """Unit vectors across a line."""
+    along = np.gradient(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    return np.column_stack([-along[:, 1], along[:, 0]])
+
+
+def _around(points: Line, distance: Float[np.ndarray, " P"]) -> Line:
+    across = distance[:, None] * normals(points)
+    left, right = points + across, points - across
+    return np.concatenate([left, right[::-1], left[:1]])
+
+
+def vectors(line: Float[np.ndarray, "N D"]) -> Pieces:
+    """Take a line for vectors end to end, which napari draws anew in a few milliseconds."""
+    return np.stack([line[:-1], np.diff(line, axis=0)], axis=1)
+
+
+def pieces(lines: Sequence[Float[np.ndarray, "N D"]]) -> list[Pieces]:
+    """Take lines for vectors, fewer for each the more lines there are."""
+    count = int(np.clip(PIECES[2] // max(len(lines), 1), *PIECES[:2]))
+    places = [np.linspace(0, len(line) - 1, min(len(line), count + 1)) for line in lines]
+    return [vectors(line[np.round(at).astype(int)]) for line, at in zip(lines, places, strict=True)]
+
+
+def thinned(lines: Sequence[Line]) -> list[Line]:
+    """Leave out the points that lie within `SEEN` of the line through the others.
+
+    What Douglas and Peucker do, for all lines at once: napari's time grows with the points. The
+    ends stay; closed lines end where they begin.
+    """
+    if not lines:
+        return []
+    points = np.concatenate(lines)
+    last = np.cumsum([len(line) for line in lines])
+    keep = np.zeros(len(points), dtype=bool)
+    keep[last - 1] = keep[np.append(0, last[:-1])] = True
+    while (more := _farthest(points, keep)).any():
+        keep |= more
+    return [line[kept] for line, kept in zip(lines, np.split(keep, last[:-1]), strict=True)]
+
+
+def _farthest(points: Line, keep: Bool[np.ndarray, " P"]) -> Bool[np.ndarray, " P"]:
+    """Of each stretch between two kept points, find the farthest that may not be left out."""
+    corners = np.flatnonzero(keep)
+    stretch = np.cumsum(keep) - 1
+    begin = points[corners]
+    along = np.append(begin[1:], begin[-1:], axis=0) - begin
+    length = (along**2).sum(axis=1)
+    off, way = points - begin[stretch], along[stretch]
+    share = (off * way).sum(axis=1) / np.where(length, length, 1.0)[stretch]
+    apart = np.linalg.norm(off - np.clip(share, 0, 1)[:, None] * way, axis=1)
+    # A kept point is its own stretch's first, at no distance.
+    most = np.maximum.reduceat(apart, corners)
+    found = np.flatnonzero((apart > SEEN) & (apart == most[stretch]))
+    more = np.zeros(len(points), dtype=bool)
+    more[found[np.unique(stretch[found], return_index=True)[1]]] = True
+    return more
+
+
+def scale_of(curves: Sequence[Curve], look: Look) -> tuple[float, float] | None:
+    """Give what the ramp spans; None where there are no numbers, or the status is shown."""
+    values = np.array(_numbers(curves, look))
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else None
+
+
+def colours_of(curves: Sequence[Curve], look: Look) -> list[str]:
+    """Give each curve its colour."""
+    if look[0] == "status":
+        return [COLOURS[curve.status] for curve in curves]
+    low, high = scale_of(curves, look) or (0.0, 0.0)
+    return [_on_ramp(value, low, high) for value in _numbers(curves, look)]
+
+
+def _numbers(curves: Sequence[Curve], look: Look) -> list[float]:
+    by, ruler = look
+    if by == "status":
+        return []
+    return [getattr(measure(curve, ruler), COLUMN.get(by, by)) for curve in curves]
+
+
+def _on_ramp(value: float, low: float, high: float) -> str:
+    if not np.isfinite(value):
+        return UNKNOWN
+    at = (value - low) / (high - low) * (len(RAMP) - 1) if high > low else (len(RAMP) - 1) / 2
+    stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
+    mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]
+    return "#{:02x}{:02x}{:02x}".format(*mixed)
+
+
+def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
+    """Give colours as napari keeps them."""
+    return np.array([_rgba(colour) for colour in colours], dtype=np.float32).reshape(-1, 4)
+
+
+@cache
+def _rgba(colour: str) -> tuple[float, ...]:
+    return *(value / 255 for value in bytes.fromhex(colour[1:])), 1.0

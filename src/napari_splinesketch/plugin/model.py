@@ -1,0 +1,341 @@
+"""All that the plugin knows of an image, as immutable values, and the steps that lead there."""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linear_sum_assignment
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.labels.types import Review
+from napari_splinesketch.plugin.layers.pixels import Patch, patched
+
+T = TypeVar("T")
+Line = Float[np.ndarray, "N 2"]
+Key = tuple[int, int]
+"""(frame, id) of a record."""
+
+SAME = 2
+"""Decimals of a pixel to which a line is the same as before."""
+SAMPLES = 16
+"""Points at which two lines are compared."""
+SAME_BODY = 0.25
+"""Lines that lie so near to each other, in lengths of the shorter one, mean the same body."""
+STEPS = 200
+"""That are remembered, at most."""
+WEIGHT = 2**29
+"""What the values that are remembered may hold, bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A curve of one frame, and the sketch it was refined from.
+
+    Attributes
+    ----------
+    id
+        Number of the curve, from 1; the same body keeps it when it is refined again.
+    sketch
+        (N, 2): the sketch as it was, px.
+    review
+        What the user said of the curve.
+    locked
+        Whether it stays as it is when its frame is refined again.
+    drawn
+        Whether `sketch` is a line that the user drew, rather than what another curve left.
+    edited
+        Whether the user has changed the curve since it was refined.
+    """
+
+    id: int
+    frame: int
+    sketch: Line
+    curve: Curve
+    review: Review = "open"
+    locked: bool = False
+    drawn: bool = True
+    edited: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """A sketch of a frame that nobody has drawn, px."""
+
+    frame: int
+    line: Line
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refinement in pixels of the image.
+
+    Attributes
+    ----------
+    curves
+        One for each line that was given.
+    patch
+        The reconstruction and the background.
+    seconds
+        Wall time of the engine.
+    notes
+        What the scene needed and why, one sentence each.
+    region
+        (low, high): corners of the part of the reconstruction that bodies are drawn in, px.
+    """
+
+    curves: tuple[Curve, ...]
+    patch: Patch
+    seconds: float
+    notes: tuple[str, ...]
+    region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
+
+
+def key_of(record: Record) -> Key:
+    """Give what tells a record from all others."""
+    return record.frame, record.id
+
+
+def prints_of(lines: Sequence[Line]) -> list[bytes]:
+    """What lines have in common that are the same, in the single precision of layers or not."""
+    if not lines:
+        return []
+    rounded = np.round(np.concatenate(lines), SAME) + 0.0
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    return [rounded[a:b].tobytes() for a, b in pairwise([0, *ends])]
+
+
+def print_of(line: Line) -> bytes:
+    """What a line has in common with those that are the same."""
+    return prints_of([line])[0]
+
+
+def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
+    """Give each sketch the number it had before, or a new one.
+
+    Parameters
+    ----------
+    lines
+        Sketches of one frame, px.
+    known
+        Records of the same frame. A sketch that was moved or mended is known again while it
+        lies, on average, within half of its length of where it was.
+    others
+        Records of the image whose numbers are taken.
+    """
+    ids = [0] * len(lines)
+    if known and lines:
+        reach = np.array([length_of(line) / 2 for line in lines])[:, None]
+        distance = _distances(lines, [record.sketch for record in known])
+        for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
+            if distance[i, j] < reach[i]:
+                ids[i] = known[j].id
+    new = max((record.id for record in (*known, *others)), default=0)
+    for i, number in enumerate(ids):
+        if not number:
+            ids[i] = new = new + 1
+    return ids
+
+
+def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
+    """Mean distance of every line to every other, whichever way they were drawn, px."""
+    others = np.array([_resample(line) for line in b])
+    both = np.stack([others, others[:, ::-1]])
+    rows = [np.linalg.norm(both - _resample(line), axis=3).mean(axis=2).min(axis=0) for line in a]
+    return np.array(rows)
+
+
+def _resample(line: Line) -> Line:
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0, along[-1], SAMPLES)
+    return np.column_stack([np.interp(at, along, axis) for axis in line.T])
+
+
+def length_of(line: Line) -> float:
+    """Length of a line, px."""
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:
+    """Leave out lines over bodies that have one already."""
+    if not (lines and known):
+        return list(lines)
+    sizes = np.minimum.outer([length_of(x) for x in lines], [length_of(x) for x in known])
+    there = np.any(_distances(lines, known) < SAME_BODY * sizes, axis=1).tolist()
+    return [line for line, old in zip(lines, there, strict=True) if not old]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The curves of an image and what came with them.
+
+    Whatever the plugin shows and the user may want to take back belongs in here: one step of
+    undo is one such value.
+
+    Attributes
+    ----------
+    deleted
+        Curves that the user has deleted, the latest last; their lines are not refined again.
+    patches
+        Reconstructions by frame, the latest last.
+    seconds, notes
+        How long the engine took; what the scene needed and why; by frame.
+    """
+
+    records: tuple[Record, ...] = ()
+    suggestions: tuple[Suggestion, ...] = ()
+    deleted: tuple[Record, ...] = ()
+    patches: Mapping[int, Patch] = field(default_factory=dict)
+    seconds: Mapping[int, float] = field(default_factory=dict)
+    notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+
+    def record(self, key: Key) -> Record | None:
+        """Give a record by frame and id."""
+        return self.by_key.get(key)
+
+    @cached_property
+    def by_key(self) -> Mapping[Key, Record]:
+        """Records by frame and id."""
+        return {key_of(record): record for record in self.records}
+
+    def with_records(self, *changed: Record) -> "State":
+        """Put records in the place of those with the same frame and id, or add them."""
+        keys = {key_of(record) for record in changed}
+        kept = [record for record in self.records if key_of(record) not in keys]
+        return replace(self, records=tuple(sorted([*kept, *changed], key=key_of)))
+
+    def reviewed(self, keys: Collection[Key], review: Review) -> "State":
+        """Note what the user says of some curves."""
+        return self.with_records(*(replace(r, review=review) for r in self._among(keys)))
+
+    def locked(self, keys: Collection[Key], locked: bool) -> "State":
+        """Let some curves stay as they are, or free them."""
+        return self.with_records(*(replace(r, locked=locked) for r in self._among(keys)))
+
+    def without(self, keys: Collection[Key]) -> "State":
+        """Delete some curves."""
+        gone = self._among(keys)
+        left = set(self.records).difference(gone)
+        kept = tuple(record for record in self.records if record in left)
+        return replace(self, records=kept, deleted=(*self.deleted, *gone))
+
+    def restored(self, keys: Collection[Key]) -> "State":
+        """Bring deleted curves back."""
+        state = self
+        for key in keys:
+            back = [record for record in state.deleted if key_of(record) == key][-1:]
+            left = tuple(record for record in state.deleted if key_of(record) != key)
+            state = replace(state.with_records(*back), deleted=left)
+        return state
+
+    def set_aside(self, keys: Collection[Key]) -> "State":
+        """Delete curves that are drawn again: under other numbers, as theirs go on."""
+        last = max((record.id for record in (*self.records, *self.deleted)), default=0)
+        aside = [replace(r, id=last + i) for i, r in enumerate(self._among(keys), 1)]
+        return replace(self, deleted=(*self.deleted, *aside))
+
+    def _among(self, keys: Collection[Key]) -> list[Record]:
+        return [record for key in sorted(set(keys)) if (record := self.record(key)) is not None]
+
+    def suggested(self, frame: int, lines: Collection[Line]) -> "State":
+        """Suggest lines in a frame, in the place of those that have not become curves."""
+        refined = {print_of(r.sketch) for r in (*self.records, *self.deleted) if r.frame == frame}
+        kept = [
+            one for one in self.suggestions if one.frame != frame or print_of(one.line) in refined
+        ]
+        fresh = [Suggestion(frame, line) for line in lines]
+        return replace(self, suggestions=(*kept, *fresh))
+
+    def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
+        """Take in the refinement of some curves of a frame."""
+        keys = {key_of(record) for record in fresh}
+        patch, older = refined.patch, dict(self.patches)
+        before = older.pop(frame, None)
+        if before and any(r.frame == frame and key_of(r) not in keys for r in self.records):
+            patch = patched(before, patch, *refined.region)
+        return replace(
+            self.with_records(*fresh),
+            deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
+            patches={**older, frame: patch},
+            seconds={**self.seconds, frame: refined.seconds},
+            notes={**self.notes, frame: refined.notes},
+        )
+
+
+def bytes_beside(state: State, other: State) -> int:
+    """Bytes of the pictures that one state holds and another does not."""
+    shared = {id(patch) for patch in other.patches.values()}
+    own = [patch for patch in state.patches.values() if id(patch) not in shared]
+    return sum(patch.nbytes for patch in own)
+
+
+class History(Generic[T]):
+    """A value, the ones before it, and those that were taken back.
+
+    Parameters
+    ----------
+    value
+        The first value.
+    weigh
+        Gives the bytes that a value holds and does not share with the one before it.
+    """
+
+    def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):
+        self.value = value
+        self._weigh = weigh
+        self._done: list[tuple[str, T]] = []
+        self._undone: list[tuple[str, T]] = []
+
+    @property
+    def done(self) -> str:
+        """What `undo` would take back; empty if there is nothing."""
+        return self._done[-1][0] if self._done else ""
+
+    @property
+    def undone(self) -> str:
+        """What `redo` would do again; empty if there is nothing."""
+        return self._undone[-1][0] if self._undone else ""
+
+    def apply(self, what: str, value: T) -> None:
+        """Put a value in the place of the present one; `what` says why."""
+        self._done.append((what, self.value))
+        self._undone.clear()
+        self.value = value
+        self._forget()
+
+    def amend(self, value: T) -> None:
+        """Put a value in the place of the present one, as part of the last step."""
+        self._undone.clear()
+        self.value = value
+        self._forget()
+
+    def undo(self) -> str:
+        """Go back by one value; give what was taken back, or nothing."""
+        return self._step(self._done, self._undone)
+
+    def redo(self) -> str:
+        """Take back the last `undo`; give what was done again, or nothing."""
+        return self._step(self._undone, self._done)
+
+    def _step(self, source: list[tuple[str, T]], target: list[tuple[str, T]]) -> str:
+        if not source:
+            return ""
+        what, value = source.pop()
+        target.append((what, self.value))
+        self.value = value
+        return what
+
+    def _forget(self) -> None:
+        """Drop the oldest values where there are too many, or too heavy ones."""
+        weight, newer = 0, self.value
+        for i in range(len(self._done) - 1, -1, -1):
+            older = self._done[i][1]
+            weight += self._weigh(older, newer)
+            if len(self._done) - i > STEPS or weight > WEIGHT:
+                del self._done[: i + 1]
+                return
+            newer = older
