@@ -22,7 +22,7 @@ import napari
 import numpy as np
 import skimage.io
 from napari.layers import Shapes
-from napari_splinesketch.plugin.records import Record
+from napari_splinesketch.plugin.model import Record
 from PIL import Image, ImageDraw
 from qtpy.QtCore import QPoint, Qt
 from window import QTest, click, live, refine, wait, widen
