@@ -22,13 +22,13 @@ import napari
 import numpy as np
 import skimage.io
 from napari.layers import Shapes
-from napari_splinesketch.plugin.model import Record
 from PIL import Image, ImageDraw
 from qtpy.QtCore import QPoint, Qt
 from window import QTest, click, live, refine, wait, widen
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import go_to_frame
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import Body, View, follow
 
 DOCS = Path(__file__).parent
