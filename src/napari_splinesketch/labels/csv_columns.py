@@ -41,16 +41,34 @@ class Rows:
     lines: Int[Array, " N"]
     columns: dict[str, Shaped[Array, " N"]]
 
+    def key(self, by: Sequence[str]) -> tuple[int, ...]:
+        """Give whole numbers of the first row, 0 where there is no such column."""
+        return tuple(self.columns[name].item(0) if name in self.columns else 0 for name in by)
 
-def read_rows(
+    def runs(self, by: Sequence[str]) -> Iterator["Rows"]:
+        """Give the longest stretches in which some columns do not change."""
+        changes = np.zeros(len(self.lines) - 1, bool)
+        for column in (self.columns[name] for name in by if name in self.columns):
+            changes |= column[1:] != column[:-1]
+        for first, end in pairwise([0, *np.flatnonzero(changes) + 1, len(self.lines)]):
+            columns = {name: column[first:end] for name, column in self.columns.items()}
+            yield Rows(self.lines[first:end], columns)
+
+
+def read_curves(
     source: Source,
     kinds: Kinds,
     required: Sequence[str],
+    by: Sequence[str],
+    same: Sequence[str],
+    *,
     check: Callable[[list[str]], None] = lambda header: None,
+    watch: Callable[[Rows], None] = lambda rows: None,
 ) -> Iterator[Rows]:
-    """Read a table.
+    """Read a table curve by curve; the rows of one follow one another.
 
-    Columns may stand in any order, and there may be further ones.
+    Columns may stand in any order, and there may be further ones. Beside what is given, no more
+    than some rows and one curve are held.
 
     Parameters
     ----------
@@ -61,9 +79,48 @@ def read_rows(
         that may be missing, of which it takes the place.
     required
         Those that must be there.
+    by
+        Those that tell one curve from another: frame and number.
+    same
+        Those that do not change along a curve; the first one counts its rows instead, from 0.
     check
         Raises ValueError where it does not like the names of the columns.
+    watch
+        Is given all rows as they are read.
     """
+    rest: list[Rows] = []
+    for rows in _read_rows(source, kinds, required, check):
+        watch(rows)
+        for piece in rows.runs(by):
+            if rest and piece.key(by) != rest[0].key(by):
+                yield _whole(source, rest, by, same)
+                rest = []
+            rest.append(piece)
+    if rest:
+        yield _whole(source, rest, by, same)
+
+
+def _whole(source: Source, pieces: list[Rows], by: Sequence[str], same: Sequence[str]) -> Rows:
+    """Put the rows of a curve together, and blame the first that does not belong there."""
+    lines = np.concatenate([piece.lines for piece in pieces])
+    columns = {n: np.concatenate([piece.columns[n] for piece in pieces]) for n in pieces[0].columns}
+    rows = Rows(lines, columns)
+    source.place = f"line {lines[0]}"
+    source.refuse_again(*rows.key(by))
+    for name in (name for name in same if name in columns):
+        values, counts = columns[name], name == same[0]
+        expected = np.arange(len(lines)) if counts else values[0]
+        for wrong in np.flatnonzero(values != expected)[:1]:
+            source.place = f"line {lines[wrong]}"
+            if counts:
+                raise ValueError(f"{name} is {values[wrong]}; expected {wrong}, counting from 0")
+            raise ValueError(f"{name} differs from {values.item(0)!r} on line {lines[0]}")
+    return rows
+
+
+def _read_rows(
+    source: Source, kinds: Kinds, required: Sequence[str], check: Callable[[list[str]], None]
+) -> Iterator[Rows]:
     with open_regular(source.path) as raw, TextIOWrapper(raw, "utf-8-sig", newline="") as file:
         line, source.place = 1, "line 1"
         header: list[str] = []
@@ -195,12 +252,3 @@ def _value(source: Source, name: str, text: str, kind: type | float) -> Any:
         return float(text)
     except ValueError:
         raise source.error(f"{name} is {text[:40]!r}; expected a number") from None
-
-
-def runs(*columns: Shaped[Array, " N"]) -> list[slice]:
-    """Divide rows into the longest stretches in which no column changes."""
-    changes = np.zeros(len(columns[0]) - 1, bool)
-    for column in columns:
-        changes |= column[1:] != column[:-1]
-    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(columns[0])]
-    return [slice(*pair) for pair in pairwise(edges)]

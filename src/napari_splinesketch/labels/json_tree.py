@@ -1,4 +1,4 @@
-"""JSON files: read with the place of every mistake, written whole and strictly."""
+"""What JSON files hold: read with the place of every mistake, written strictly."""
 
 import json
 import math
@@ -14,10 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, open_regular
-
-MAX_BYTES = 2**27
-"""Largest file that is read; as objects it takes up to a hundred times as much memory."""
+from napari_splinesketch.labels.files import LabelsError
 
 
 def _refuse(name: str) -> NoReturn:
@@ -141,31 +138,6 @@ class Node:
     def _kind(self) -> str:
         kinds = {dict: "an object", list: "an array", str: "a string", type(None): "null"}
         return kinds.get(type(self.value), "a number")
-
-
-def read_json(path: str | os.PathLike[str]) -> Node:
-    """Read a JSON file in UTF-8 as a whole."""
-    with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > MAX_BYTES:
-            raise LabelsError(path, "", f"{size} bytes are more than the {MAX_BYTES} that are read")
-        try:
-            return parse_json(path, "", file.read(MAX_BYTES).decode("utf-8-sig"))
-        except UnicodeDecodeError as error:
-            raise LabelsError(path, "", f"not a text file in UTF-8 ({error.reason})") from None
-
-
-def parse_json(path: str | os.PathLike[str], place: str, text: str) -> Node:
-    """Parse JSON that stands at some place of a file."""
-    try:
-        return Node(path, place, DECODER.decode(text))
-    except json.JSONDecodeError as error:
-        where = place or f"line {error.lineno}, column {error.colno}"
-        raise LabelsError(path, where, f"not JSON ({error.msg})") from None
-    except RecursionError:
-        raise LabelsError(path, place, "not JSON that can be read (nested too deeply)") from None
-    except ValueError as error:
-        raise LabelsError(path, place, f"not JSON ({error})") from None
 
 
 @dataclass(frozen=True)

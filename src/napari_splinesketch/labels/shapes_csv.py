@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from napari_splinesketch.labels.csv_columns import Rows, read_rows, runs
+from napari_splinesketch.labels.csv_columns import Rows, read_curves
 from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.stream import AnyLabels, in_frames
 from napari_splinesketch.labels.table import losses, write_rows
@@ -47,18 +47,9 @@ def read(source: Source) -> Iterator[Label]:
     The last two axes are row and col in data coordinates, which are pixels unless the layer was
     drawn on another grid than the image's; with three axes the first is the frame, rounded.
     """
-    rest: list[tuple[Rows, slice]] = []
-    for rows in read_rows(source, KINDS, HEADER, _check_axes):
-        for place in runs(rows.columns["index"]):
-            if rest and _first(rest, "index") != rows.columns["index"][place.start]:
-                yield from _shape(source, rest)
-                rest = []
-            if not rest:
-                source.place = f"line {rows.lines[place.start]}"
-                source.refuse_again(0, int(rows.columns["index"][place.start]))
-            rest.append((rows, place))
-    if rest:
-        yield from _shape(source, rest)
+    same = ("vertex-index", "shape-type")
+    for rows in read_curves(source, KINDS, HEADER, ("frame", "index"), same, check=_check_axes):
+        yield from _shape(source, rows)
 
 
 def _check_axes(header: list[str]) -> None:
@@ -70,39 +61,21 @@ def _check_axes(header: list[str]) -> None:
         )
 
 
-def _first(rows: list[tuple[Rows, slice]], name: str) -> object:
-    return rows[0][0].columns[name][rows[0][1].start]
-
-
-def _shape(source: Source, rows: list[tuple[Rows, slice]]) -> Iterator[Label]:
+def _shape(source: Source, rows: Rows) -> Iterator[Label]:
     """Give a shape as a sketch, where it can be one."""
-    lines = np.concatenate([rows.lines[place] for rows, place in rows])
-    columns = {
-        name: np.concatenate([rows.columns[name][place] for rows, place in rows])
-        for name in rows[0][0].columns
-    }
-    kind = str(columns["shape-type"][0])
-    for wrong in np.flatnonzero(columns["shape-type"] != kind)[:1]:
-        source.place = f"line {lines[wrong]}"
-        raise ValueError(f"shape-type differs from {kind!r} on line {lines[0]}")
-    for wrong in np.flatnonzero(columns["vertex-index"] != np.arange(len(lines)))[:1]:
-        source.place = f"line {lines[wrong]}"
-        number = columns["vertex-index"][wrong]
-        raise ValueError(f"vertex-index is {number}; expected {wrong}, counting from 0")
-    source.place = f"line {lines[0]}"
+    kind = rows.columns["shape-type"].item(0)
     if kind not in LINES + AREAS:
         allowed = ", ".join(LINES + AREAS)
         raise ValueError(f"shape-type is {kind[:40]!r}; expected one of {allowed}")
-    if kind in AREAS or len(lines) < 2:
+    if kind in AREAS or len(rows.lines) < 2:
         source.left_out[kind if kind in AREAS else "point"] += 1
         return
-    axes = [columns[name] for name in AXES if name in columns]
-    frame = _frame(source, axes)
-    points = np.column_stack(axes[-2:])
-    yield Label.from_sketch(points, frame=frame, identity=int(columns["index"][0]))
+    axes = [rows.columns[name] for name in AXES if name in rows.columns]
+    frame, number = _frame(axes), rows.columns["index"].item(0)
+    yield Label.from_sketch(np.column_stack(axes[-2:]), frame=frame, identity=number)
 
 
-def _frame(source: Source, axes: list[np.ndarray]) -> int:
+def _frame(axes: list[np.ndarray]) -> int:
     frames = np.round(axes[0]) if len(axes) == 3 else np.zeros(1)
     if not np.all(frames == frames[0]):
         raise ValueError("the shape spans several frames; draw it in one")

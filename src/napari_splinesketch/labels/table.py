@@ -7,13 +7,13 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TextIO, cast
+from typing import Any, TextIO
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.csv_columns import Rows, read_rows, runs
+from napari_splinesketch.labels.csv_columns import Rows, read_curves
 from napari_splinesketch.labels.files import LabelsError, atomic
 from napari_splinesketch.labels.format import Format, Source, without_place
 from napari_splinesketch.labels.geometry import width_growth
@@ -37,6 +37,8 @@ KINDS: dict[str, type | float] = {
 }
 """What is read; `arc_length` and `half_width_units` are for people."""
 REQUIRED = ("curve", "row", "col")
+BY = ("frame", "curve")
+SAME = ("point", "status", "review", "locked")
 PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
 UNITS = ("y", "x", "half_width_units", "units")
 Leading = Callable[[int, Label], Sequence[Iterable[object]]]
@@ -132,83 +134,26 @@ def losses(labels: AnyLabels) -> tuple[str, ...]:
 
 
 def read(source: Source) -> Iterator[Label]:
-    """Read a table back.
-
-    Rows of a curve follow one another, points numbered from 0 where they are numbered. Beside the
-    labels themselves, no more than some rows and one curve are held.
-    """
+    """Read a table back; points are numbered from 0 where they are numbered."""
     scale = _Scale(source)
-    rest: list[_Piece] = []
-    for rows in read_rows(source, KINDS, REQUIRED):
-        scale.add(rows)
-        numbers = [rows.columns[name] for name in ("frame", "curve") if name in rows.columns]
-        for place in runs(*numbers):
-            piece = _Piece(source, rows, place)
-            if rest and piece.key != rest[0].key:
-                yield _label(source, rest)
-                rest = []
-            if not rest:
-                source.place = f"line {piece.lines[0]}"
-                source.refuse_again(*piece.key)
-            rest.append(piece)
-            _check(source, rest)
-    if rest:
-        yield _label(source, rest)
+    for rows in read_curves(source, KINDS, REQUIRED, BY, SAME, watch=scale.add):
+        yield _label(rows)
     source.place = "line 2"
     source.head = scale.head()
 
 
-class _Piece:
-    """Rows of one curve that stand together."""
-
-    def __init__(self, source: Source, rows: Rows, place: slice) -> None:
-        self.lines = rows.lines[place]
-        self.columns = {name: column[place] for name, column in rows.columns.items()}
-        frame, curve = self.columns.get("frame"), self.columns["curve"]
-        self.key = (0 if frame is None else int(frame[0])), int(curve[0])
-
-    def numbers(self, name: str, unknown: float) -> Float[Array, " N"]:
-        return self.columns.get(name, np.full(len(self.lines), unknown))
-
-
-def _check(source: Source, pieces: list[_Piece]) -> None:
-    """See that the last piece goes on as the first one began."""
-    first, last = pieces[0], pieces[-1]
-    before = sum(len(piece.lines) for piece in pieces[:-1])
-    for name in ("point", "status", "review", "locked"):
-        values = last.columns.get(name)
-        if values is None:
-            continue
-        ordered = name == "point"
-        expected = np.arange(before, before + len(values)) if ordered else first.columns[name][0]
-        wrong = np.flatnonzero(values != expected)
-        if len(wrong):
-            source.place = f"line {last.lines[wrong[0]]}"
-            if ordered:
-                raise ValueError(
-                    f"point is {values[wrong[0]]}; expected {before + wrong[0]}, counting from 0"
-                )
-            said = first.columns[name].tolist()[0]
-            raise ValueError(f"{name} differs from {said!r} on line {first.lines[0]}")
-
-
-def _label(source: Source, pieces: list[_Piece]) -> Label:
-    source.place = f"line {pieces[0].lines[0]}"
-    row, col, half_width, sd = (
-        np.concatenate([piece.numbers(name, unknown) for piece in pieces])
-        for name, unknown in (("row", 0), ("col", 0), ("half_width", np.nan), ("sd", np.inf))
+def _label(rows: Rows) -> Label:
+    columns, (frame, curve) = rows.columns, rows.key(BY)
+    half_width, sd = (
+        columns.get(name, np.full(len(rows.lines), KINDS[name])) for name in ("half_width", "sd")
     )
-    columns: dict[str, Any] = pieces[0].columns
-    status, review = (
-        str(columns[name][0]) if name in columns else usual
-        for name, usual in (("status", "sketch"), ("review", "open"))
-    )
-    locked = int(columns["locked"][0]) if "locked" in columns else 0
+    status: Any = columns["status"].item(0) if "status" in columns else "sketch"
+    review: Any = columns["review"].item(0) if "review" in columns else "open"
+    locked = columns["locked"].item(0) if "locked" in columns else 0
     if locked > 1:
-        key = pieces[0].key
-        raise ValueError(f"curve {key[1]} of frame {key[0]}: locked is {locked}; expected 1 or 0")
-    points, words = np.column_stack([row, col]), (cast(Any, status), cast(Any, review))
-    return Label(*pieces[0].key, points, half_width, sd, *words, bool(locked))
+        raise ValueError(f"curve {curve} of frame {frame}: locked is {locked}; expected 1 or 0")
+    points = np.column_stack([columns["row"], columns["col"]])
+    return Label(frame, curve, points, half_width, sd, status, review, bool(locked))
 
 
 class _Scale:
@@ -221,34 +166,30 @@ class _Scale:
 
     def add(self, rows: Rows) -> None:
         """Take the scale from some rows, or compare them with that of earlier ones."""
-        if not all(name in rows.columns for name in ("y", "x", "units")):
+        if not {"y", "x", "units"} <= rows.columns.keys():
             return
         units = rows.columns["units"]
-        self._units = str(units[0]) if self._units is None else self._units
-        other = np.flatnonzero(units != self._units)
-        if len(other):
-            self._source.place = f"line {rows.lines[other[0]]}"
-            raise ValueError(f"units are {units[other[0]]!r} here but {self._units!r} above")
+        self._units = units.item(0) if self._units is None else self._units
+        for other in np.flatnonzero(units != self._units)[:1]:
+            self._source.place = f"line {rows.lines[other]}"
+            raise ValueError(f"units are {units[other]!r} here but {self._units!r} above")
         frame = rows.columns.get("frame", np.zeros(len(units)))
         first = frame == frame[0]
         for axis, (name, pixel) in enumerate((("y", "row"), ("x", "col"))):
             pixels, physical = rows.columns[pixel], rows.columns[name]
-            if self._sizes[axis] is None:
-                self._sizes[axis] = _factor(pixels[first], physical[first])
-            self._compare(rows, pixel, name, self._sizes[axis])
-
-    def _compare(self, rows: Rows, pixel: str, name: str, factor: float | None) -> None:
-        expected = rows.columns[pixel] * (factor or 0.0)
-        tolerance = SCALE_TOLERANCE * np.abs(expected) + 1e-300
-        agree = np.abs(rows.columns[name] - expected) <= tolerance
-        if factor is None:  # the first frame lies on this axis: later ones tell
-            agree = np.ones(len(expected), bool)
-        if not np.all(agree) or (factor is not None and not factor > 0):
-            self._source.place = f"line {rows.lines[np.argmin(agree)]}"
-            raise ValueError(
-                f"{name} is not {pixel} times one scale; correct it or remove columns "
-                f"{', '.join(UNITS)}"
-            )
+            size = self._sizes[axis]
+            if size is None:
+                size = self._sizes[axis] = _factor(pixels[first], physical[first])
+            if size is None:  # the first frame lies on this axis: later ones tell
+                continue
+            expected = pixels * size
+            agree = np.abs(physical - expected) <= SCALE_TOLERANCE * np.abs(expected) + 1e-300
+            if not (size > 0 and agree.all()):
+                self._source.place = f"line {rows.lines[np.argmin(agree)]}"
+                raise ValueError(
+                    f"{name} is not {pixel} times one scale; correct it or remove columns "
+                    f"{', '.join(UNITS)}"
+                )
 
     def head(self) -> Labels:
         """Give what was found; where one axis tells nothing, pixels are square."""
