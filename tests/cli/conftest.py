@@ -1,1 +1,2 @@
+from .fakes import elsewhere as elsewhere
 from .fakes import engine as engine

@@ -1,6 +1,9 @@
 """An engine that needs no time, and small images, for tests of the command line."""
 
+import os
+import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,6 +68,30 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
     fake = FakeEngine()
     monkeypatch.setattr(napari_splinesketch, "refine", fake, raising=False)
     return fake
+
+
+HERE = str(Path(__file__).parent)
+ELSEWHERE = f"""
+import sys, time
+import napari_splinesketch
+
+def refine(*given, **options):
+    sys.path.append({HERE!r})
+    from fakes import FakeEngine
+    time.sleep(0.02)
+    return FakeEngine()(*given, **options)
+
+napari_splinesketch.refine = refine
+"""
+
+
+@pytest.fixture(scope="session")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Give an environment in which the engine of a process takes a moment and imports nothing."""
+    folder = tmp_path_factory.mktemp("engine")
+    (folder / "sitecustomize.py").write_text(ELSEWHERE)
+    paths = [str(folder), *filter(None, sys.path)]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 def film(frames: int = 3, shape: tuple[int, int] = (40, 60)) -> np.ndarray:

@@ -66,8 +66,14 @@ def test_there_are_examples_of_every_command() -> None:
 
 @pytest.mark.parametrize("line", examples())
 def test_the_example_runs(
-    line: str, folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+    line: str,
+    folder: Path,
+    engine: FakeEngine,
+    elsewhere: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setenv("PYTHONPATH", elsewhere["PYTHONPATH"])  # for the example with --jobs
     arguments = shlex.split(line)[1:]
     if "labels.csv" in arguments and arguments[0] in ("convert", "compare"):
         write_labels("labels.csv", read_labels("film.csv"))
