@@ -12,8 +12,8 @@ from qtpy import QtTest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication, QDockWidget, QWidget
 
-from napari_splinesketch.plugin.demo import open_demo
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.samples import open_demo
 
 DOCK_WIDTH = 290
 COLOURS = 255

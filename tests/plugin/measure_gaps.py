@@ -9,8 +9,8 @@ from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QApplication
 
 from napari_splinesketch.plugin import engine
-from napari_splinesketch.plugin.demo import open_demo
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.samples import open_demo
 
 TICK_MS = 5
 

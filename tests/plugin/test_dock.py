@@ -227,7 +227,10 @@ def test_export_writes_what_is_shown(
         ("a", "COCO keypoints (*.coco.json)", "a.coco.json"),
         ("A.CSV", "labels CSV (*.csv)", "A.CSV"),
         ("a.b", "ImageJ ROIs (*.zip)", "a.b.zip"),
-        ("a.masks.tif", "napari Shapes CSV (*.shapes.csv)", "a.masks.tif"),
+        ("a.masks.tif", "napari Shapes CSV (*.shapes.csv)", "a.shapes.csv"),
+        ("labels.json", "COCO keypoints (*.coco.json)", "labels.coco.json"),
+        ("Labels.coco.json", "GeoJSON (*.geojson)", "Labels.geojson"),
+        ("a.masks.tif", "labels CSV (*.csv)", "a.masks.tif"),
     ],
 )
 def test_export_in_another_format(

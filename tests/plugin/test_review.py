@@ -60,7 +60,7 @@ def test_a_row_and_its_curve_find_each_other(
     header = [panel.model.headerData(i, Qt.Orientation.Horizontal) for i in range(9)]
     assert "Length (µm)" in header
     row = ids(panel).index(4)
-    place = panel.table.visualRect(panel.rows.index(row, 1)).center()
+    place = panel.table.visualRect(panel.model.index(row, 1)).center()
     QTest.mouseClick(panel.table.viewport(), LEFT, NO_KEY, place)
     assert dock.controller.selected == (0, 4)
     layer = viewer.layers["cells curves"]
@@ -97,7 +97,7 @@ def test_one_hand_reviews_the_worst_first(
 ) -> None:
     panel = opened(viewer, dock, fake)
     assert panel.count.text() == "0 of 5 reviewed"
-    assert [b.text() for b in (panel.accept, panel.reject, panel.next)] == [
+    assert [b.text() for b in panel.judges.buttons.values()] == [
         "Accept (J)", "Reject (K)", "Next (N)"
     ]  # fmt: skip
     viewer.layers.selection.active = viewer.layers["cells"]
@@ -117,7 +117,7 @@ def test_one_hand_reviews_the_worst_first(
     panel.table.setFocus()
     QTest.keyClick(panel.table, Qt.Key.Key_J)
     until(lambda: panel.count.text() == "3 of 5 reviewed", 5)
-    click(panel.accept)
+    click(panel.judges.buttons["accept"])
     until(lambda: panel.count.text() == "4 of 5 reviewed", 5)
     curves = viewer.layers["cells curves"]
     until(lambda: list(curves.features["review"]).count("open") == 1, 5)

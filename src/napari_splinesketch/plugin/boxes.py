@@ -1,16 +1,20 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from magicgui.widgets import create_widget
 from napari.layers import Layer
 from qtpy.QtCore import Qt, Signal  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QAction
 from qtpy.QtWidgets import (
     QComboBox,
+    QFileDialog,
+    QFormLayout,
     QFrame,
-    QGridLayout,
     QHBoxLayout,
     QLabel,
     QMenu,
@@ -19,12 +23,12 @@ from qtpy.QtWidgets import (
     QSizePolicy,
     QSlider,
     QToolButton,
-    QVBoxLayout,
     QWidget,
 )
 from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Curve, Progress
+from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.columns import COLUMNS
 from napari_splinesketch.plugin.controller import Controller
@@ -33,9 +37,22 @@ from napari_splinesketch.plugin.layers.pictures import Proof
 from napari_splinesketch.plugin.layers.slot import Role
 from napari_splinesketch.plugin.measures import Ruler, three_digits
 from napari_splinesketch.plugin.plan import Scope
-from napari_splinesketch.plugin.text_label import TextLabel
-from napari_splinesketch.plugin.widgets import NARROW, button, enable, grid
+from napari_splinesketch.plugin.settings import PREFERENCES, Settings
+from napari_splinesketch.plugin.widgets import (
+    NARROW,
+    CommandButton,
+    CommandButtons,
+    TextLabel,
+    button,
+    grid,
+)
 from napari_splinesketch.plugin.work import Work
+
+DECIMALS = 3
+"""Of half-widths."""
+KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
+"""The formats as a file dialog lists them, the first one proposed, and how their names end."""
+DEFAULT = WRITERS[0].suffix
 
 
 class ProgressBox(QWidget):
@@ -68,55 +85,28 @@ class ProgressBox(QWidget):
 
 
 class CurveBox(QWidget):
-    """A button for each correction of the selected curve, and what is known of it.
-
-    Parameters
-    ----------
-    controller
-        Owns the state.
-    """
+    """A button for each correction of the selected curve, and what is known of it."""
 
     def __init__(self, controller: Controller):
         super().__init__()
         self._controller = controller
         self.title = QElidingLabel()
         self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        self.buttons = {
-            name: button(run=partial(controller.actions.run, name))
-            for name in controller.actions.at("curve")
-        }
+        corrections = CommandButtons(controller.actions, "curve", 4, even=False)
+        self.buttons, self._corrections = corrections.buttons, corrections
         for each in self.buttons.values():
             each.setStyleSheet("padding: 3px 1px;")
-        buttons = QWidget()
-        grid(buttons, list(self.buttons.values()), 4, even=False)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(3)
-        layout.addWidget(self.title)
-        layout.addWidget(buttons)
+        grid(self, (self.title, corrections), 1)
 
-    def show_selection(self) -> None:
+    def show_state(self) -> None:
         """Show what is selected, and what can be done to it."""
         controller = self._controller
-        state = controller.work.state if controller.work else None
-        found = [state.record(key) for key in controller.selection] if state else []
-        records = [record for record in found if record is not None]
-        deleted = bool(state and state.deleted)
+        deleted = bool(controller.work and controller.work.state.deleted)
         self.setVisible(bool(controller.records() or deleted))
-        said = words.selected(records)
+        said = words.selected(controller.selected_records())
         self.title.setText(said)
         self.title.setToolTip(said)
-        number, locked = len(records), bool(records) and all(r.locked for r in records)
-        for name, widget in self.buttons.items():
-            action = controller.actions[name]
-            needed = action.curves
-            few = "" if not needed or number in needed else f"Select {words.wanted(needed)}"
-            if name == "restore" and not deleted:
-                few = "No curve is deleted"
-            problem = few or ("Something is running" if controller.progress else "")
-            enable(widget, problem, controller.actions.tip(name))
-            widget.setText("Unlock" if name == "lock" and locked else action.name)
-        self.buttons["knots"].setText("Done" if controller.knots.active else "Knots")
+        self._corrections.show_state()
 
 
 class LookBox(QWidget):
@@ -225,13 +215,7 @@ class EyeBox(QWidget):
 
 
 class RefineMenu(QToolButton):
-    """An arrow beside the Refine button; its menu says what each choice would do now.
-
-    Parameters
-    ----------
-    controller
-        Who refines.
-    """
+    """An arrow beside the Refine button; its menu says what each choice would do now."""
 
     def __init__(self, controller: Controller):
         super().__init__()
@@ -263,69 +247,119 @@ class RefineMenu(QToolButton):
 
 
 class SuggestBox(QWidget):
-    """Suggest, and how much is taken for a body: the lines follow the slider.
-
-    Parameters
-    ----------
-    controller
-        Who suggests.
-    """
+    """Suggest, and how much is taken for a body: the lines follow the slider."""
 
     def __init__(self, controller: Controller):
         super().__init__()
-        self._controller = controller
-        self.button = button("Suggest lines", "", partial(controller.actions.run, "suggest"))
+        self._films = controller.films
+        self.button = CommandButton(controller.actions, "suggest")
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setRange(0, 100)
         self.slider.setValue(round(100 * controller.films.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        layout = QGridLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(3)
-        layout.setColumnStretch(1, 1)
-        layout.addWidget(self.button, 0, 0, 1, 3)
         name = QLabel("Sensitivity")
         name.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        for i, widget in enumerate((QLabel("clear only"), name, QLabel("faint too"))):
-            layout.addWidget(widget, 1, i)
-        layout.addWidget(self.slider, 2, 0, 1, 3)
+        ends = QWidget()
+        grid(ends, (QLabel("clear only"), name, QLabel("faint too")), 3, even=False)
+        grid(self, (self.button, ends, self.slider), 1)
         self.slider.valueChanged.connect(self._on_slider)
         self._on_slider(self.slider.value())
 
-    def show_state(self) -> None:
-        """Show what can be done now."""
-        controller = self._controller
-        enable(self.button, controller.films.problem(), controller.actions.tip("suggest"))
-
     def _on_slider(self, value: int) -> None:
         self.slider.setToolTip(f"Sensitivity of Suggest, {value} %: {words.SENSITIVITY_TIP}")
-        self._controller.films.change_sensitivity(value / 100)
+        self._films.change_sensitivity(value / 100)
 
 
-class TrackBox(QWidget):
-    """Carry curves through a film, both ways; hidden where there is but one frame.
+class SettingsForm(QWidget):
+    """What the user chooses once and for all, made from the fields of the settings."""
 
-    Parameters
-    ----------
-    controller
-        Who tracks.
-    """
+    valueChanged = Signal(object)
+    """What was changed, by name."""
 
-    def __init__(self, controller: Controller):
+    def __init__(self) -> None:
         super().__init__()
-        self._controller = controller
-        actions = controller.actions
-        self.buttons = {
-            name: button(actions[name].name, run=partial(actions.run, name))
-            for name in actions.at("film")
-        }
-        grid(self, list(self.buttons.values()), 2)
+        self._settings, self._ruler = Settings(), Ruler()
+        self.widgets: dict[str, Any] = {}
+        form = QFormLayout(self)
+        form.setContentsMargins(0, 0, 0, 0)
+        form.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
+        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+        for each in fields(Settings):
+            if "label" in each.metadata:
+                made = _widget(each.name, **each.metadata)
+                self.widgets[each.name] = made
+                boxed = isinstance(getattr(self._settings, each.name), bool)
+                form.addRow("" if boxed else each.metadata["label"], made.native)
+                made.changed.connect(lambda value, name=each.name: self._take(name, value))
+        form.addRow(button("Change keys…", PREFERENCES, _open_preferences))
+        self.half_width = self.widgets["half_width"].native
+        self.half_width.setDecimals(DECIMALS)
+        self.half_width.setKeyboardTracking(False)
+        self.half_width.setSpecialValueText("auto")
 
-    def show_state(self) -> None:
-        """Show what can be done now."""
-        controller = self._controller
-        self.setVisible(controller.films.frames() > 1)
-        for name, made in self.buttons.items():
-            way = -1 if name in ("previous_frame", "track_back") else 1
-            enable(made, controller.films.tracking_problem(way), controller.actions.tip(name))
+    def show_settings(self, settings: Settings, ruler: Ruler) -> None:
+        """Show what is chosen, silently; lengths in the unit of the image."""
+        self._settings, self._ruler = settings, ruler
+        self.half_width.setSuffix(f" {ruler.unit}")
+        width = settings.half_width_in(self._ruler.unit, self._ruler.pixel)
+        for name, made in self.widgets.items():
+            value = getattr(settings, name)
+            if name == "half_width":
+                value = round(width * self._ruler.pixel, DECIMALS) if width else 0.0
+            if made.value != value:
+                with made.changed.blocked():
+                    made.value = value
+
+    def _take(self, name: str, value: Any) -> None:
+        changes = {name: value}
+        if name == "half_width":
+            changes["half_width_unit"] = self._ruler.unit
+        if replace(self._settings, **changes) != self._settings:
+            self.valueChanged.emit(changes)
+
+
+def _widget(name: str, label: str, tip: str, **options: Any) -> Any:
+    """Make the widget of a setting."""
+    default = getattr(Settings(), name)
+    if isinstance(default, bool):
+        options["text"] = label
+    made = create_widget(default, annotation=type(default), options={"tooltip": tip, **options})
+    made.native.setMinimumWidth(NARROW)
+    return made
+
+
+def _open_preferences() -> None:
+    """Open napari's preferences."""
+    from napari._app_model import get_app_model
+
+    get_app_model().commands.execute_command("napari.window.file.show_preferences_dialog")
+
+
+def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
+    """Let the user choose a file, and say whether it may be replaced; None if she does not.
+
+    The dialog asks for the name that was typed, not for one that it got an ending for.
+    """
+    chosen, kind = QFileDialog.getSaveFileName(
+        parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)
+    )
+    if not chosen:
+        return None
+    path = with_ending(chosen, KINDS.get(kind, DEFAULT))
+    return Path(path), path == chosen
+
+
+def with_ending(path: str, suffix: str) -> str:
+    """Give a path the ending of the chosen format, in the place of any that it has.
+
+    Dialogs keep the ending when another format is chosen: `labels.json`, then COCO, becomes
+    `labels.coco.json`. A name that ends like another format is left alone while the format is the
+    one that was proposed: then the name says what is wanted.
+    """
+    low, suffixes = path.lower(), set(KINDS.values())
+    known = suffixes | {Path(f"x{each}").suffix for each in suffixes}
+    ending = max((each for each in known if low.endswith(each)), key=len, default="")
+    if low.endswith(suffix) or (suffix == DEFAULT and ending in suffixes):
+        return path
+    return path[: len(path) - len(ending)] + suffix

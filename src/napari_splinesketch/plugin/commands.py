@@ -45,6 +45,12 @@ class Command:
         Where it has a button, if not one of its own.
     curves
         How many curves have to be selected for its button; None where that does not matter.
+    problem
+        Says why it cannot be done now, beside that; empty if it can.
+    label
+        What its button says in place of the name.
+    meanwhile
+        Whether it can be done while something runs.
     """
 
     id: str
@@ -54,6 +60,9 @@ class Command:
     tip: str
     place: Place = ""
     curves: range | None = None
+    problem: Callable[[Controller], str] = lambda c: ""
+    label: Callable[[Controller], str] | None = None
+    meanwhile: bool = False
 
 
 def flip(controller: Controller) -> None:
@@ -107,7 +116,16 @@ def extend(controller: Controller) -> None:
 
 def toggle_lock(controller: Controller) -> None:
     """Lock the selected curves, or unlock them if all are locked."""
-    controller.lock(not all(record.locked for record in controller.selected_records()))
+    controller.lock(not _all_locked(controller))
+
+
+def _all_locked(controller: Controller) -> bool:
+    chosen = controller.selected_records()
+    return bool(chosen) and all(record.locked for record in chosen)
+
+
+def _unseen(controller: Controller) -> str:
+    return "" if controller.records() else "There are no curves yet: refine first"
 
 
 def pick(controller: Controller, *, add: bool = False) -> None:
@@ -198,12 +216,14 @@ def _place(controller: Controller) -> np.ndarray:
 
 COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
-            "Draw lines, or go back to selecting curves"),
+            "Draw lines, or go back to selecting curves",
+            problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(), "Refine what is new or changed"),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
             "Refine each line as soon as it is drawn, while you draw the next"),
     Command("knots", "Knots", "U", lambda c: c.knots.toggle(),
-            "Drag the knots of the selected curve", "curve", ONE),
+            "Drag the knots of the selected curve", "curve", ONE,
+            label=lambda c: "Done" if c.knots.active else "Knots"),
     Command("flip", "Flip", "Shift+H", flip,
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", split,
@@ -213,31 +233,43 @@ COMMANDS = (
     Command("extend", "Extend", "Shift+N", extend,
             "Lengthen the end you point at, and refine", "curve", ONE),
     Command("lock", "Lock", "Shift+K", toggle_lock,
-            "Keep the selected curves as they are", "curve", ANY),
+            "Keep the selected curves as they are", "curve", ANY,
+            label=lambda c: "Unlock" if _all_locked(c) else "Lock"),
     Command("delete", "Delete", "Shift+Q", lambda c: c.delete(),
             "Delete the selected curves; their lines stay", "curve", ANY),
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
-            "Bring the last deleted curve back", "curve"),
+            "Bring the last deleted curve back", "curve",
+            problem=lambda c: "" if c.work and c.work.state.deleted else "No curve is deleted"),
     Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots if c.knots.active else c).undo(),
-            "Undo the last step"),
+            "Undo the last step",
+            problem=lambda c: "" if c.steps.done else "There is nothing to undo"),
     Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots if c.knots.active else c).redo(),
-            "Redo what was undone"),
+            "Redo what was undone",
+            problem=lambda c: "" if c.steps.undone else "There is nothing to redo"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
-            "Accept the curve and go on to the next", "review"),
+            "Accept the curve and go on to the next", "review",
+            problem=_unseen, meanwhile=True),
     Command("reject", "Reject", "K", lambda c: judge(c, "rejected"),
-            "Reject the curve and go on to the next", "review"),
+            "Reject the curve and go on to the next", "review",
+            problem=_unseen, meanwhile=True),
     Command("next", "Next", "N", lambda c: _go_on(c, c.order(c.records())),
-            "Go on to the next curve to review", "review"),
+            "Go on to the next curve to review", "review",
+            problem=_unseen, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.films.suggest(),
-            "Draw a line over each body that stands out in this frame"),
+            "Draw a line over each body that stands out in this frame",
+            problem=lambda c: c.films.problem()),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: c.films.track(-1, 1),
-            "Carry the curves to the previous frame, refine them there and show it", "film"),
+            "Carry the curves to the previous frame, refine them there and show it", "film",
+            problem=lambda c: c.films.tracking_problem(-1)),
     Command("next_frame", "Next ▸", "Q", lambda c: c.films.track(1, 1),
-            "Carry the curves to the next frame, refine them there and show it", "film"),
+            "Carry the curves to the next frame, refine them there and show it", "film",
+            problem=lambda c: c.films.tracking_problem(1)),
     Command("track_back", "◂ Track to first", "", lambda c: c.films.track(-1),
-            "Carry the curves back to the first frame", "film"),
+            "Carry the curves back to the first frame", "film",
+            problem=lambda c: c.films.tracking_problem(-1)),
     Command("track", "Track to last ▸", "", lambda c: c.films.track(1),
-            "Carry the curves on to the last frame", "film"),
+            "Carry the curves on to the last frame", "film",
+            problem=lambda c: c.films.tracking_problem(1)),
 )  # fmt: skip
 
 
@@ -281,6 +313,20 @@ class Commands:
         """Say what a command does, and by which key."""
         command = self._commands[name]
         return f"{command.tip} ({command.key})" if command.key else command.tip
+
+    def problem(self, name: str) -> str:
+        """Say why a command cannot be carried out now; empty if it can."""
+        command, controller = self._commands[name], self._controller
+        if command.curves and len(controller.selection) not in command.curves:
+            return f"Select {words.wanted(command.curves)}"
+        running = "Something is running: wait until it is finished"
+        idle = command.meanwhile or not controller.progress
+        return command.problem(controller) or ("" if idle else running)
+
+    def label(self, name: str) -> str:
+        """Say what the button of a command is called now."""
+        command = self._commands[name]
+        return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
         """Give commands other keys, by their ids; with an empty one, none."""

@@ -31,7 +31,7 @@ from napari_splinesketch.plugin.layers.drawn import (
 from napari_splinesketch.plugin.layers.labels import labels_of
 from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.slot import Preview, is_result
-from napari_splinesketch.plugin.model import Record, Refined, key_of
+from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Requests, Scope
 from napari_splinesketch.plugin.work import Work, remove_results
 
@@ -180,6 +180,13 @@ class Controller(Keeper):
         """Forget the running refinement; everything stays as it was."""
         if self._job:
             self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
+
+    @property
+    def steps(self) -> History[Any]:
+        """What can be undone: steps, or moves of the knots that are shown."""
+        if self.knots.active:
+            return self.knots.steps
+        return self.work.history if self.work else History(None)
 
     def toggle_at_once(self) -> None:
         """Refine each line as soon as it is drawn, or no longer."""

@@ -2,7 +2,6 @@
 
 import atexit
 from contextlib import suppress
-from functools import partial
 from html import escape
 from pathlib import Path
 from weakref import WeakSet
@@ -16,7 +15,6 @@ from qtpy.QtWidgets import (
     QComboBox,
     QDockWidget,
     QFormLayout,
-    QHBoxLayout,
     QLabel,
     QSizePolicy,
     QVBoxLayout,
@@ -27,15 +25,12 @@ from napari_splinesketch.plugin import boxes, engine, widgets, words
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.export_dialog import ask_where
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.layers.space import ruler_of
-from napari_splinesketch.plugin.panel_keeper import PanelKeeper
 from napari_splinesketch.plugin.plan import Request
-from napari_splinesketch.plugin.settings_form import SettingsForm
-from napari_splinesketch.plugin.text_label import TextLabel
-from napari_splinesketch.plugin.widgets import button, enable
+from napari_splinesketch.plugin.review.panel import PanelKeeper
+from napari_splinesketch.plugin.widgets import TextLabel, button, enable
 
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500
@@ -104,20 +99,19 @@ class SplinesketchDock(QWidget):
         self.refine.setStyleSheet("font-weight: bold; padding: 6px;")
         self.more = boxes.RefineMenu(controller)
         self.curve = boxes.CurveBox(controller)
-        self.track = boxes.TrackBox(controller)
+        self.track = widgets.CommandButtons(controller.actions, "film", 2)
         self.results = TextLabel()
         self.review = button("Review", words.REVIEW_TIP, self.panel.show_or_hide)
         self.review.setCheckable(True)
         self.eyes = boxes.EyeBox()
         self.look = boxes.LookBox()
         self.undo, self.redo = (
-            button(controller.actions[name].name, run=partial(controller.actions.run, name))
-            for name in ("undo", "redo")
+            widgets.CommandButton(controller.actions, name) for name in ("undo", "redo")
         )
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
-        self.settings_form = SettingsForm()
+        self.settings_form = boxes.SettingsForm()
         self.settings = widgets.Folded(
             "Settings", "What you choose once and for all", self.settings_form
         )
@@ -140,13 +134,13 @@ class SplinesketchDock(QWidget):
         column.addLayout(form)
         for widget in (self.draw, self.suggest, self.at_once):
             column.addWidget(widget)
-        column.addLayout(_row(self.refine, self.more))
+        column.addLayout(widgets.row(self.refine, self.more))
         column.addWidget(self.curve)
         column.addWidget(self.track)
-        column.addLayout(_row(self.results, self.review))
+        column.addLayout(widgets.row(self.results, self.review))
         column.addWidget(self.eyes)
         column.addWidget(self.look)
-        column.addLayout(_row(self.undo, self.redo))
+        column.addLayout(widgets.row(self.undo, self.redo))
         for folded in (self.notes, self.settings):
             column.addWidget(folded)
         column.addStretch(1)
@@ -228,13 +222,14 @@ class SplinesketchDock(QWidget):
         controller = self.controller
         request = controller.request()
         self._show_refine(request)
-        self.suggest.show_state()
+        self.suggest.button.show_state()
         self.track.show_state()
-        self.curve.show_selection()
+        self.track.setVisible(controller.films.frames() > 1)
+        self.curve.show_state()
         self._show_results(request)
         self.preset.setCurrentIndex(engine.PRESETS.index(controller.settings.preset))
-        self.settings_form.show_ruler(ruler_of(controller.choices.image))
-        self.settings_form.setValue(controller.settings)
+        ruler = ruler_of(controller.choices.image)
+        self.settings_form.show_settings(controller.settings, ruler)
         self._show_steps()
 
     def _show_refine(self, request: Request) -> None:
@@ -277,14 +272,10 @@ class SplinesketchDock(QWidget):
         self.rejected.setVisible(any(record.review == "rejected" for record in records))
 
     def _show_steps(self) -> None:
-        controller, work = self.controller, self.controller.work
-        steps = controller.knots.steps if controller.knots.active else work and work.history
-        done, undone = (steps.done, steps.undone) if steps else ("", "")
-        running = "Wait until it is finished" if controller.progress else ""
-        for widget, name, what in ((self.undo, "undo", done), (self.redo, "redo", undone)):
-            tip = f"{controller.actions.tip(name)}: {what[:1].lower()}{what[1:]}"
-            enable(widget, running if what else running or f"There is nothing to {name}", tip)
-            widget.setVisible(bool(controller.records() or done or undone))
+        controller, steps = self.controller, self.controller.steps
+        for widget, what in ((self.undo, steps.done), (self.redo, steps.undone)):
+            widget.show_state(f": {what[:1].lower()}{what[1:]}")
+            widget.setVisible(bool(controller.records() or steps.done or steps.undone))
 
     def _pick_sketches(self, layer: Shapes | None) -> None:
         """Choose a layer, or add one."""
@@ -299,18 +290,8 @@ class SplinesketchDock(QWidget):
             return
         source = image.source.path
         folder = Path(source).parent if source else Path.home()
-        answer = ask_where(self, folder, f"{image.name}_labels")
+        answer = boxes.ask_where(self, folder, f"{image.name}_labels")
         if answer:
             path, overwrite = answer
             also = self.rejected.isChecked()
             self.controller.export(path, overwrite=overwrite, rejected=also)
-
-
-def _row(first: QWidget, *others: QWidget) -> QHBoxLayout:
-    """Lay widgets out beside each other; the first takes what is left."""
-    row = QHBoxLayout()
-    row.setSpacing(3)
-    row.addWidget(first, 1)
-    for other in others:
-        row.addWidget(other)
-    return row

@@ -1,7 +1,7 @@
-"""Sample data for File > Open Sample: images, each with rough lines over some of its bodies."""
+"""Images with rough lines over some of their bodies: File > Open Sample, and the demo."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from napari_splinesketch.plugin.layers.drawn import SUFFIX, line_style
 from napari_splinesketch.plugin.layers.slot import ROLE
 from napari_splinesketch.synthetic import rotate, scene
 
+if TYPE_CHECKING:
+    from napari import Viewer
+
 LayerData = tuple[Any, dict[str, Any], str]
 
 SEED = 4
@@ -19,6 +22,11 @@ TURN = 20
 """How far the lines over the generated bodies are turned, degrees."""
 
 AXES = ("t", "y", "x")
+PLUGIN = "napari-splinesketch"
+WINDOW = (1300, 860)
+"""Size of the demo's window, px."""
+FIT_AFTER_MS = 300
+"""The window takes its size first."""
 
 
 def worms_dense() -> list[LayerData]:
@@ -50,3 +58,24 @@ def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[L
 def _lines(name: str, lines: Sequence[np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
     kinds = ["line" if len(line) == 2 else "path" for line in lines]
     return {"name": name, "shape_type": kinds, **line_style((shape[0], shape[1]))}
+
+
+def open_demo(*, block: bool = True) -> "Viewer":
+    """Open a window with worms, rough lines over some of them, and the dock.
+
+    Unless it may `block` until the window is closed, running it is left to the caller.
+    """
+    import napari
+    from qtpy.QtCore import QTimer
+
+    from napari_splinesketch.plugin.dock import SplinesketchDock
+
+    viewer = napari.Viewer(title="Splinesketch demo")
+    viewer.window.resize(*WINDOW)
+    # From the menu it has the plugin's name too: cut off at the width of a dock.
+    viewer.window.add_dock_widget(SplinesketchDock(viewer), name="Splinesketch")
+    viewer.open_sample(PLUGIN, "worms_dense")
+    QTimer.singleShot(FIT_AFTER_MS, viewer.reset_view)
+    if block:
+        napari.run()
+    return viewer

@@ -10,6 +10,8 @@ from qtpy.QtWidgets import (
     QApplication,
     QFrame,
     QGridLayout,
+    QHBoxLayout,
+    QLabel,
     QPushButton,
     QScrollArea,
     QSizePolicy,
@@ -18,6 +20,8 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 from superqt.utils import signals_blocked
+
+from napari_splinesketch.plugin.commands import Commands, Place
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
@@ -54,16 +58,67 @@ def grid(
     return layout
 
 
-class Folded(QWidget):
-    """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off.
+def row(first: QWidget, *others: QWidget) -> QHBoxLayout:
+    """Lay widgets out beside each other; the first takes what is left."""
+    made = QHBoxLayout()
+    made.setSpacing(3)
+    made.addWidget(first, 1)
+    for other in others:
+        made.addWidget(other)
+    return made
 
-    Parameters
-    ----------
-    title, tip
-        What it is about.
-    content
-        What is unfolded.
-    """
+
+class CommandButton(QPushButton):
+    """A button that carries out a command, and says why it cannot; keys stay with the canvas."""
+
+    def __init__(self, actions: Commands, name: str):
+        super().__init__(actions[name].name)
+        self._actions, self._name = actions, name
+        self.setMinimumWidth(30)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.clicked.connect(lambda: actions.run(name))
+        self.show_state()
+
+    def show_state(self, more: str = "") -> None:
+        """Show what the command is called now, and whether it can be carried out."""
+        self.setText(self._actions.label(self._name))
+        enable(self, self._actions.problem(self._name), self._actions.tip(self._name) + more)
+
+
+class CommandButtons(QWidget):
+    """A button for each command that belongs to a place."""
+
+    def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
+        super().__init__()
+        self.buttons = {name: CommandButton(actions, name) for name in actions.at(place)}
+        grid(self, list(self.buttons.values()), columns, even=even)
+
+    def show_state(self) -> None:
+        """Show what can be done now."""
+        for made in self.buttons.values():
+            made.show_state()
+
+
+class TextLabel(QLabel):
+    """Wraps its text, can be copied from, and takes no room while it says nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setWordWrap(True)
+        self.setTextFormat(Qt.TextFormat.RichText)
+        self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Minimum)
+        self.hide()
+
+    def say(self, text: str) -> None:
+        """Show a rich text, or nothing."""
+        if text != self.text():
+            self.setText(text)
+        self.setVisible(bool(text))
+
+
+class Folded(QWidget):
+    """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off."""
 
     def __init__(self, title: str, tip: str, content: QWidget):
         super().__init__()

@@ -10,7 +10,7 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.autosave.resume import read_curves, resume, take_up
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.text_label import TextLabel
+from napari_splinesketch.plugin.widgets import TextLabel
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""

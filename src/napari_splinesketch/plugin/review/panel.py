@@ -1,8 +1,12 @@
 """The panel below the canvas: the table of curves and the plots of the selected one."""
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
+from weakref import ref
 
+import psygnal
 from napari.utils.notifications import show_error
 from qtpy.QtCore import (
     QEvent,
@@ -22,27 +26,22 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.space import current_frame
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import pictures
-from napari_splinesketch.plugin.review.model import CurvesModel
-from napari_splinesketch.plugin.review.plots import CurvePlots
+from napari_splinesketch.plugin.review.plots import CurvePlots, theme_of
 from napari_splinesketch.plugin.review.profiles import Profiles
-from napari_splinesketch.plugin.review.sorting import SHOWN, CurvesInOrder
-from napari_splinesketch.plugin.review.table import CurvesTable
-from napari_splinesketch.plugin.theme import theme_of
+from napari_splinesketch.plugin.review.table import SHOWN, CurvesModel, CurvesTable
+from napari_splinesketch.plugin.widgets import CommandButtons
 
-SHOWN_WORDS = {
-    "all": "All curves",
-    "to check": "To check",
-    "not reviewed": "Not reviewed",
-    "this frame": "In this frame",
-}
+NAME = "Curves"
+LAYOUT_MS = 20
+"""In which Qt finds a place for everything in a window."""
 PLOTTED = ("Along the curve", "Over time: curvature, speed", "Over time: velocity")
 """What the plots show; the pictures over time come in pairs."""
 HEIGHT = 210
@@ -52,13 +51,7 @@ SHARES = [740, 530]
 
 
 class ReviewPanel(QWidget):
-    """Shows the curves; passes on what the user says of them.
-
-    Parameters
-    ----------
-    controller
-        Owns the curves.
-    """
+    """Shows the curves; passes on what the user says of them."""
 
     closed = Signal()
 
@@ -74,20 +67,16 @@ class ReviewPanel(QWidget):
 
     def _build(self) -> None:
         self.model = CurvesModel(self)
-        self.rows = CurvesInOrder(self.model, self)
-        self.table = CurvesTable(self.rows)
+        self.table = CurvesTable(self.model)
         self.plots = CurvePlots(theme_of(self.controller.viewer.theme))
         self.shown = QComboBox()
-        self.shown.addItems([SHOWN_WORDS[shown] for shown in SHOWN])
+        self.shown.addItems(list(SHOWN.values()))
         self.shown.setToolTip("Which curves the table shows")
         self.plotted = QComboBox()
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = QLabel()
-        self.accept = QPushButton("Accept")
-        self.reject = QPushButton("Reject")
-        self.next = QPushButton("Next")
-        self._judges = {"accept": self.accept, "reject": self.reject, "next": self.next}
+        self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
         self.more = QPushButton("Table")
         self.more.setToolTip("Take the table elsewhere, as it is sorted and filtered")
         menu = QMenu(self.more)
@@ -97,8 +86,7 @@ class ReviewPanel(QWidget):
 
     def _lay_out(self) -> None:
         top = QHBoxLayout()
-        for widget in (self.accept, self.reject, self.next):
-            top.addWidget(widget)
+        top.addWidget(self.judges)
         top.addWidget(self.count)
         top.addStretch(1)
         top.addWidget(self.plotted)
@@ -124,10 +112,8 @@ class ReviewPanel(QWidget):
         controller.viewer.events.theme.connect(self._on_theme)
         controller.order = lambda records: self.visible()
         self.table.picked.connect(partial(go_to, controller))
-        self.shown.activated.connect(self._on_shown)
+        self.shown.activated.connect(self._show_frame)
         self.plotted.activated.connect(lambda index: self.show_selected())
-        for name, button in self._judges.items():
-            button.clicked.connect(lambda _, name=name: controller.actions.run(name))
 
     def changeEvent(self, a0: QEvent | None) -> None:
         """Let go of the controller when the panel is closed: napari takes it out of its dock."""
@@ -149,40 +135,35 @@ class ReviewPanel(QWidget):
 
     def visible(self) -> list[Record]:
         """Give the curves as the table shows them."""
-        return [self.rows.record(row) for row in range(self.rows.rowCount())]
+        return list(self.model.records)
 
     def show_state(self) -> None:
         """Show what is known by now."""
         controller = self.controller
-        work, image = controller.work, controller.choices.image
-        records = work.records if work else ()
-        if image is not None and self.rows.shown == "this frame":
-            self.rows.show_frame(current_frame(controller.viewer, image))
-        ruler = controller.ruler
-        for name, button in self._judges.items():
-            action = controller.actions[name]
-            button.setText(f"{action.name} ({action.key})" if action.key else action.name)
-            button.setToolTip(action.tip)
+        records, ruler = controller.work.records if controller.work else (), controller.ruler
+        self._show_frame()
+        for name, button in self.judges.buttons.items():
+            button.show_state()
+            key = controller.actions[name].key
+            button.setText(f"{button.text()} ({key})" if key else button.text())
         if self._known is None or records is not self._known[0] or ruler != self._known[1]:
             self._known = records, ruler
             self.model.show_records(records, ruler)
             reviewed = sum(record.review != "open" for record in records)
             self.plotted.setVisible(len({record.frame for record in records}) > 1)
             self.count.setText(f"{reviewed} of {len(records)} reviewed")
-            for button in (self.accept, self.reject, self.next, self.more):
-                button.setEnabled(bool(records))
+            self.more.setEnabled(bool(records))
             self.show_selected()
 
     def show_selected(self) -> None:
         """Show which curve is selected."""
         controller = self.controller
-        key, work = controller.selected, controller.work
-        self.table.show_selected(key)
-        row = self.model.row_of(key)
-        if work is None or row is None:
+        self.table.show_selected(controller.selected)
+        chosen, work, ruler = controller.selected_records(), controller.work, self.model.ruler
+        if work is None or len(chosen) != 1:
             self.plots.show_profile(None)
             return
-        record, ruler = self.model.records[row], self.model.ruler
+        (record,) = chosen
         if at := self.plotted.currentIndex():
             made = pictures(f"curve {record.id}", self.model.body(record.id), ruler)
             if made:
@@ -198,25 +179,76 @@ class ReviewPanel(QWidget):
 
     def _as_text(self, separator: str) -> str:
         model = self.model
-        return as_text(self.visible(), model.measures_of, model.ruler.unit, separator=separator)
+        return as_text(self.visible(), model.measures, model.ruler.unit, separator=separator)
 
     def _ask_where(self) -> None:
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")
-        if chosen:
-            self._save(Path(chosen))
-
-    def _save(self, path: Path) -> None:
         try:
-            path.write_text(self._as_text(","), encoding="utf-8")
+            if chosen:
+                Path(chosen).write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
             show_error(f"The table was not saved: {error}")
 
-    def _on_shown(self, index: int) -> None:
-        controller = self.controller
-        if controller.choices.image is not None:
-            self.rows.frame = current_frame(controller.viewer, controller.choices.image)
-        self.rows.show_only(SHOWN[index])
-        self.table.show_selected(controller.selected)
+    def _show_frame(self, index: int | None = None) -> None:
+        """Show what the user wants to see, which may depend on the frame in view."""
+        shown = list(SHOWN)[self.shown.currentIndex() if index is None else index]
+        self.model.show_only(shown, self.controller.frame if shown == "this frame" else 0)
 
     def _on_theme(self) -> None:
         self.plots.show_theme(theme_of(self.controller.viewer.theme))
+
+
+class PanelKeeper:
+    """Shows the panel below the canvas when the user asks for it, and hides it."""
+
+    toggled = psygnal.Signal(bool)
+    """The panel was shown or hidden."""
+
+    def __init__(self, controller: Controller):
+        self.panel: ReviewPanel | None = None
+        self._controller = controller
+        self._waiting: ref[QWidget] | None = None
+        self._soon = qdebounced(self._paint, LAYOUT_MS)
+
+    def show_or_hide(self) -> None:
+        """Show the panel if it is not there, hide it if it is."""
+        if self.panel is None:
+            self.show()
+        else:
+            self.hide()
+
+    def show(self) -> None:
+        """Show the panel."""
+        if self.panel is None:
+            self.panel = ReviewPanel(self._controller)
+            self.panel.closed.connect(self._on_closed)
+            added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
+            self._paint_later(added.window())
+        self.toggled.emit(True)
+
+    def hide(self) -> None:
+        """Take the panel away."""
+        if self.panel is not None:
+            self._window().remove_dock_widget(self.panel)
+
+    def _on_closed(self) -> None:
+        if self.panel is not None:
+            self.panel.deleteLater()
+            self.panel = None
+        self.toggled.emit(False)
+
+    def _window(self) -> Any:
+        # Only a viewer with a window has a dock to press the button in.
+        return getattr(self._controller.viewer, "window")  # noqa: B009
+
+    def _paint_later(self, window: QWidget) -> None:
+        """Let a window paint once its layout stands: the canvas would be painted at each change."""
+        window.setUpdatesEnabled(False)
+        self._waiting = ref(window)
+        self._soon()
+
+    def _paint(self) -> None:
+        window = self._waiting() if self._waiting else None
+        if window is not None:
+            with suppress(RuntimeError):  # Qt has deleted it
+                window.setUpdatesEnabled(True)

@@ -1,18 +1,22 @@
 """Plots beside the table: of the selected curve along it, and of its body over the frames."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from napari.utils.theme import get_theme
 from qtpy.QtCore import QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from qtpy.QtWidgets import QWidget
 
 from napari_splinesketch.plugin.measures import three_digits
-from napari_splinesketch.plugin.review.axes import Axes, spanned, ticks
 from napari_splinesketch.plugin.review.kymographs import Picture
-from napari_splinesketch.plugin.theme import Theme
 
+ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
+"""What steps from tick to tick begin with."""
 Along = Float[np.ndarray, " P"]
 SMALL = 8
 """Size of the text, pt."""
@@ -33,6 +37,36 @@ NO_MODEL = "No model of this frame to compare with"
 CENTRE = Qt.AlignmentFlag.AlignCenter
 BESIDE = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 BEGIN = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours that can be told apart by everybody, on the window's background.
+
+    Attributes
+    ----------
+    background, text, faint
+        Of the window, of words, of lines in the background.
+    line, other
+        Blue and orange of Okabe and Ito, dark or light enough for the background.
+    """
+
+    background: str
+    text: str
+    faint: str
+    line: str
+    other: str
+
+
+def theme_of(name: str) -> Theme:
+    """Give the colours that go with one of napari's themes."""
+    theme = get_theme(name)
+    dark = theme.type == "dark"
+    line, other = ("#56b4e9", "#e69f00") if dark else ("#0072b2", "#a34700")
+    background, text, faint = (
+        colour.as_hex(format="long") for colour in (theme.background, theme.text, theme.secondary)
+    )
+    return Theme(background, text, faint, line, other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,3 +273,63 @@ class CurvePlots(QWidget):
 def _over(x: Along) -> tuple[float, float]:
     """Give the ends of an axis along a curve, which may have no length."""
     return float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
+
+
+@dataclass(frozen=True)
+class Axes:
+    """A rectangle of the screen, and the values at its edges.
+
+    Attributes
+    ----------
+    box
+        The rectangle.
+    x, y
+        (low, high) at its left and right, and at its bottom and top.
+    """
+
+    box: QRectF
+    x: tuple[float, float] = (0.0, 1.0)
+    y: tuple[float, float] = (0.0, 1.0)
+
+    def places(self, x: Along, y: Along) -> list[QPointF]:
+        """Points of the screen."""
+        right = self.box.left() + (x - self.x[0]) / (self.x[1] - self.x[0]) * self.box.width()
+        up = self.box.bottom() - (y - self.y[0]) / (self.y[1] - self.y[0]) * self.box.height()
+        return [QPointF(a, b) for a, b in zip(right.tolist(), up.tolist(), strict=True)]
+
+    def lines(self, x: Along, y: Along) -> Iterator[QPolygonF]:
+        """Lines through the points, broken where a value is not known."""
+        for part in known(x, y):
+            yield QPolygonF(self.places(x[part], y[part]))
+
+    def bands(self, x: Along, low: Along, high: Along) -> Iterator[QPolygonF]:
+        """Areas between two lines, broken where a value is not known."""
+        for part in known(x, low, high):
+            back = self.places(x[part][::-1], low[part][::-1])
+            yield QPolygonF([*self.places(x[part], high[part]), *back])
+
+
+def known(*values: Along) -> Iterator[slice]:
+    """Give the stretches where all are finite."""
+    finite = np.concatenate([[False], np.isfinite(np.stack(values)).all(axis=0), [False]])
+    edges = np.flatnonzero(np.diff(finite)).tolist()
+    return (slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+
+def spanned(values: Sequence[Along], below: float, above: float) -> tuple[float, float]:
+    """Give what holds all finite values, with room as a share of what they span."""
+    together = np.concatenate(values)
+    together = together[np.isfinite(together)]
+    low, high = (together.min(), together.max()) if together.size else (0.0, 1.0)
+    span = (high - low) or 1.0
+    return float(low - below * span), float(high + above * span)
+
+
+def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
+    """Give round values between two others, and how they are written."""
+    least = (high - low) / max(most, 1)
+    power = 10.0 ** np.floor(np.log10(least))
+    step = next(power * factor for factor in ROUND if power * factor >= least)
+    decimals = next(d for d in range(20) if abs(round(step, d) - step) < 1e-9 * step)
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return [(n * step, f"{n * step + 0.0:.{decimals}f}") for n in np.arange(first, last + 1)]

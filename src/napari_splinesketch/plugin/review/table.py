@@ -1,24 +1,161 @@
-"""The view of the table of curves."""
+"""The table of curves: what it shows and in which order, and the view of it.
+
+napari has a table of a layer's features; it knows neither units, nor filters, nor an order by how
+much a curve needs review, and asks Python for every comparison.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal
 
 from qtpy.QtCore import (
+    QAbstractTableModel,
     QItemSelectionModel,
     QModelIndex,
+    QObject,
     QSignalBlocker,
     Qt,
     Signal,  # pyright: ignore[reportPrivateImportUsage]
 )
-from qtpy.QtGui import QKeyEvent
-from qtpy.QtWidgets import QAbstractItemView, QTableView, QWidget
+from qtpy.QtGui import QColor, QKeyEvent
+from qtpy.QtWidgets import QAbstractItemView, QTableView
 
-from napari_splinesketch.plugin.columns import SHOWN, STATUS
-from napari_splinesketch.plugin.model import Key, key_of
-from napari_splinesketch.plugin.review.sorting import CurvesInOrder
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
+from napari_splinesketch.plugin.columns import STATUS, in_film
+from napari_splinesketch.plugin.layers.looks import COLOURS
+from napari_splinesketch.plugin.measures import Measures, Ruler, measure
+from napari_splinesketch.plugin.model import Key, Record, key_of
 
+Shown = Literal["all", "to check", "not reviewed", "this frame"]
+SHOWN: dict[Shown, str] = {
+    "all": "All curves",
+    "to check": "To check",
+    "not reviewed": "Not reviewed",
+    "this frame": "In this frame",
+}
+NO_INDEX = QModelIndex()
+ROLE = Qt.ItemDataRole
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 PADDING = 16
 MOVES = (
     Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
     Qt.Key.Key_Home, Qt.Key.Key_End,
 )  # fmt: skip
+
+
+class CurvesModel(QAbstractTableModel):
+    """Shows records, all or some, the worst first until the user wants another order."""
+
+    def __init__(self, parent: QObject | None = None):
+        super().__init__(parent)
+        self.ruler, self.frame = Ruler(), 0
+        self.shown: Shown = "all"
+        self._records: Sequence[Record] = ()
+        self._known: dict[Key, Record] = {}
+        self._rows: list[Record] = []
+        self._by = STATUS, Qt.SortOrder.DescendingOrder
+        self._measured: dict[Key, tuple[tuple[Curve | None, ...], Measures]] = {}
+
+    @property
+    def records(self) -> list[Record]:
+        """The records, row by row."""
+        return self._rows
+
+    def row_of(self, key: Key | None) -> int | None:
+        """Row in which a curve is shown, or None."""
+        record = self._known.get(key) if key else None
+        return next((row for row, one in enumerate(self._rows) if one is record), None)
+
+    def measures(self, record: Record) -> Measures:
+        """Numbers of a curve, in the unit of the image; worked out when they are asked for."""
+        key = key_of(record)
+        film = tuple(self._curve_at((record.frame + step, record.id)) for step in (-1, 0, 1))
+        before, found = self._measured.get(key, ((), None))
+        if found is None or any(a is not b for a, b in zip(before, film, strict=True)):
+            alone = measure(record.curve, self.ruler)
+            found = in_film(alone, record, self._curve_at, self.ruler)
+            self._measured[key] = film, found
+        return found
+
+    def body(self, number: int) -> dict[int, Curve]:
+        """Curves of one body, by frame."""
+        return {r.frame: r.curve for r in self._records if r.id == number}
+
+    def show_records(self, records: Sequence[Record], ruler: Ruler) -> None:
+        """Show records, in the order that was chosen."""
+        if ruler != self.ruler:
+            self.ruler = ruler
+            self._measured.clear()
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
+        elif records is self._records:
+            return
+        self._records, self._known = records, {key_of(r): r for r in records}
+        self._arrange()
+
+    def show_only(self, shown: Shown, frame: int) -> None:
+        """Choose which curves are shown; the frame is the one in view."""
+        if (shown, frame) != (self.shown, self.frame):
+            self.shown, self.frame = shown, frame
+            self._arrange()
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        """Choose the order."""
+        self._by = column, order
+        self._arrange()
+
+    def rowCount(self, parent: QModelIndex = NO_INDEX) -> int:
+        """Number of curves shown."""
+        return 0 if parent.isValid() else len(self._rows)
+
+    def columnCount(self, parent: QModelIndex = NO_INDEX) -> int:
+        """Number of columns."""
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> Any:
+        """Titles with units, and what they mean."""
+        if orientation != Qt.Orientation.Horizontal:
+            return None
+        if role == ROLE.DisplayRole:
+            return COLUMNS[section].title.replace("%", self.ruler.unit)
+        return COLUMNS[section].tip if role == ROLE.ToolTipRole else None
+
+    def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
+        """Give what one cell shows."""
+        column, record = COLUMNS[index.column()], self._rows[index.row()]
+        if role in (ROLE.DisplayRole, ROLE.ToolTipRole):
+            text = column.text(record, self.measures(record))
+            return text if role == ROLE.DisplayRole or column.kind == "text" else None
+        if role == ROLE.TextAlignmentRole and column.kind != "text":
+            return RIGHT
+        if role == ROLE.DecorationRole and index.column() == 0:
+            return QColor(COLOURS[record.curve.status])
+        return None
+
+    def _curve_at(self, key: Key) -> Curve | None:
+        return self._known[key].curve if key in self._known else None
+
+    def _arrange(self) -> None:
+        """Bring the rows in order; shows all anew where others are shown."""
+        column, order = self._by
+        key = COLUMNS[column].key
+        rows = sorted(
+            filter(self._accepts, self._records),
+            key=lambda record: key(record, lambda: self.measures(record)),
+            reverse=order == Qt.SortOrder.DescendingOrder,
+        )
+        if list(map(key_of, rows)) == list(map(key_of, self._rows)):
+            self._rows = rows
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
+        else:
+            self.beginResetModel()
+            self._rows = rows
+            self.endResetModel()
+
+    def _accepts(self, record: Record) -> bool:
+        if self.shown == "this frame":
+            return record.frame == self.frame
+        doubtful = self.shown == "not reviewed" or record.curve.status != "good"
+        return self.shown == "all" or (record.review == "open" and doubtful)
 
 
 class CurvesTable(QTableView):
@@ -27,12 +164,12 @@ class CurvesTable(QTableView):
     picked = Signal(object)
     """The user went to a row: its record's key."""
 
-    def __init__(self, rows: CurvesInOrder, parent: QWidget | None = None):
-        super().__init__(parent)
-        self.rows = rows
+    def __init__(self, model: CurvesModel):
+        super().__init__()
+        self._model = model
         self._key: Key | None = None
-        self.setModel(rows)
-        rows.modelReset.connect(lambda: self.show_selected(self._key))
+        self.setModel(model)
+        model.modelReset.connect(lambda: self.show_selected(self._key))
         self.setSortingEnabled(True)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
@@ -46,26 +183,25 @@ class CurvesTable(QTableView):
             header.setStretchLastSection(True)
             header.setHighlightSections(False)
             self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
-            for i, column in enumerate(SHOWN):
+            for i, column in enumerate(COLUMNS):
                 width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
                 self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
-        if (model := self.selectionModel()) is not None:
-            model.currentRowChanged.connect(self._on_row)
+        if (selection := self.selectionModel()) is not None:
+            selection.currentRowChanged.connect(self._on_row)
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
         self._key = key
-        model = self.selectionModel()
-        row = self.rows.row_of(key)
-        if model is None:
+        selection, row = self.selectionModel(), self._model.row_of(key)
+        if selection is None:
             return
-        with QSignalBlocker(model):
+        with QSignalBlocker(selection):
             if row is None:
-                model.clear()
+                selection.clear()
             else:
                 flags = QItemSelectionModel.SelectionFlag
-                index = self.rows.index(row, 0)
-                model.setCurrentIndex(index, flags.ClearAndSelect | flags.Rows)
+                index = self._model.index(row, 0)
+                selection.setCurrentIndex(index, flags.ClearAndSelect | flags.Rows)
                 self.scrollTo(index)
         # A blocked model does not tell the view either.
         if (port := self.viewport()) is not None:
@@ -80,4 +216,4 @@ class CurvesTable(QTableView):
 
     def _on_row(self, current: QModelIndex, previous: QModelIndex) -> None:
         if current.isValid():
-            self.picked.emit(key_of(self.rows.record(current.row())))
+            self.picked.emit(key_of(self._model.records[current.row()]))
