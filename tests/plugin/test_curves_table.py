@@ -34,8 +34,8 @@ MIXED = (
 
 
 def in_order(model: CurvesModel) -> CurvesModel:
-    """Sort by curve."""
-    model.sort(0)
+    """Sort by frame."""
+    model.sort(1)
     return model
 
 

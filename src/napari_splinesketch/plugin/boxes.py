@@ -48,6 +48,7 @@ from napari_splinesketch.plugin.widgets import (
 )
 from napari_splinesketch.plugin.work import Work
 
+FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 DECIMALS = 3
 """Of half-widths."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
@@ -293,6 +294,8 @@ class SettingsForm(QWidget):
                 form.addRow("" if boxed else each.metadata["label"], made.native)
                 made.changed.connect(lambda value, name=each.name: self._take(name, value))
         form.addRow(button("Change keys…", PREFERENCES, _open_preferences))
+        form.addRow(button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder))
+        form.addRow(button("Save work beside the image", FOLDER_TIP, self._take_beside))
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
@@ -310,6 +313,14 @@ class SettingsForm(QWidget):
             if made.value != value:
                 with made.changed.blocked():
                     made.value = value
+
+    def _ask_for_folder(self) -> None:
+        folder = QFileDialog.getExistingDirectory(self, "Save work in", self._settings.work_folder)
+        if folder:
+            self._take("work_folder", folder)
+
+    def _take_beside(self) -> None:
+        self._take("work_folder", "")
 
     def _take(self, name: str, value: Any) -> None:
         changes = {name: value}

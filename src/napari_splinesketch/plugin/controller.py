@@ -27,10 +27,12 @@ from napari_splinesketch.plugin.layers.drawn import (
     drawing,
     new_sketch_layer,
     select_curves,
+    shapes_in,
 )
 from napari_splinesketch.plugin.layers.labels import labels_of
 from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.slot import Preview, is_result
+from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Requests, Scope
 from napari_splinesketch.plugin.work import Work, remove_results
@@ -78,6 +80,8 @@ class Controller(Keeper):
         self.actions.rebind(self.settings.keys)
         self.clicked.connect(lambda shift: pick(self, add=shift))
         self.choices.changed.connect(self._follow)
+        # Last: napari goes to the middle of a film when it is told of it.
+        viewer.layers.events.inserted.connect(self._on_inserted, position="last")
         self._soon = qdebounced(lambda: self.changed.emit(), 0)
         self.choices.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
@@ -250,11 +254,23 @@ class Controller(Keeper):
             return
         self._closed = True
         self.knots.discard()
+        self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self.changed.disconnect()
         self.finish(Notice())
         self.actions.close()
         self._soon.cancel()
         super().close()
+
+    def _on_inserted(self, event: Any) -> None:
+        """Show a film where work begins: its first frame, or the first with lines."""
+        image, layer = self.choices.image, self.choices.sketches
+        if image is None or self.work is not None or frame_count(image) < 2:
+            return
+        if event.value is image and len(self.viewer.layers) == 1:
+            go_to_frame(self.viewer, image, 0)
+        elif event.value is layer and layer is not None and layer.nshapes:
+            frames = [frame for frame, _ in shapes_in(self.viewer, layer, image)]
+            go_to_frame(self.viewer, image, min(frames))
 
     def _on_edited(self) -> None:
         layer = self.choices.sketches

@@ -20,6 +20,7 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import boxes, engine, widgets, words
 from napari_splinesketch.plugin.autosave.offer_box import OfferBox
@@ -72,6 +73,7 @@ class SplinesketchDock(QWidget):
         self._lay_out()
         self._connect()
         self._show_layers()
+        self._show_place()
         self._show()
         self._warm_up()
 
@@ -117,6 +119,7 @@ class SplinesketchDock(QWidget):
         )
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = boxes.ProgressBox()
+        self.saved = QElidingLabel()
         self.export = button("Export…", "", self._ask_where)
         self.rejected = QCheckBox("Export rejected curves too")
         self.rejected.setToolTip("As a rule, what you rejected is left out of the file")
@@ -146,18 +149,28 @@ class SplinesketchDock(QWidget):
         column.addStretch(1)
         self.texts = QWidget()
         texts = QVBoxLayout(self.texts)
-        texts.setContentsMargins(4, 0, 4, 0)
+        texts.setContentsMargins(0, 0, 0, 0)
         texts.addStretch(1)
         for label in (self.stage, self.notice, self.hint):
             texts.addWidget(label)
         self.texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         self.texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        below = QVBoxLayout()
+        below.setContentsMargins(4, 0, 4, 0)
+        for widget in (
+            self.offer,
+            self.texts,
+            self.progress,
+            self.rejected,
+            self.export,
+            self.saved,
+        ):
+            below.addWidget(widget)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 4)
         layout.setSpacing(3)
         layout.addWidget(widgets.Column(self.content), 1)
-        for widget in (self.offer, self.texts, self.progress, self.rejected, self.export):
-            layout.addWidget(widget)
+        layout.addLayout(below)
         self.setMinimumWidth(220)
 
     def _connect(self) -> None:
@@ -168,6 +181,7 @@ class SplinesketchDock(QWidget):
         self.destroyed.connect(controller.close)
         self.preset.activated.connect(lambda i: controller.choose(preset=engine.PRESETS[i]))
         self.look.valueChanged.connect(lambda by: controller.choose(colour_by=by))
+        self.saver.found.connect(self._show_place)
         self.settings_form.valueChanged.connect(lambda changes: controller.choose(**changes))
         self.eyes.refused.connect(controller.say)
         self.panel.toggled.connect(lambda on: self.review.setChecked(on))
@@ -231,6 +245,14 @@ class SplinesketchDock(QWidget):
         ruler = ruler_of(controller.choices.image)
         self.settings_form.show_settings(controller.settings, ruler)
         self._show_steps()
+
+    def _show_place(self) -> None:
+        """Say where work is saved: a folder appears beside the user's data."""
+        place, wanted = self.saver.place, self.controller.settings.save_work
+        said = f"Saved in {place.name}" if place else "" if wanted else "Work is not saved"
+        self.saved.setText(said)
+        self.saved.setToolTip(f"{place or said}\nChange it under Settings")
+        self.saved.setVisible(bool(said))
 
     def _show_refine(self, request: Request) -> None:
         controller = self.controller

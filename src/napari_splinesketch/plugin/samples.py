@@ -35,7 +35,7 @@ def worms_dense() -> list[LayerData]:
 
 
 def worms_swimming() -> list[LayerData]:
-    """Eleven frames of swimming worms; lines in the first and in the sixth, which opens."""
+    """Eleven frames of swimming worms; lines in the first, which opens, and in the sixth."""
     return _layers("swimming worms", *load_sample("worms_swimming"))
 
 

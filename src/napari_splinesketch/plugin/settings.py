@@ -16,6 +16,7 @@ PREFERENCES = "Opens napari's preferences: the keys are on the page of Splineske
 GROUPS = {
     "refining": ("preset", "polarity", "half_width", "half_width_unit"),
     "looking": ("colour_by", "lengths_in_pixels"),
+    "saving": ("save_work", "work_folder"),
 }
 """The settings in the manifest that are one value each."""
 KEYS = "keys"
@@ -45,6 +46,10 @@ class Settings:
         What the colour of a curve says.
     lengths_in_pixels
         Whether lengths are told in px although the image has a unit.
+    save_work
+        Whether lines and curves are saved as they are made.
+    work_folder
+        Where; empty for a folder beside the image.
     keys
         Keys of actions, by their ids, as napari writes them; an empty one takes the key away.
     """
@@ -80,6 +85,11 @@ class Settings:
         default=False,
         metadata=shown("Lengths in pixels", "Give lengths in px although the image has a unit"),
     )
+    save_work: bool = field(
+        default=True,
+        metadata=shown("Save work as I go", "Save lines and curves as they are made"),
+    )
+    work_folder: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

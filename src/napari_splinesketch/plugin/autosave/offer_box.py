@@ -71,6 +71,11 @@ class OfferBox(QFrame):
         for button in (self.resume, self.labels):
             button.setEnabled(idle)
         self.labels.setVisible(bool(curves))
+        # Once there are results, they need the room.
+        working = bool(self._controller.records())
+        self.said.setVisible(bool(self.said.text()) and not working)
+        self.resume.setText("Resume saved work" if working else "Resume")
+        self.decline.setText("Ignore" if working else "Ignore saved work")
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
         self.setVisible(bool(curves or self._saver.offers() or self._saver.problem))
 

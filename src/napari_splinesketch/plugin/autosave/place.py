@@ -69,12 +69,17 @@ class Picture:
             "sha256": checksum,
         }
 
-    def folder(self, checksum: str) -> Path:
-        """Give the folder for the work on it: beside the file, or with the user's own data.
+    def folder(self, checksum: str, chosen: str = "") -> Path:
+        """Give the folder for the work on it: where the user wants it, or beside the file.
 
-        One that exists already is taken wherever it is.
+        With the user's own data where that is not possible; one that exists already is taken
+        wherever it is.
         """
         ending = f"{checksum[:DIGITS]}{SUFFIX}"
+        if chosen:
+            return (
+                Path(chosen).expanduser() / f"{self.path.name if self.path else 'image'}.{ending}"
+            )
         at_home = user_data_path("napari-splinesketch") / "sessions" / ending
         if self.path is None:
             return at_home

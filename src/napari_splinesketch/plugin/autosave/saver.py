@@ -132,6 +132,7 @@ class Saver(QObject):
         self._looks: dict[Image, Job] = {}
         self._writing: Job | None = None
         self._problems = {"look": "", "write": ""}
+        self._choice = self._chosen()
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(self._save)
@@ -145,6 +146,26 @@ class Saver(QObject):
         ]
         for signal, slot in self._connections:
             signal.connect(slot)
+        self._on_choice()
+
+    @property
+    def place(self) -> Path | None:
+        """Where work on the chosen image is saved; None while that is not known, or not wanted."""
+        image = self._keeper.choices.image
+        return self._known[image].folder if image in self._known else None
+
+    def _chosen(self) -> tuple[bool, str]:
+        return self._keeper.settings.save_work, self._keeper.settings.work_folder
+
+    def _begin_anew(self) -> None:
+        """Save elsewhere from now on, or no more: what is saved stays where it is."""
+        self.flush()
+        self._choice = self._chosen()
+        for pair in tuple(self._kept):
+            self._drop(pair)
+            _left.pop(pair[1], None)
+        for known in (self._known, self._offers, self._looks):
+            known.clear()
         self._on_choice()
 
     @property
@@ -256,8 +277,9 @@ class Saver(QObject):
         for pair in self._pairs():  # another one may be chosen before it is written
             self._keep(pair)
         image = self._keeper.choices.image
-        if image is not None and image not in self._known and image not in self._looks:
-            job = self._looks[image] = Job(partial(_look, Picture.of(image)))
+        wanted, folder = self._choice
+        if wanted and image is not None and image not in (*self._known, *self._looks):
+            job = self._looks[image] = Job(partial(_look, Picture.of(image), folder))
             job.done.connect(partial(self._on_looked, image))
             job.failed.connect(partial(self._on_not_looked, image))
             job.start()
@@ -289,6 +311,8 @@ class Saver(QObject):
         self._wait()
 
     def _on_change(self) -> None:
+        if self._choice != self._chosen():
+            self._begin_anew()
         if any(
             pair not in self._kept or self._kept[pair].state is not self._state(pair)
             for pair in self._pairs()
@@ -355,10 +379,10 @@ class Saver(QObject):
             self.found.emit()
 
 
-def _look(picture: Picture, _: OnProgress) -> tuple[Known, list[Offer], str]:
+def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Known, list[Offer], str]:
     """Find out which image it is, and what is written of it."""
     checksum = picture.checksum()
-    folder = picture.folder(checksum)
+    folder = picture.folder(checksum, chosen)
     offers, problem = [], ""
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         try:

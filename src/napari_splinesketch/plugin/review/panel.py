@@ -223,6 +223,10 @@ class PanelKeeper:
             self.panel = ReviewPanel(self._controller)
             self.panel.closed.connect(self._on_closed)
             added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
+            # The docks at the right keep their height: the panel goes below the canvas alone.
+            self._window()._qt_window.setCorner(
+                Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
+            )
             self._paint_later(added.window())
         self.toggled.emit(True)
 

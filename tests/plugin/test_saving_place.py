@@ -1,0 +1,56 @@
+"""Where work is saved is said, can be another folder, or nowhere."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from napari_splinesketch.plugin.autosave import saver
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .hand import refine, until
+
+
+def sessions(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("session.json"))
+
+
+def test_saved_work_is_announced_moved_and_switched_off(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(saver, "DELAY_MS", 10)
+    viewer.add_image(np.random.default_rng(0).random((60, 80)), name="cells")
+    until(lambda: dock.saver.place is not None, 20)
+    first = dock.saver.place
+    assert first is not None
+    assert dock.saved.text().startswith("Saved in ")
+    assert str(first) in dock.saved.toolTip()
+    lines = viewer.add_shapes([[[10, 10], [10, 60]]], shape_type="line", name="lines")
+    until(lambda: len(sessions(first)) == 1, 20)
+    dock.controller.choose(work_folder=str(tmp_path))
+    until(lambda: dock.saver.place is not None and dock.saver.place.parent == tmp_path, 20)
+    until(lambda: len(sessions(tmp_path)) == 1, 20)
+    refine(dock)
+    dock.saver.flush()
+    assert len(sessions(first)) == 1, "what was saved stays where it is"
+    dock.controller.choose(save_work=False)
+    assert dock.saved.text() == "Work is not saved"
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.json")}
+    lines.add([[30, 10], [30, 60]], shape_type="line")
+    dock.saver.flush()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.json")} == before
+    dock.controller.choose(save_work=True, work_folder="")
+    until(lambda: dock.saver.place == first, 20)
+
+
+def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:
+    image = viewer.add_image(np.zeros((9, 40, 50)), name="film")
+    assert viewer.dims.current_step[0] == 0, "not in the middle"
+    viewer.dims.set_point(0, 4)
+    lines = [[[t, 5, 5], [t, 30, 30]] for t in (7, 2)]
+    viewer.add_shapes(lines, shape_type="line", name="film sketches")
+    assert viewer.dims.current_step[0] == 2
+    viewer.dims.set_point(0, 4)
+    viewer.add_image(np.zeros((9, 40, 50)), name="another")
+    assert viewer.dims.current_step[0] == 4, "not while there is more in the window"
+    assert image in viewer.layers
