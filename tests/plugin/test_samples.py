@@ -38,7 +38,7 @@ def test_samples_are_as_described() -> None:
         load_sample("wurm")  # pyright: ignore[reportArgumentType]
 
 
-COUNTS = {"worms_dense": 24, "worms_swimming": 16, "generated": 3}
+COUNTS = {"worms_dense": 24, "worms_swimming": 20, "generated": 3}
 
 
 @pytest.mark.parametrize("key", COUNTS)
