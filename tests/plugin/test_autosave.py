@@ -12,15 +12,15 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import tifffile
+from napari.components import ViewerModel
 from npe2 import PluginManifest
 
 from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
-from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, until
+from .hand import QTest, add_dock, click, drawn, refine, until
 
-pytestmark = pytest.mark.window
 SCRIPT = Path(__file__).with_name("work_until_killed.py")
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
 SOON = 20.0
@@ -43,6 +43,18 @@ def image_file(folder: Path, seed: int = 0, name: str = "worms.tif", **size: Any
 
 def saved_in(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.splinesketch/*/session.json"))
+
+
+def take_away(dock: SplinesketchDock) -> None:
+    """Take a dock out of its window, as napari does with one that is closed."""
+    dock.setParent(None)
+    dock.hide()
+    dock.close_work()
+
+
+def add_lines(layer: Any, lines: list[np.ndarray]) -> None:
+    """Draw lines on frame 1."""
+    layer.add_paths([np.column_stack([np.ones(len(line)), line]) for line in lines])
 
 
 def curves_in(folder: Path) -> int:
@@ -83,24 +95,20 @@ def test_a_killed_process_loses_nothing_older_than_two_seconds(
     until(lambda: not dock.offer.isVisible(), SOON)
 
 
-def test_saved_work_goes_on_where_it_was(
-    tmp_path: Path, viewer: Any, fake: FakeEngine, make_napari_viewer: Any
-) -> None:
+def test_saved_work_goes_on_where_it_was(tmp_path: Path, viewer: Any, fake: FakeEngine) -> None:
     place = {"scale": (1, 0.5, 0.25), "translate": (0, 3, -4), "units": ("s", "um", "um")}
     path = image_file(tmp_path, shape=(3, 96, 128))
     (image,) = viewer.open(path, **place)
     dock = add_dock(viewer)
-    fit_view(viewer)
     viewer.dims.set_point(0, 1)
     click(dock.draw)
     first = cast(Any, dock.controller.choices.sketches)
-    for line in LINES:
-        draw(viewer, first, [image.data_to_world((1, *point))[1:] for point in line])
+    add_lines(first, LINES)
     refine(dock)
     until(lambda: curves_in(tmp_path) == 2, SOON)
     wanted, records = drawn(first), dock.controller.records()
-    viewer.window.remove_dock_widget(dock)
-    other = make_napari_viewer(show=True)
+    take_away(dock)
+    other = ViewerModel()
     other.open(path, **place)
     again = add_dock(other)
     until(lambda: again.offer.isVisible(), SOON)
@@ -119,7 +127,7 @@ def test_saved_work_goes_on_where_it_was(
     np.testing.assert_array_equal(np.asarray(film.data), np.asarray(wanted_film.data))
     np.testing.assert_array_equal(film.translate, wanted_film.translate)
     other.dims.set_point(0, 1)
-    draw(other, layer, [image.data_to_world((1, *point))[1:] for point in LINES[0] + 15])
+    add_lines(layer, [LINES[0] + 15])
     until(lambda: sketches_in(tmp_path) == 3, SOON)
     assert len(saved_in(tmp_path)) == 1
     assert [path.name for path in tmp_path.glob("*.splinesketch/1/*.npz")] == [
@@ -130,22 +138,22 @@ def test_saved_work_goes_on_where_it_was(
 
 
 def test_starting_anew_keeps_the_old_files(
-    tmp_path: Path, viewer: Any, dock: SplinesketchDock, make_napari_viewer: Any
+    tmp_path: Path, viewer: Any, dock: SplinesketchDock
 ) -> None:
     path = image_file(tmp_path)
     viewer.open(path)
     viewer.add_shapes(LINES, shape_type=["line", "path"], name="worms sketches")
     refine(dock)
     until(lambda: curves_in(tmp_path) == 2, SOON)
-    viewer.window.remove_dock_widget(dock)
-    other = make_napari_viewer(show=True)
+    take_away(dock)
+    other = ViewerModel()
     other.open(path)
     again = add_dock(other)
     until(lambda: again.offer.isVisible(), SOON)
     click(again.offer.decline)
     assert not again.offer.isVisible()
     assert len(list(tmp_path.glob("*.splinesketch/1.old/frame-*.json"))) == 1
-    third = make_napari_viewer(show=True)
+    third = ViewerModel()
     third.open(path)
     last = add_dock(third)
     QTest.qWait(300)
@@ -153,14 +161,14 @@ def test_starting_anew_keeps_the_old_files(
 
 
 def test_another_image_of_the_same_name_is_another_image(
-    tmp_path: Path, viewer: Any, dock: SplinesketchDock, make_napari_viewer: Any
+    tmp_path: Path, viewer: Any, dock: SplinesketchDock
 ) -> None:
     viewer.open(image_file(tmp_path))
     viewer.add_shapes(LINES, shape_type=["line", "path"])
     refine(dock)
     until(lambda: curves_in(tmp_path) == 2, SOON)
-    viewer.window.remove_dock_widget(dock)
-    other = make_napari_viewer(show=True)
+    take_away(dock)
+    other = ViewerModel()
     other.open(image_file(tmp_path, seed=1))
     again = add_dock(other)
     QTest.qWait(300)
@@ -168,7 +176,7 @@ def test_another_image_of_the_same_name_is_another_image(
 
 
 def test_images_without_a_file_are_kept_with_the_users_data(
-    viewer: Any, dock: SplinesketchDock, make_napari_viewer: Any
+    viewer: Any, dock: SplinesketchDock
 ) -> None:
     home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
     pixels = np.random.default_rng(0).normal(100, 5, (96, 128))
@@ -178,7 +186,7 @@ def test_images_without_a_file_are_kept_with_the_users_data(
     viewer.add_shapes(LINES, shape_type=["line", "path"])
     refine(dock)
     until(lambda: curves_in(home) == 2, SOON)
-    other = make_napari_viewer(show=True)
+    other = ViewerModel()
     other.add_image(pixels, name="cells again")
     again = add_dock(other)
     until(lambda: again.offer.isVisible(), SOON)
@@ -208,18 +216,18 @@ def test_a_folder_that_cannot_be_written_to_is_said(
 
 
 def test_damaged_work_never_stops_the_dock(
-    tmp_path: Path, viewer: Any, dock: SplinesketchDock, make_napari_viewer: Any
+    tmp_path: Path, viewer: Any, dock: SplinesketchDock
 ) -> None:
     path = image_file(tmp_path)
     viewer.open(path)
     viewer.add_shapes(LINES, shape_type=["line", "path"])
     refine(dock)
     until(lambda: curves_in(tmp_path) == 2, SOON)
-    viewer.window.remove_dock_widget(dock)
+    take_away(dock)
     (head,) = saved_in(tmp_path)
     page = head.with_name("frame-000000000.json")
     page.write_bytes(page.read_bytes()[:300])
-    other = make_napari_viewer(show=True)
+    other = ViewerModel()
     other.open(path)
     again = add_dock(other)
     until(lambda: again.offer.isVisible(), SOON)
@@ -227,7 +235,7 @@ def test_damaged_work_never_stops_the_dock(
     until(lambda: "stays where it is" in again.notice.text(), SOON)
     assert page.stat().st_size == 300
     head.write_text("{", encoding="utf-8")
-    third = make_napari_viewer(show=True)
+    third = ViewerModel()
     third.open(path)
     last = add_dock(third)
     until(lambda: "could not be read" in last.offer.problem.text(), SOON)
