@@ -1,5 +1,6 @@
 """Suggest in the window: ordinary lines, taken back by one step, never in the user's way."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -112,3 +113,28 @@ def test_nothing_new_is_said_and_cancel_changes_nothing(
     QTest.qWait(1500)
     assert "Nothing was changed" in dock.notice.text()
     assert all(layer.nshapes == 0 for layer in viewer.layers if hasattr(layer, "nshapes"))
+
+
+def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
+    viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
+    prepare, looked = import_module("napari_splinesketch.engine.find.suggest").prepare, []
+    monkeypatch.setattr(
+        "napari_splinesketch.engine.find.suggest.prepare",
+        lambda *given: looked.append(1) or prepare(*given),
+    )
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.suggest.slider
+    usual = layer.nshapes
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    until(lambda: 0 < layer.nshapes < usual, 20)
+    until(lambda: f"Suggested {layer.nshapes} lines" in dock.notice.text(), 20)
+    assert layer.nshapes < usual
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > usual, 20)
+    assert len(looked) == 1
+    until(lambda: dock.undo.isEnabled(), 20)
+    click(dock.undo)
+    until(lambda: layer.nshapes == 0, 20)
+    assert not dock.undo.isEnabled(), "however far it was moved, it is one step"

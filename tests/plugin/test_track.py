@@ -1,5 +1,6 @@
 """Next frame and Track to the end in the window: carried, flagged, never over what was accepted."""
 
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -55,6 +56,35 @@ def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: Splinesket
     click(film.undo)
     assert keys(film)[-2:] == [(2, 1), (2, 2)]
     until(lambda: viewer.layers["film curves"].nshapes == 4, 20)
+
+
+def test_back_to_the_first_frame_is_one_step_and_a_single_one_shows_it(
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.dims.set_point(0, 1)
+    click(film.track.buttons["track"])
+    over(film)
+    viewer.dims.set_point(0, 4)
+    film.controller.delete(*[(t, i) for t in (0, 1, 2, 3) for i in (1, 2)])
+    work = film.controller.work
+    assert work is not None
+    work.history.value = replace(work.state, deleted=())
+    fake.calls.clear()
+    click(film.track.buttons["previous_frame"])
+    over(film)
+    assert viewer.dims.current_step[0] == 3
+    assert keys(film) == [(t, i) for t in (3, 4, 5) for i in (1, 2)]
+    begins = [line.mean(axis=0) for line in fake.calls[0]["lines"]]
+    np.testing.assert_allclose(begins[0], LINES[0][:, 1:].mean(axis=0), atol=1)
+    click(film.track.buttons["track_back"])
+    over(film)
+    assert keys(film) == [(t, i) for t in range(6) for i in (1, 2)]
+    assert "Tracked to frame 0: 2 curves there" in film.notice.text()
+    assert len(fake.calls) == 4, "one frame after the other, from here to the first"
+    click(film.undo)
+    assert keys(film)[0] == (3, 1)
+    viewer.dims.set_point(0, 0)
+    assert not film.track.buttons["track_back"].isEnabled()
 
 
 def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(

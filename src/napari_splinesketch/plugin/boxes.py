@@ -27,15 +27,15 @@ from qtpy.QtWidgets import (
 )
 from superqt import QElidingLabel
 
-from napari_splinesketch.engine.types import Curve, Progress
+from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.columns import COLUMNS
+from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.looks import COLOUR_BY, COLUMN, RAMP, ColourBy, scale_of
 from napari_splinesketch.plugin.layers.pictures import Proof
 from napari_splinesketch.plugin.layers.slot import Role
 from napari_splinesketch.plugin.measures import Ruler, three_digits
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.settings import PREFERENCES, Settings
 from napari_splinesketch.plugin.widgets import (
@@ -119,7 +119,7 @@ class LookBox(QWidget):
         super().__init__()
         self._seen: object = None
         self.by = QComboBox()
-        self.by.addItems([f"Colour by {called(by)}" for by in COLOUR_BY])
+        self.by.addItems([f"Colour by {column.colour}" for column in COLOURED.values()])
         self.by.setMinimumWidth(NARROW)
         self.by.setToolTip("What the colour of a curve says; its marks always tell its status")
         self.words = TextLabel()
@@ -139,25 +139,20 @@ class LookBox(QWidget):
         grid(self, (self.by, self.words, self.scale), 1)
         self.by.activated.connect(lambda index: self.valueChanged.emit(COLOUR_BY[index]))
 
-    def show_look(self, by: ColourBy, curves: Sequence[Curve], ruler: Ruler) -> None:
+    def show_look(self, by: str, records: Sequence[Record], ruler: Ruler) -> None:
         """Show what the colours of these curves say."""
-        seen = by, ruler, tuple(map(id, curves))
+        seen = by, ruler, tuple(id(record.curve) for record in records)
         if seen == self._seen:
             return
         self._seen = seen
         self.by.setCurrentIndex(COLOUR_BY.index(by))
-        scale = scale_of(curves, (by, ruler))
+        scale = scale_of(records, (by, ruler))
         self.scale.setVisible(scale is not None)
         self.words.say(words.LEGEND if by == "status" else "")
         if scale is not None:
-            unit = f" {ruler.unit}" if by != "residual" else ""
+            unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
             self.low.setText(three_digits(scale[0]))
             self.high.setText(three_digits(scale[1]) + unit)
-
-
-def called(by: ColourBy) -> str:
-    """Say what a choice of colours is called."""
-    return next(column.colour for column in COLUMNS if column.name == COLUMN.get(by, by))
 
 
 class EyeBox(QWidget):

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.layers.looks import MARKS
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.measures import (
     Measures,
     Ruler,
@@ -118,6 +119,17 @@ COLUMNS = (
            lambda r, m: m.speed, "number"),
     Column("locked", "", "Whether it stays as it is", lambda r, m: r.locked),
 )  # fmt: skip
+SETTING = {"half_width_mean": "half_width"}
+"""The columns that are called otherwise in the settings."""
+COLOURED = {SETTING.get(c.name, c.name): c for c in COLUMNS if c.colour}
+COLOUR_BY = tuple(COLOURED)
+"""What the colour of a curve may say."""
+Look = tuple[str, Ruler]
+"""What it says, and in which unit."""
+RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
+"""Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
+read by everybody."""
+UNKNOWN = "#999999"
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
 
@@ -166,3 +178,34 @@ def as_text(
         measured = measures(record)
         writer.writerow([*(c.value(record, measured) for c in COLUMNS), unit])
     return file.getvalue()
+
+
+def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
+    """Give what the ramp spans; None where there are no numbers, or the status is shown."""
+    values = np.array(_numbers(records, look))
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else None
+
+
+def colours_of(records: Sequence[Record], look: Look) -> list[str]:
+    """Give each curve its colour."""
+    if look[0] == "status":
+        return [COLOURS[record.curve.status] for record in records]
+    low, high = scale_of(records, look) or (0.0, 0.0)
+    return [_on_ramp(value, low, high) for value in _numbers(records, look)]
+
+
+def _numbers(records: Sequence[Record], look: Look) -> list[float]:
+    by, ruler = look
+    if by == "status":
+        return []
+    return [float(COLOURED[by].value(r, measure(r.curve, ruler))) for r in records]
+
+
+def _on_ramp(value: float, low: float, high: float) -> str:
+    if not np.isfinite(value):
+        return UNKNOWN
+    at = (value - low) / (high - low) * (len(RAMP) - 1) if high > low else (len(RAMP) - 1) / 2
+    stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
+    mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]
+    return "#{:02x}{:02x}{:02x}".format(*mixed)

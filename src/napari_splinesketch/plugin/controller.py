@@ -110,9 +110,7 @@ class Controller(Keeper):
             block_around(image, request.frame, lines),
             lines,
             request.plan.fixed,
-            self.settings.preset,
-            self.settings.polarity,
-            self.half_width_in(image),
+            self.how(image),
         )
         preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
 

@@ -285,9 +285,7 @@ class SplinesketchDock(QWidget):
         self.eyes.show_work(work)
         for widget in (self.eyes, self.look, self.review):
             widget.setVisible(bool(records))
-        self.look.show_look(
-            controller.settings.colour_by, [r.curve for r in records], controller.ruler
-        )
+        self.look.show_look(controller.settings.colour_by, records, controller.ruler)
         nothing = "" if records else "Nothing to export yet: refine first"
         running = "Something is running" if controller.progress else ""
         enable(self.export, nothing or running, words.EXPORT_TIP)

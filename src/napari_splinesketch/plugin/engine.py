@@ -4,7 +4,7 @@ import gc
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -25,32 +25,32 @@ MARGIN = 40
 _warm = threading.Event()
 
 
+class How(NamedTuple):
+    """How the user wants bodies to be found; half-widths in px of the image, None to measure."""
+
+    preset: PresetName
+    polarity: Polarity = "auto"
+    half_width: float | None = None
+
+    def on(self, size: float) -> dict[str, Any]:
+        """Give the engine's options for pixels of another size."""
+        return {
+            "polarity": self.polarity,
+            "half_width": self.half_width and self.half_width / size,
+        }
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """All that a refinement needs, none of which the user can change while it runs.
 
-    Attributes
-    ----------
-    block
-        The pixels to read.
-    lines
-        (N, 2) sketches, px of the image.
-    fixed
-        Neighbours that were refined before, px of the image.
-    preset
-        How much work to do.
-    polarity
-        Whether bodies are bright or dark.
-    half_width
-        Rough distance from centreline to edge, px of the image; None measures it.
+    Sketches, and neighbours that were refined before, are in px of the image.
     """
 
     block: Block
     lines: tuple[Float[np.ndarray, "N 2"], ...]
     fixed: tuple[Curve, ...]
-    preset: PresetName
-    polarity: Polarity = "auto"
-    half_width: float | None = None
+    how: How
 
 
 def run(task: Task, on_progress: OnProgress) -> Refined:
@@ -64,9 +64,8 @@ def run(task: Task, on_progress: OnProgress) -> Refined:
     result = refine(
         pixels,
         lines,
-        task.preset,
-        polarity=task.polarity,
-        half_width=task.half_width and task.half_width / grid.size,
+        task.how.preset,
+        **task.how.on(grid.size),
         fixed=near,
         on_progress=lambda progress: on_progress(_in_image(progress, task.block)),
     )
@@ -93,63 +92,27 @@ def _within(curve: Curve, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "
 
 
 def refine(
-    image: np.ndarray,
-    lines: Sequence[Float[np.ndarray, "N 2"]],
-    preset: PresetName,
-    *,
-    polarity: Polarity,
-    half_width: float | None,
-    fixed: Sequence[Curve],
-    on_progress: OnProgress,
+    image: np.ndarray, lines: Sequence[Float[np.ndarray, "N 2"]], preset: PresetName, **options: Any
 ) -> Refinement:
     """Call the engine, importing it when it is first needed."""
     from napari_splinesketch.engine.refine import refine
 
-    return refine(
-        image,
-        lines,
-        preset,
-        polarity=polarity,
-        half_width=half_width,
-        fixed=fixed,
-        on_progress=on_progress,
-    )
+    return refine(image, lines, preset, **options)
 
 
 @dataclass(frozen=True, eq=False)
 class SuggestTask:
-    """All that suggesting needs.
-
-    Attributes
-    ----------
-    block
-        The pixels to read.
-    known
-        Lines over bodies that need no other, px of the image.
-    sensitivity
-        As `suggest` takes it.
-    polarity, half_width
-        As in `Task`.
-    """
+    """All that suggesting needs; known lines lie over bodies that need no other, px."""
 
     block: Block
     known: tuple[Float[np.ndarray, "N 2"], ...]
     sensitivity: float
-    polarity: Polarity = "auto"
-    half_width: float | None = None
+    how: How
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """An image whose bodies were traced; gives lines for any sensitivity.
-
-    Attributes
-    ----------
-    found
-        What was traced.
-    grid
-        Where the pixels lie.
-    """
+    """An image whose bodies were traced, and its grid; gives lines for any sensitivity."""
 
     found: "Suggestions"
     grid: Grid
@@ -171,9 +134,8 @@ def suggest(task: SuggestTask, on_progress: OnProgress) -> Found:
 
     on_progress(Progress("reading the image", 0.0))
     grid, pixels = task.block.grid, task.block.read()
-    half_width = task.half_width and task.half_width / grid.size
     on_progress(Progress("looking for bodies", 0.2))
-    prepared = Prepared(prepare(pixels, task.polarity, half_width), grid)
+    prepared = Prepared(prepare(pixels, *task.how.on(grid.size).values()), grid)
     return prepared, prepared.choose(task.sensitivity, task.known)
 
 
@@ -183,16 +145,12 @@ class TrackTask:
 
     Attributes
     ----------
-    frames
-        Where to go, in that order.
-    bodies
-        As they are known before.
+    frames, bodies
+        Where to go, in that order, with bodies as they are known before.
     block
         Chooses what to read of a frame for some lines.
     given
         What stays as it is, by frame.
-    preset, polarity, half_width
-        As in `Task`.
     results
         Frames that are done, added as they come.
     """
@@ -201,9 +159,7 @@ class TrackTask:
     bodies: tuple[Body, ...]
     block: Callable[[int, Sequence[Float[np.ndarray, "N 2"]]], Block]
     given: Mapping[int, Given]
-    preset: PresetName
-    polarity: Polarity = "auto"
-    half_width: float | None = None
+    how: How
     results: list[Tracked] = field(default_factory=list)
 
 
@@ -217,18 +173,14 @@ def track(task: TrackTask, on_progress: OnProgress) -> str:
         return View(block.read(), block.grid)
 
     def look(pixels: np.ndarray, lines: Any, preset: PresetName, **options: Any) -> Refinement:
-        size = sizes[-1]
-        half_width = task.half_width and task.half_width / size
-        return refine(
-            pixels, lines, preset, polarity=task.polarity, half_width=half_width, **options
-        )
+        return refine(pixels, lines, preset, **task.how.on(sizes[-1]), **options)
 
     following = follow(
         task.frames,
         task.bodies,
         read,
         refine=cast(Any, look),
-        preset=task.preset,
+        preset=task.how.preset,
         given=lambda frame: task.given.get(frame, NOTHING_GIVEN),
         on_progress=on_progress,
     )

@@ -134,8 +134,7 @@ class Films:
             block_around(image, frame, [corners]),
             tuple(self._known(work, layer, image, frame, work.state.suggested(frame, ()))),
             self.sensitivity,
-            controller.settings.polarity,
-            controller.half_width_in(image),
+            controller.how(image),
         )
         done = partial(self._on_suggested, work, frame, task)
         controller.start(partial(engine.suggest, task), done, "Suggesting", on=work)
@@ -189,9 +188,7 @@ class Films:
             bodies_at(state, here, way),
             partial(block_around, image),
             {frame: given_in(state, frame) for frame in frames},
-            controller.settings.preset,
-            controller.settings.polarity,
-            controller.half_width_in(image),
+            controller.how(image),
         )
         going = Progressing(frames, len(task.bodies))
         controller.start(

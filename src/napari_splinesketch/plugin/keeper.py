@@ -15,6 +15,7 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import settings, words
 from napari_splinesketch.plugin.choices import Choices
 from napari_splinesketch.plugin.commands import Commands
+from napari_splinesketch.plugin.engine import How
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
 from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
 from napari_splinesketch.plugin.measures import Ruler
@@ -216,10 +217,10 @@ class Keeper:
         """What lengths are told in."""
         return ruler_of(None if self.settings.lengths_in_pixels else self.choices.image)
 
-    def half_width_in(self, image: Image) -> float | None:
-        """Give what the user says of the bodies' half-width, px; None to measure it."""
-        ruler = ruler_of(image)
-        return self.settings.half_width_in(ruler.unit, ruler.pixel)
+    def how(self, image: Image) -> How:
+        """Say how the user wants the bodies of an image to be found."""
+        chosen, ruler = self.settings, ruler_of(image)
+        return How(chosen.preset, chosen.polarity, chosen.half_width_in(ruler.unit, ruler.pixel))
 
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions."""

@@ -1,7 +1,7 @@
 """What the user chose, kept across sessions by napari, and shown in its preferences too."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, get_args
 
 import pint
@@ -9,16 +9,12 @@ from napari.settings import get_plugin_settings
 
 from napari_splinesketch.engine.settings import PRESETS, PresetName
 from napari_splinesketch.engine.types import Polarity
-from napari_splinesketch.plugin.layers.looks import COLOUR_BY, ColourBy
+from napari_splinesketch.plugin.columns import COLOUR_BY
 
 PLUGIN = "napari-splinesketch"
 PREFERENCES = "Opens napari's preferences: the keys are on the page of Splinesketch"
-GROUPS = {
-    "refining": ("preset", "polarity", "half_width", "half_width_unit"),
-    "looking": ("colour_by", "lengths_in_pixels"),
-    "saving": ("save_work", "work_folder"),
-}
-"""The settings in the manifest that are one value each."""
+GROUPS = "refining", "looking", "saving"
+"""The groups of the manifest with settings that are one value each."""
 KEYS = "keys"
 """The group with one key for each action."""
 
@@ -80,7 +76,7 @@ class Settings:
         ),
     )
     half_width_unit: str = "px"
-    colour_by: ColourBy = "status"
+    colour_by: str = "status"
     lengths_in_pixels: bool = field(
         default=False,
         metadata=shown("Lengths in pixels", "Give lengths in px although the image has a unit"),
@@ -103,6 +99,11 @@ class Settings:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
         if not 0 <= self.half_width < float("inf"):
             raise ValueError(f"half_width is {self.half_width}; give a number above 0, or 0.")
+
+    @property
+    def saving(self) -> tuple[bool, str]:
+        """Whether, and where."""
+        return self.save_work, self.work_folder
 
     def half_width_in(self, unit: str, pixel: float) -> float | None:
         """Give the half-width in px; None to measure it.
@@ -131,11 +132,8 @@ def load() -> Settings:
     known = _napari()
     if known is None:
         return Settings()
-    values = {
-        name: getattr(getattr(known, group), name)
-        for group, names in GROUPS.items()
-        for name in names
-    }
+    values = dict(pair for group in GROUPS for pair in getattr(known, group))
+    values = {each.name: values[each.name] for each in fields(Settings) if each.name in values}
     keys = getattr(known, KEYS).model_dump()
     try:
         return Settings(**values, keys=keys)
@@ -148,12 +146,12 @@ def save(settings: Settings) -> None:
     known = _napari()
     if known is None:
         return
-    for group, names in GROUPS.items():
-        for name in names:
-            _put(getattr(known, group), name, getattr(settings, name))
-    for name, key in settings.keys.items():
-        if name in type(getattr(known, KEYS)).model_fields:
-            _put(getattr(known, KEYS), name, key)
+    groups = {group: vars(settings) for group in GROUPS} | {KEYS: settings.keys}
+    for name, values in groups.items():
+        group = getattr(known, name)
+        for each in set(type(group).model_fields).intersection(values):
+            if getattr(group, each) != values[each]:
+                setattr(group, each, values[each])
 
 
 def on_change(call: Callable[[], None]) -> Callable[[], None]:
@@ -172,11 +170,6 @@ def on_change(call: Callable[[], None]) -> Callable[[], None]:
             group.events.disconnect(changed)
 
     return end
-
-
-def _put(group: Any, name: str, value: Any) -> None:
-    if getattr(group, name) != value:
-        setattr(group, name, value)
 
 
 def _napari() -> Any:

@@ -42,15 +42,7 @@ _left: WeakKeyDictionary[Shapes, tuple[Path, str]] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """An image whose checksum is known.
-
-    Attributes
-    ----------
-    about
-        What is written down of it.
-    folder
-        Where work on it is kept, one folder for each layer of sketches.
-    """
+    """What is written down of an image, and the folder that has one for each layer of sketches."""
 
     about: dict[str, object]
     folder: Path
@@ -66,12 +58,10 @@ class Offer:
 
 @dataclass(eq=False)
 class Kept:
-    """One layer of sketches on one image, and what is written of it.
+    """One layer of sketches on one image, and the folder that it is written to.
 
     Attributes
     ----------
-    folder
-        Where; None until there is something to write.
     drawn, state
         What is written, or on its way; None if nothing is.
     edited
@@ -112,12 +102,7 @@ Pair = tuple[Image, Shapes]
 class Saver(QObject):
     """Saves sketches and curves of all images in the window on every change, in a thread.
 
-    Parameters
-    ----------
-    keeper
-        Whose work is saved.
-    parent
-        The Qt object that it ends with.
+    It ends with its parent.
     """
 
     found = Signal()
@@ -132,7 +117,7 @@ class Saver(QObject):
         self._looks: dict[Image, Job] = {}
         self._writing: Job | None = None
         self._problems = {"look": "", "write": ""}
-        self._choice = self._chosen()
+        self._choice = keeper.settings.saving
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(self._save)
@@ -154,13 +139,10 @@ class Saver(QObject):
         image = self._keeper.choices.image
         return self._known[image].folder if image in self._known else None
 
-    def _chosen(self) -> tuple[bool, str]:
-        return self._keeper.settings.save_work, self._keeper.settings.work_folder
-
     def _begin_anew(self) -> None:
         """Save elsewhere from now on, or no more: what is saved stays where it is."""
         self.flush()
-        self._choice = self._chosen()
+        self._choice = self._keeper.settings.saving
         for pair in tuple(self._kept):
             self._drop(pair)
             _left.pop(pair[1], None)
@@ -182,16 +164,9 @@ class Saver(QObject):
         return sorted(others, key=lambda offer: offer.summary.saved, reverse=True)
 
     def take(self, offer: Offer, pair: Pair, folder: Folder | None) -> Kept:
-        """Go on with what was found; nothing is written until it is `resuming` no more.
+        """Go on with what was found, in these layers, there or in a folder of its own.
 
-        Parameters
-        ----------
-        offer
-            What was found.
-        pair
-            The layers that it is brought back in.
-        folder
-            Where it goes on; None for a folder of its own.
+        Nothing is written until it is `resuming` no more.
         """
         kept = self._keep(pair)
         kept.folder, kept.resuming = folder, True
@@ -285,11 +260,16 @@ class Saver(QObject):
             job.start()
         self.found.emit()
 
+    def _tell(self) -> None:
+        # An answer may come after Qt has deleted the window and all that is in it.
+        if isalive(self):
+            self.found.emit()
+
     def _on_looked(self, image: Image, answer: tuple[Known, list[Offer], str]) -> None:
         self._looks.pop(image, None)
         if image in self._keeper.viewer.layers:
             self._known[image], self._offers[image], self._problems["look"] = answer
-            self.found.emit()
+            self._tell()
             self._wait()
 
     def _on_not_looked(self, image: Image, problem: str) -> None:
@@ -297,7 +277,7 @@ class Saver(QObject):
         self._looks.pop(image, None)
         text = f"{image.name} could not be read, and work on it is not saved: {problem}."
         self._problems["look"] = text
-        self.found.emit()
+        self._tell()
 
     def _on_edit(self, event: Any = None) -> None:
         layer = getattr(event, "source", None)
@@ -311,7 +291,7 @@ class Saver(QObject):
         self._wait()
 
     def _on_change(self) -> None:
-        if self._choice != self._chosen():
+        if self._choice != self._keeper.settings.saving:
             self._begin_anew()
         if any(
             pair not in self._kept or self._kept[pair].state is not self._state(pair)
@@ -335,7 +315,6 @@ class Saver(QObject):
         return work.state if work else State()
 
     def _wait(self, milliseconds: int = DELAY_MS) -> None:
-        # An answer may come after Qt has deleted the window and all that is in it.
         if isalive(self._timer) and not self._timer.isActive():
             self._timer.start(milliseconds)
 
@@ -376,7 +355,7 @@ class Saver(QObject):
             self._wait(AGAIN_MS)
         if problem != self._problems["write"]:
             self._problems["write"] = problem
-            self.found.emit()
+            self._tell()
 
 
 def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Known, list[Offer], str]:

@@ -1,15 +1,14 @@
-"""How curves look: lines around bodies, colours that everybody can tell apart, few points."""
+"""How curves are drawn: lines around bodies, colours of a status, few points."""
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.measures import Ruler, measure, once
+from napari_splinesketch.plugin.measures import once
 
 Line = Float[np.ndarray, "_ 2"]
 Pieces = Float[np.ndarray, "P 2 D"]
@@ -30,17 +29,6 @@ SEEN = 0.03
 PIECES = 24, 99, 600
 """Vectors of a line at least and at most, and of all lines together, about: napari's thumbnail
 alone takes 20 µs for each."""
-
-ColourBy = Literal["status", "length", "half_width", "sd", "residual"]
-COLOUR_BY: tuple[ColourBy, ...] = get_args(ColourBy)
-COLUMN = {"half_width": "half_width_mean"}
-"""The columns that are called otherwise in the settings."""
-RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
-"""Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
-read by everybody."""
-UNKNOWN = "#999999"
-Look = tuple[ColourBy, Ruler]
-"""What the colour of a curve says, and in which unit."""
 
 
 @once
@@ -157,37 +145,6 @@ def _farthest(points: Line, keep: Bool[np.ndarray, " P"]) -> Bool[np.ndarray, " 
     more = np.zeros(len(points), dtype=bool)
     more[found[np.unique(stretch[found], return_index=True)[1]]] = True
     return more
-
-
-def scale_of(curves: Sequence[Curve], look: Look) -> tuple[float, float] | None:
-    """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    values = np.array(_numbers(curves, look))
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else None
-
-
-def colours_of(curves: Sequence[Curve], look: Look) -> list[str]:
-    """Give each curve its colour."""
-    if look[0] == "status":
-        return [COLOURS[curve.status] for curve in curves]
-    low, high = scale_of(curves, look) or (0.0, 0.0)
-    return [_on_ramp(value, low, high) for value in _numbers(curves, look)]
-
-
-def _numbers(curves: Sequence[Curve], look: Look) -> list[float]:
-    by, ruler = look
-    if by == "status":
-        return []
-    return [getattr(measure(curve, ruler), COLUMN.get(by, by)) for curve in curves]
-
-
-def _on_ramp(value: float, low: float, high: float) -> str:
-    if not np.isfinite(value):
-        return UNKNOWN
-    at = (value - low) / (high - low) * (len(RAMP) - 1) if high > low else (len(RAMP) - 1) / 2
-    stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
-    mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]
-    return "#{:02x}{:02x}{:02x}".format(*mixed)
 
 
 def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:

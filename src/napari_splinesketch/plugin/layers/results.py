@@ -14,14 +14,12 @@ from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.columns import features, in_pixels
+from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, CHUNK, add_shapes
 from napari_splinesketch.plugin.layers.looks import (
     BREADTHS,
-    Look,
     Pieces,
     breadth,
-    colours_of,
     halo,
     has_outline,
     outline,
@@ -88,7 +86,7 @@ class CurveLines(Slot):
         there = {id(record.curve) for record in self._shown}
         fresh = [record for record in records if id(record.curve) not in there]
         curves = [record.curve for record in fresh]
-        colours, unit = colours_of(curves, look), breadth(curves)
+        colours, unit = colours_of(fresh, look), breadth(curves)
         for done in add_shapes(
             layer,
             self._drawn(fresh),
@@ -136,7 +134,7 @@ class CurveLines(Slot):
             layer.features = features(records)
             self._shown = self._described = records
             self._written = frozenset(map(key_of, records))
-        colours = colours_of([record.curve for record in records], look)
+        colours = colours_of(records, look)
         if colours and colours != self._colours:
             self._colours = layer.edge_color = colours
 
@@ -159,7 +157,7 @@ class Outlines(Lines):
             yield
         curves = [record.curve for record in kept]
         lines = [self._known[curve] for curve in curves]
-        self.draw(lines, colours_of(curves, look), THIN * breadth(curves))
+        self.draw(lines, colours_of(kept, look), THIN * breadth(curves))
 
 
 class Highlight(Lines):

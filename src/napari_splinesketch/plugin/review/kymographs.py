@@ -10,7 +10,7 @@ from qtpy.QtCore import QRectF
 from qtpy.QtGui import QImage
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.layers.looks import RAMP
+from napari_splinesketch.plugin.columns import RAMP
 from napari_splinesketch.plugin.measures import Ruler
 from napari_splinesketch.tracking import kymograph
 
