@@ -38,18 +38,11 @@ class Column:
     ----------
     name
         In the features of layers and in files.
-    title
-        Its header in the table; "%" stands for the unit. Without one it is not in the table.
-    tip
-        What it means.
-    value
-        Its value for a record and the record's measures.
-    kind
-        A length (in the unit of the measures), another number, or text.
-    said
-        What a cell of the table says; the value itself, unless named.
-    order
-        What the table sorts by; the value itself, unless named.
+    title, tip
+        Its header in the table and what it means; "%" stands for the unit. Without a title it is
+        not in the table.
+    said, order
+        What a cell of the table says, and what it is sorted by; the value itself, unless named.
     width
         A text that a cell has room for.
     colour

@@ -218,17 +218,7 @@ class Controller(Keeper):
             new_sketch_layer(self.viewer, self.choices.image)
 
     def export(self, path: str | Path, *, overwrite: bool = True, rejected: bool = False) -> None:
-        """Write the curves of all frames to a file, in a thread.
-
-        Parameters
-        ----------
-        path
-            The file; its ending says the format.
-        overwrite
-            Whether a file that is there is replaced.
-        rejected
-            Whether curves that the user has rejected are written too.
-        """
+        """Write the curves of all frames to a file, whose ending says the format, in a thread."""
         work = self.work
         if work is None or not work.records or self.progress:
             return

@@ -148,16 +148,8 @@ class Keeper:
     def apply(self, what: str, state: State, last: Callable[[], None] = lambda: None) -> None:
         """Put a state in the place of the present one, as a step that can be taken back.
 
-        Every change of what is known goes through here.
-
-        Parameters
-        ----------
-        what
-            What is done, for the tooltip of Undo: "Accept curve 3".
-        state
-            What is known then.
-        last
-            Called when it is shown.
+        Every change of what is known goes through here. `what` is done, for the tooltip of Undo:
+        "Accept curve 3"; `last` is called when it is shown.
         """
         if self.work:
             self.notice = Notice()

@@ -33,17 +33,7 @@ Knots = Float[np.ndarray, "K 2"]
 class KnotEditing:
     """Shows the knots of the selected curve, and the curve as they are dragged.
 
-    Parameters
-    ----------
-    keeper
-        Keeps the curves.
-    refine
-        Called to refine the selected curves.
-
-    Attributes
-    ----------
-    steps
-        The knots, and where they were.
+    `steps` are the knots, and where they were; `refine` is called to refine the selected curves.
     """
 
     def __init__(self, keeper: Keeper, refine: Callable[[], None]):

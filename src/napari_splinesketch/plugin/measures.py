@@ -36,15 +36,7 @@ def once(find: Callable[[V], T]) -> Callable[[V], T]:
 
 @dataclass(frozen=True)
 class Ruler:
-    """Turns pixels into the image's unit.
-
-    Attributes
-    ----------
-    scale
-        (y, x) size of a pixel.
-    unit
-        Its name, "px" where the image has none.
-    """
+    """Turns pixels into the image's unit, by the (y, x) size of a pixel; "px" where it has none."""
 
     scale: tuple[float, float] = (1.0, 1.0)
     unit: str = "px"

@@ -105,19 +105,13 @@ def make_plan(
 
     Parameters
     ----------
-    state
-        What is known.
-    frame
-        The frame in view.
-    lines
-        All sketches of that frame, px.
+    state, frame, lines
+        What is known, the frame in view, and all its sketches, px.
     scope
         "new": lines that are new or changed, and curves changed by hand. "selected": the chosen
         lines, or the selected curves. "all": every line and curve that is open.
-    chosen
-        Positions of the selected lines.
-    selection
-        (frame, id) of the selected curves.
+    chosen, selection
+        Positions of the selected lines, and (frame, id) of the selected curves.
     """
     here = [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]

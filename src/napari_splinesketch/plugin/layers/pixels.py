@@ -69,16 +69,7 @@ class Grid:
 class Block:
     """Part of one frame, not yet read: reading may be slow and belongs into a thread.
 
-    Attributes
-    ----------
-    grid
-        Where the block lies in the image.
-    level
-        The array to read from: NumPy, dask, zarr, ...
-    key
-        What to read of it.
-    rgb
-        Whether its last axis is colour.
+    `key` says what to read of `level`, an array of NumPy, dask, zarr, ...
     """
 
     grid: Grid
@@ -93,16 +84,9 @@ class Block:
 
 
 def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> Block:
-    """Choose what to read for some sketches.
+    """Choose what to read of a frame for some sketches, px, at least one.
 
-    Parameters
-    ----------
-    image
-        The image; of a multiscale one, the finest level that is not too large is taken.
-    frame
-        Index of the frame.
-    lines
-        (N, 2) sketches in pixels of the image, at least one.
+    Of a multiscale image, the finest level that is not too large is taken.
     """
     shapes = _shapes(image)
     low, high = _region(lines, shapes[0])

@@ -41,15 +41,7 @@ BEGIN = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours that can be told apart by everybody, on the window's background.
-
-    Attributes
-    ----------
-    background, text, faint
-        Of the window, of words, of lines in the background.
-    line, other
-        Blue and orange of Okabe and Ito, dark or light enough for the background.
-    """
+    """Colours that can be told apart by everybody, on the window's background."""
 
     background: str
     text: str
@@ -71,22 +63,10 @@ def theme_of(name: str) -> Theme:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """What is drawn of one curve.
+    """What is drawn of one curve against the distance from its first point; lengths in the unit.
 
-    Attributes
-    ----------
-    name
-        Of the curve.
-    unit
-        Of all lengths.
-    distance
-        From the curve's first point.
-    half_width, sd
-        There, with its standard error.
-    mean
-        Half-width of all curves at the same share of their lengths, or None.
-    residual
-        Image minus reconstruction there, or None where there is no reconstruction.
+    `mean` is the half-width of all curves at the same share of their lengths, `residual` the image
+    minus the reconstruction; None where it is not known.
     """
 
     name: str
@@ -277,15 +257,7 @@ def _over(x: Along) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Axes:
-    """A rectangle of the screen, and the values at its edges.
-
-    Attributes
-    ----------
-    box
-        The rectangle.
-    x, y
-        (low, high) at its left and right, and at its bottom and top.
-    """
+    """A rectangle of the screen, and the values at its edges: (low, high) of x and y."""
 
     box: QRectF
     x: tuple[float, float] = (0.0, 1.0)
