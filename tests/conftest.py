@@ -1,5 +1,6 @@
 """Every run has its own settings and caches; tests of the window need a display."""
 
+import math
 import os
 import shutil
 import sys
@@ -11,6 +12,10 @@ from importlib import import_module
 import pytest
 from hypothesis import settings
 
+from napari_splinesketch.batch.threads import limit_threads
+
+# Workers share the cores; and what --jobs compiles, the tests need not compile again.
+limit_threads(os.environ)
 _HOME = tempfile.mkdtemp(prefix="splinesketch-tests-")
 for _name in ("CONFIG", "CACHE", "DATA", "STATE"):
     os.environ[f"XDG_{_name}_HOME"] = os.path.join(_HOME, _name.lower())
@@ -68,22 +73,25 @@ def _no_window() -> str:
 
 
 @pytest.fixture
-def peak_memory() -> Callable[[Callable[[], object]], int]:
+def peak_memory() -> Callable[..., float]:
     """Measure the bytes that a call takes at most.
 
-    The least of three, since Python counts what other threads and a late collection take too.
+    The least of up to three, since Python counts what other threads and a late collection take
+    too; once it is below `enough`, that is enough.
     """
 
-    def measure(call: Callable[[], object]) -> int:
-        peaks = []
+    def measure(call: Callable[[], object], enough: float = 0.0) -> float:
+        peak = math.inf
         for _ in range(3):
             tracemalloc.start()
             try:
                 call()
-                peaks.append(tracemalloc.get_traced_memory()[1])
+                peak = min(peak, tracemalloc.get_traced_memory()[1])
             finally:
                 tracemalloc.stop()
-        return min(peaks)
+            if peak < enough:
+                break
+        return peak
 
     return measure
 

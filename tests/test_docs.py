@@ -91,6 +91,13 @@ def test_there_is_one_version_and_the_hub_finds_what_it_shows() -> None:
     assert PluginManifest.from_distribution("napari-splinesketch").categories
 
 
+def test_every_extra_is_explained() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    table = TEXTS["docs/index.md"].split("## What needs which extra")[1].split("\n## ")[0]
+    named = {name for row in re.findall(r"^\| (`.*?) \|", table, re.M) for name in row.split(", ")}
+    assert named == {f"`{name}`" for name in settings["project"]["optional-dependencies"]}
+
+
 def test_the_citation_is_complete() -> None:
     cited = yaml.safe_load((DOCS / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "license"} <= set(cited)

@@ -35,11 +35,11 @@ def inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_convert_says_what_is_lost(capsys: pytest.CaptureFixture[str]) -> None:
     write_labels("a.csv", Labels((vertical(3, identity=7),)))
-    assert main(["convert", "a.csv", "b.shapes.csv"]) == 0
+    assert main(["convert", "a.csv", "b.zip"]) == 0
     said = capsys.readouterr()
-    assert said.out == "1 curve written to b.shapes.csv\n"
-    assert "no half-width" in said.err
-    assert np.array_equal(read_labels("b.shapes.csv").labels[0].points[:, 0], ROWS)
+    assert said.out == "1 curve written to b.zip\n"
+    assert "32-bit floats" in said.err
+    assert np.array_equal(read_labels("b.zip").labels[0].points[:, 0], ROWS)
 
 
 def test_convert_gives_a_pixel_size_and_json(capsys: pytest.CaptureFixture[str]) -> None:

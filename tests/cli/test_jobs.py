@@ -102,11 +102,21 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="process
 
 
 @needs_proc
-def test_two_processes_of_which_one_is_killed_give_the_labels_of_one(folder: Path) -> None:
+def test_a_process_that_is_killed_costs_no_frame(
+    folder: Path, engine: FakeEngine, elsewhere: dict[str, str]
+) -> None:
+    run = start("-o", "killed.csv", "--jobs", "2", env=elsewhere)
+    wait_for_frames("killed.csv", 1)
+    os.kill(workers_of(run.pid)[0], signal.SIGKILL)
+    _, told = run.communicate()
+    assert run.returncode == 0, told
+    assert main([*COMMAND, "-o", "alive.csv"]) == 0
+    assert same("killed.csv", "alive.csv")
+
+
+def test_two_processes_give_the_labels_of_one(folder: Path) -> None:
     more = ["--reconstruction", "many.tif", "--masks", "masks.tif", "--json"]
     run = start("-o", "many.csv", "--jobs", "2", *more)
-    wait_for_frames("many.csv", 1)
-    os.kill(workers_of(run.pid)[0], signal.SIGKILL)
     given, told = run.communicate()
     assert run.returncode == 1, told
     report = json.loads(given)

@@ -14,8 +14,7 @@ import tifffile
 
 import napari_splinesketch
 from napari_splinesketch.cli import main
-from napari_splinesketch.cli.terminal import plain
-from napari_splinesketch.files import owned
+from napari_splinesketch.files import owned, printable
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.formats import WRITERS
 
@@ -198,8 +197,8 @@ EVIL = "a\n\x1b[2J\x9b31m\u202eb"
 def test_text_of_files_moves_no_cursor(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert plain("µm – ok ✓") == "µm – ok ✓"
-    assert plain(EVIL) == r"a\n\x1b[2J\x9b31m\u202eb"
+    assert printable("µm – ok ✓") == "µm – ok ✓"
+    assert printable(EVIL) == r"a\n\x1b[2J\x9b31m\u202eb"
 
     def broken(*given: object, **options: object) -> object:
         raise RuntimeError(EVIL)

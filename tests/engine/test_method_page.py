@@ -70,7 +70,8 @@ def test_width_is_drawn_against_arc_length() -> None:
 def test_each_body_is_rendered_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     few = phases.PaperSettings(background_steps=40, splines_steps=60, everything_steps=10, seeds=1)
     monkeypatch.setattr(phases, "refine_paper", partial(phases.refine_paper, settings=few))
-    scene = SCENES[0]
+    # As large as the scenes of test_phases.py, which are fitted by the same compiled programs.
+    scene = synthetic.scene(0, shape=(110, 128), length=80)
     sign = 1 if scene.look.polarity == "bright" else -1
     normal = sign * (scene.image - np.median(scene.image)) / scene.look.contrast
     names: dict = {"normal": normal, "sketches": list(scene.centrelines)}

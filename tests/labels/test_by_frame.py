@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, table, write_labels
-from napari_splinesketch.labels.by_frame import by_frame
+from napari_splinesketch.labels.formats import open_labels
+from napari_splinesketch.labels.stream import ByFrame, in_frames
 
 from .samples import FULL, bent, same_keys, same_points
+
+
+def by_frame(path: Path) -> ByFrame:
+    return in_frames(open_labels(path))
 
 
 def test_a_table_is_read_frame_by_frame_with_its_scale(tmp_path: Path) -> None:
@@ -63,7 +68,7 @@ def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
 
 
 def test_a_long_table_takes_the_memory_of_one_frame(
-    tmp_path: Path, peak_memory: Callable[[Callable[[], object]], int]
+    tmp_path: Path, peak_memory: Callable[..., float]
 ) -> None:
     path = tmp_path / "labels.csv"
 
@@ -74,7 +79,7 @@ def test_a_long_table_takes_the_memory_of_one_frame(
     for count in (200, 1000):
         write_labels(path, Labels(tuple(bent(i, 0) for i in range(count))), overwrite=True)
         assert how_many() == count
-        peaks.append(peak_memory(how_many))
+        peaks.append(peak_memory(how_many, enough=peaks[0] + 20_000 if peaks else 0))
     assert peaks[1] < peaks[0] + 20_000  # 800 further frames are 500,000 bytes
 
 
@@ -96,7 +101,7 @@ def test_arrays_are_read_frame_by_frame(tmp_path: Path, order: Literal["C", "F"]
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
 def test_a_long_array_takes_the_memory_of_one_frame(
-    tmp_path: Path, name: str, peak_memory: Callable[[Callable[[], object]], int]
+    tmp_path: Path, name: str, peak_memory: Callable[..., float]
 ) -> None:
     def how_many() -> int:
         return sum(1 for _ in by_frame(tmp_path / name).labels)
@@ -106,7 +111,7 @@ def test_a_long_array_takes_the_memory_of_one_frame(
         splines = np.random.default_rng(0).uniform(0, 100, (count, 1, 50, 2))
         np.save(tmp_path / name, splines) if name == "a.npy" else np.savez(tmp_path / name, splines)
         assert how_many() == count
-        peaks.append(peak_memory(how_many))
+        peaks.append(peak_memory(how_many, enough=peaks[0] + 20_000 if peaks else 0))
     assert peaks[1] < peaks[0] + 20_000  # 380 further frames are 300,000 bytes
 
 

@@ -6,14 +6,13 @@ from pathlib import Path
 import pytest
 
 from napari_splinesketch.labels import LabelsError, read_labels
-from napari_splinesketch.labels.by_frame import by_frame
 from napari_splinesketch.labels.files import checksum_of_file, printable
-from napari_splinesketch.labels.formats import READERS
+from napari_splinesketch.labels.formats import READERS, open_labels
 
 ENDINGS = sorted({ending for reader in READERS for ending in reader.endings})
 
 
-@pytest.mark.parametrize("read", [read_labels, by_frame, checksum_of_file])
+@pytest.mark.parametrize("read", [read_labels, open_labels, checksum_of_file])
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_only_files_are_read(tmp_path: Path, ending: str, read) -> None:
     names = ("folder", "pipe", "device")

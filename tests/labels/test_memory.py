@@ -66,7 +66,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_curve_takes_no_memory(
-    tmp_path: Path, name: str, peak_memory: Callable[[Callable[[], object]], int]
+    tmp_path: Path, name: str, peak_memory: Callable[..., float]
 ) -> None:
     path = tmp_path / name
     path.write_text(REFUSED[name], encoding="utf-8")
@@ -75,14 +75,14 @@ def test_what_is_no_curve_takes_no_memory(
         with suppress(LabelsError):
             assert read_labels(path).labels == ()
 
-    assert peak_memory(read) < 4 * ROOM
+    assert peak_memory(read, 4 * ROOM) < 4 * ROOM
 
 
 def test_arrays_take_no_more_memory_than_stated(
-    tmp_path: Path, peak_memory: Callable[[Callable[[], object]], int]
+    tmp_path: Path, peak_memory: Callable[..., float]
 ) -> None:
     np.save(tmp_path / "a.npy", np.ones((1, 1200, 2, 2), np.uint8))
-    peak = peak_memory(lambda: read_labels(tmp_path / "a.npy"))
+    peak = peak_memory(lambda: read_labels(tmp_path / "a.npy"), 200 * 4800)
     print(f"short splines: {peak / 4800:.0f} bytes for each number of the array")
     assert peak < 200 * 4800
 
@@ -96,7 +96,7 @@ def wide(size: int) -> Label:
 @pytest.mark.parametrize("draw", [rasterise, lambda label, shape: label_image([label], shape)])
 def test_drawing_takes_a_few_bytes_a_pixel(
     draw: Callable[[Label, tuple[int, int]], object],
-    peak_memory: Callable[[Callable[[], object]], int],
+    peak_memory: Callable[..., float],
 ) -> None:
     peaks = [peak_memory(lambda size=size: draw(wide(size), (size, size))) for size in (1000, 2000)]
     assert (peaks[1] - peaks[0]) / (2000**2 - 1000**2) < 5

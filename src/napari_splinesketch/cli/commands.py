@@ -120,7 +120,7 @@ def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -
 
 def _convert(job: jobs.ConvertJob) -> int:
     from napari_splinesketch.labels import write_labels
-    from napari_splinesketch.labels.by_frame import open_labels
+    from napari_splinesketch.labels.formats import open_labels
     from napari_splinesketch.labels.stream import facts_of, scaled
 
     with _owning(job):

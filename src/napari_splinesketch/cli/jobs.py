@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from napari_splinesketch.cli.options import check, declared, opt
-from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.engine.settings import Asked, Look
 from napari_splinesketch.files import check_outputs, same_file
 from napari_splinesketch.images.frames import is_part_of
 
@@ -86,19 +85,10 @@ class ImageJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameJob(ScaledJob, ImageJob):
+class FrameJob(ScaledJob, ImageJob, Look):
     """A command that goes through the frames of an image."""
 
     output: Path = opt("file of labels to write", "LABELS", short="-o", role="written")
-    polarity: Polarity = opt(
-        "whether bodies are brighter or darker than the background (auto: look)", default="auto"
-    )
-    half_width: float | None = opt(
-        "rough distance from a body's centreline to its edge (default: measure)",
-        "PX",
-        above=0,
-        default=None,
-    )
     resume: bool = opt("continue an interrupted run of this command", default=False)
     verbose: bool = opt("report every curve, not one line per frame", default=False)
 
@@ -111,11 +101,10 @@ class FrameJob(ScaledJob, ImageJob):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SketchedJob(FrameJob):
+class SketchedJob(FrameJob, Asked):
     """A command that refines sketches."""
 
     sketches: Path = opt(metavar="SKETCHES", role="read")
-    preset: PresetName = opt("speed or accuracy (default: {default})", default="balanced")
 
 
 @dataclass(frozen=True, kw_only=True)

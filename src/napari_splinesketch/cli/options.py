@@ -47,14 +47,14 @@ class Opt:
         return f"give a number {least}"
 
 
-def opt(*given: Any, default: Any = MISSING, **more: Any) -> Any:
+def opt(text: str = "", metavar: Any = None, *, default: Any = MISSING, **more: Any) -> Any:
     """Declare an option, as `Opt` takes it; without a default it must be given."""
-    return field(default=default, metadata={"opt": Opt(*given, **more)})
+    return field(default=default, metadata={"help": text, "metavar": metavar, **more})
 
 
 def declared(options: type) -> list[tuple[Field[Any], Opt]]:
     """Give every field with what is declared of it; arguments by place come first."""
-    found = [(one, one.metadata["opt"]) for one in fields(options)]
+    found = [(one, Opt(**one.metadata)) for one in fields(options)]
     return sorted(found, key=lambda one: bool(one[1].help))
 
 

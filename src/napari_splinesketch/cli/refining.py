@@ -16,8 +16,8 @@ from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
-from napari_splinesketch.labels.by_frame import by_frame
-from napari_splinesketch.labels.stream import ByFrame
+from napari_splinesketch.labels.formats import open_labels
+from napari_splinesketch.labels.stream import ByFrame, in_frames
 
 
 def run(job: RefineJob, report: Report) -> Outcome:
@@ -27,7 +27,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
     Finished frames are kept beside the output until all outputs are written.
     """
     job.check()
-    sketches = by_frame(job.sketches)
+    sketches = in_frames(open_labels(job.sketches))
     with open_run(job, report, sketches.head) as work:
         work.tally.count = len(sketches.frames)
         work.shared(job, _finders(job, sketches))

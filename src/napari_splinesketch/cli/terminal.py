@@ -9,26 +9,17 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from napari_splinesketch.files import printable
+
 Report = Callable[[float, int], None]
 """Told how many frames are done, counting part of the one being worked on, and how many to do."""
 BAR = "{percentage:3.0f}% |{bar}| {n:.1f} of {total:.0f} frames, {rate_fmt}, {remaining} left"
 _interrupted = False
 
 
-def plain(text: object) -> str:
-    """Give a text in which nothing moves the cursor: control characters are spelt out.
-
-    Names and messages come from files, and files come from anywhere.
-    """
-    said = str(text)
-    if said.isprintable():
-        return said
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in said)
-
-
 def say(text: object) -> None:
     """Print a line on the standard error."""
-    print(plain(text), file=sys.stderr)
+    print(printable(str(text)), file=sys.stderr)
 
 
 def tell(lines: Iterable[str]) -> bool:
@@ -37,7 +28,7 @@ def tell(lines: Iterable[str]) -> bool:
     Where nobody reads any further, as with `| head`, the rest is dropped in silence.
     """
     try:
-        sys.stdout.writelines(f"{plain(line)}\n" for line in lines)
+        sys.stdout.writelines(f"{printable(line)}\n" for line in lines)
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_output()
@@ -99,4 +90,4 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 class _Plain(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
-        return plain(super().format(record))
+        return printable(super().format(record))

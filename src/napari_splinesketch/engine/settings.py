@@ -1,10 +1,59 @@
 """Presets: where on the speed-accuracy chart to work."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
+
+from napari_splinesketch.engine.types import Polarity
 
 PresetName = Literal["fast", "balanced", "thorough", "paper"]
 PRESETS: tuple[PresetName, ...] = get_args(PresetName)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What users may say of bodies, in the words of the command line and the window.
+
+    Attributes
+    ----------
+    polarity
+        Whether bodies are brighter or darker than what is around them.
+    half_width
+        Rough distance from a body's centreline to its edge, px; None measures it.
+    """
+
+    polarity: Polarity = field(
+        default="auto",
+        metadata={
+            "help": "whether bodies are brighter or darker than what is around them; auto looks"
+        },
+    )
+    half_width: float | None = field(
+        default=None,
+        metadata={
+            "help": "rough distance from a body's centreline to its edge; measured where not given",
+            "metavar": "PX",
+            "above": 0,
+        },
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked(Look):
+    """What users may ask of a refinement.
+
+    Attributes
+    ----------
+    preset
+        Speed or accuracy.
+    """
+
+    preset: PresetName = field(
+        default="balanced", metadata={"help": "speed or accuracy (default: {default})"}
+    )
+
+
+HELP: dict[str, str] = {one.name: one.metadata["help"] for one in fields(Asked)}
+"""What each of them is, in words."""
 
 
 @dataclass(frozen=True)

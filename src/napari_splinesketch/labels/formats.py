@@ -93,6 +93,15 @@ def read_labels(path: str | os.PathLike[str]) -> Labels:
     return reader_of(path).read_whole(path)
 
 
+def open_labels(path: str | os.PathLike[str]) -> AnyLabels:
+    """Look through a file of labels, to give them frame by frame if that takes less memory.
+
+    A table in the order of its frames, as all of ours are, takes the memory of one frame and
+    8 bytes for each further one, and so do NumPy arrays. Other files are read as a whole.
+    """
+    return reader_of(path).open_by_frame(path)
+
+
 def write_labels(
     path: str | os.PathLike[str],
     labels: AnyLabels | Refinement | Sequence[Curve],

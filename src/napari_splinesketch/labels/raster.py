@@ -1,7 +1,7 @@
 """Which pixels a body covers."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float, Int
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.types import Label
 
-STRETCH = 16
-"""Length of line that is drawn at a time, px."""
-MOST_VALUES = 2**17
-"""Pixels times segments that are worked on at a time, each about 100 bytes."""
+TOGETHER = 16
+"""Segments of a line that are drawn at a time."""
+TILE = 90
+"""Side of what is drawn at a time, px; each of its pixels takes 100 bytes a segment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,33 +75,15 @@ def _depths(label: Label, low: Int[Array, " 2"], high: Int[Array, " 2"]) -> Floa
     """Draw a body into the window from `low` to `high`, a stretch of it at a time."""
     depth = np.full(tuple(high - low), -np.inf, np.float32)
     points = label.points - low
-    # Several short segments at a time: one array for all of them costs less than one each.
-    step = label.arc_length[-1] / (len(points) - 1)
-    reach = 2 * label.half_width.max() + STRETCH
-    together = min(STRETCH / max(step, 1e-9), MOST_VALUES / min(reach**2, depth.size))
-    together = max(1, int(together))
-    for i in range(0, len(points) - 1, together):
-        stretch = slice(i, i + together + 1)
-        line, widths = points[stretch], label.half_width[stretch]
+    for i in range(0, len(points) - 1, TOGETHER):
+        line, widths = points[i : i + TOGETHER + 1], label.half_width[i : i + TOGETHER + 1]
         first, last = _window(line, widths.max(), depth.shape)
-        for tile in _tiles(first, last, len(line) - 1):
+        for top, left in product(*(range(a, b, TILE) for a, b in zip(first, last, strict=True))):
+            end = np.minimum((top + TILE, left + TILE), last)
+            tile = slice(top, end[0]), slice(left, end[1])
             rows, cols = np.mgrid[tile]
             np.maximum(depth[tile], _depth(rows, cols, line, widths), out=depth[tile])
     return depth
-
-
-def _tiles(
-    low: Int[Array, " 2"], high: Int[Array, " 2"], segments: int
-) -> Iterator[tuple[slice, slice]]:
-    """Divide a window, so that what is worked on at a time is never large."""
-    width = min(int(high[1] - low[1]), MOST_VALUES // segments)
-    height = MOST_VALUES // segments // max(width, 1)
-    for top in range(low[0], high[0], height):
-        for left in range(low[1], high[1], width or 1):
-            yield (
-                slice(top, min(top + height, int(high[0]))),
-                slice(left, min(left + width, int(high[1]))),
-            )
 
 
 def _window(

@@ -7,7 +7,7 @@ from typing import Any, get_args
 import pint
 from napari.settings import get_plugin_settings
 
-from napari_splinesketch.engine.settings import PRESETS, PresetName
+from napari_splinesketch.engine.settings import HELP, PRESETS, PresetName
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.plugin.columns import COLOUR_BY
 
@@ -22,6 +22,11 @@ KEYS = "keys"
 def shown(label: str, tip: str, **options: Any) -> dict[str, Any]:
     """Let the form in the dock show a setting, with options for magicgui."""
     return {"label": label, "tip": tip, **options}
+
+
+def _tip(name: str) -> str:
+    """Say of an option what the command line says."""
+    return HELP[name][0].upper() + HELP[name][1:]
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Settings:
         default="auto",
         metadata=shown(
             "Bodies are",
-            "Whether bodies are brighter or darker than what is around them",
+            _tip("polarity"),
             choices=[
                 ("auto", "auto"),
                 ("brighter than the rest", "bright"),
@@ -68,8 +73,7 @@ class Settings:
         default=0.0,
         metadata=shown(
             "Half-width",
-            "Rough distance from the centreline to the edge of a body;\n"
-            "0 measures it in the image, which is right for most",
+            _tip("half_width"),
             min=0.0,
             max=1e4,
             step=0.5,

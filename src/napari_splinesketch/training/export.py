@@ -15,8 +15,8 @@ from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
-from napari_splinesketch.labels.by_frame import by_frame
 from napari_splinesketch.labels.files import checksum_of_file
+from napari_splinesketch.labels.formats import open_labels
 from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.labels.stream import ByFrame, in_frames
 from napari_splinesketch.labels.types import Label, Labels
@@ -85,7 +85,7 @@ def export_training(
     ValueError
         Where there is nothing to learn from.
     """
-    source = in_frames(labels) if isinstance(labels, Labels) else by_frame(labels)
+    source = in_frames(labels if isinstance(labels, Labels) else open_labels(labels))
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
     parts = split.parts(frames)
