@@ -1,5 +1,6 @@
 """Every run has its own settings and caches; tests of the window need a display."""
 
+import gc
 import math
 import os
 import shutil
@@ -59,6 +60,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if set(GUI) & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was imported out of every later search for garbage: it is much, and none."""
+    gc.collect()
+    gc.freeze()
 
 
 def _no_window() -> str:
