@@ -19,7 +19,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import Source
 from napari_splinesketch.cli import main
 from napari_splinesketch.images import zarr_image
-from napari_splinesketch.images.frames import ImageError, open_frames
+from napari_splinesketch.images.frames import ImageError, SilentServerError, open_frames
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.provenance import checksum
 
@@ -292,6 +292,73 @@ def test_metadata_that_never_come_are_an_error(
     assert main(["suggest", f"{server.url}/film.zarr", "-o", "lines.csv"]) == 2
     hostile.over.set()
     assert "sends nothing, or next to nothing" in capsys.readouterr().err
+
+
+def test_a_stalled_server_is_asked_again_with_resume_for_what_it_owes(
+    server: Server,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stalled = ["0/c/1/0/0"]
+    real = zarr.storage.FsspecStore.get
+
+    async def get(store: Any, key: str, *more: Any) -> Any:
+        if key in stalled:
+            stalled.remove(key)
+            raise TimeoutError  # as at the deadline
+        return await real(store, key, *more)
+
+    monkeypatch.setattr(zarr.storage.FsspecStore, "get", get)
+    command = ["refine", f"{server.url}/film.zarr", "sketches.csv", "-o", "labels.csv"]
+    assert main(command) == 130
+    told = capsys.readouterr().err
+    assert "sends nothing, or next to nothing, of 0/c/1/0/0; try again later" in told
+    assert "finished frames are kept: add --resume" in told
+    done = len(engine.calls)
+    assert main([*command, "--resume"]) == 0
+    labels = read_labels("labels.csv").labels
+    assert [(label.frame, label.status) for label in labels] == [(i, "good") for i in (0, 1, 3)]
+    assert [done, len(engine.calls)] == [1, 3], "no frame is refined twice"
+
+
+GONE, BUSY = OSError("connection reset"), SilentServerError("sends nothing")
+ANSWERS: dict[str, tuple[list[object], list[float], type[Exception] | None]] = {
+    "at once": ([7], [], None),
+    "the second time": ([GONE, 7], [1.0], None),
+    "the third time": ([GONE, GONE, 7], [1.0, 5.0], None),
+    "never, though it is there": ([GONE, GONE, GONE, "there"], [1.0, 5.0], OSError),
+    "never, and it is gone": ([GONE, GONE, GONE, GONE], [1.0, 5.0], ConnectionError),
+    "not before its deadline": ([BUSY], [], SilentServerError),
+    "not before its deadline, later": ([GONE, BUSY], [1.0], SilentServerError),
+}
+
+
+@pytest.mark.parametrize(("answers", "pauses", "error"), ANSWERS.values(), ids=ANSWERS.keys())
+def test_a_failing_server_is_asked_again_after_a_pause_and_a_stalled_one_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+    answers: list[object],
+    pauses: list[float],
+    error: type[Exception] | None,
+) -> None:
+    coming, waited = iter(answers), []
+    monkeypatch.setattr(zarr_image.time, "sleep", waited.append)
+
+    def ask(*index: int) -> Any:
+        answer = next(coming)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    read = zarr_image._patient(ask, "http://host/film.zarr", ask)
+    if error is None:
+        assert read(0) == 7
+    else:
+        with pytest.raises(error) as caught:
+            read(0)
+        assert caught.type is error
+    assert waited == pauses
+    assert not list(coming)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from napari_splinesketch.labels import read_labels
+from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.labels import Label, Labels, masks, read_labels
+from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import files
 
 from .bench import SOON, Bench, bench
@@ -114,6 +116,53 @@ def test_export_leaves_the_window_alive_and_can_be_cancelled(
     go.set()
     threads[0].join()
     assert threads[0] is not threading.main_thread()
+    assert not list(tmp_path.iterdir())
+
+
+WIDE = Label(0, 1, np.array([[10.0, 10], [3000, 3000]]), np.full(2, 9.0), np.ones(2), "good")
+
+
+def test_cancel_ends_an_export_within_a_large_mask(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    shares: list[float] = []
+    real = masks.rasterise
+
+    def counted(*given: Any) -> Any:
+        drawn.append(given)
+        return real(*given)
+
+    def until_there(progress: Progress) -> bool:
+        shares.append(progress.fraction)
+        return progress.fraction < 0.6
+
+    monkeypatch.setattr(masks, "rasterise", counted)
+    labels = Labels((WIDE,), shape=(3072, 3072))
+    with pytest.raises(files.CancelledError):
+        files.export(tmp_path / "a.masks.tif", labels, False, until_there)
+    cancelled, drawn[:] = len(drawn), []
+    assert shares == sorted(shares)
+    assert not list(tmp_path.iterdir())
+    files.export(tmp_path / "a.masks.tif", labels, False, lambda progress: True)
+    assert 8 < cancelled < len(drawn) - 4
+
+
+@pytest.mark.parametrize("ending", [writer.suffix for writer in WRITERS])
+def test_cancel_at_the_last_moment_leaves_no_file(tmp_path: Path, ending: str) -> None:
+    labels = Labels((WIDE,), shape=(3072, 3072))
+    asked: list[Progress] = []
+    files.export(tmp_path / f"a{ending}", labels, False, asked.append)
+    (tmp_path / f"a{ending}").unlink()
+    often, asked[:] = len(asked), []
+
+    def until_the_end(progress: Progress) -> bool:
+        asked.append(progress)
+        return len(asked) < often
+
+    with pytest.raises(files.CancelledError):
+        files.export(tmp_path / f"a{ending}", labels, False, until_the_end)
+    assert asked[-1].fraction == 1.0
     assert not list(tmp_path.iterdir())
 
 

@@ -167,7 +167,10 @@ class Format:
             raise ValueError(f"{self.name} can be read only")
         with atomic(path, overwrite=overwrite) as temporary:
             self.write(temporary, labels)
-        return self.losses(labels)
+            lost = self.losses(labels)
+            if isinstance(labels, ByFrame):
+                labels.tell(1.0)
+        return lost
 
     def _reader(self) -> Read:
         if self.read is None:

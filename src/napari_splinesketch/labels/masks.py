@@ -1,5 +1,6 @@
 """Masks as TIFF: a label image of each frame."""
 
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -34,18 +35,27 @@ def write(path: Path, labels: AnyLabels) -> None:
         )
     if highest >= np.iinfo(np.uint32).max:
         raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
-    dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
-    pages = (label_image(of_frame, shape, dtype) for of_frame in _every(frames, count))
+    dtype = np.dtype("<u2" if highest < np.iinfo(np.uint16).max else "<u4")
+    every = enumerate(_every(frames, count))
+
+    def packed() -> Iterator[bytes]:
+        for frame, of_frame in every:
+            for top, strip in _strips(of_frame, shape, dtype):
+                frames.tell((frame + top / shape[0]) / count)
+                yield zlib.compress(strip.tobytes())
+
     description = {"axes": "TYX", "provenance": held(dict(labels.provenance))}
     if labels.scale:
         description |= {"scale": labels.scale, "units": labels.units}
     tifffile.imwrite(
         path,
-        pages,
+        packed(),
         shape=(count, *shape),
         dtype=dtype,
         metadata=description,
+        byteorder="<",
         compression="zlib",
+        rowsperstrip=_height(shape),
         photometric="minisblack",
     )
 
@@ -94,20 +104,34 @@ def label_image(
     labels: Sequence[Label], shape: tuple[int, int], dtype: type[np.unsignedinteger] = np.uint32
 ) -> Integer[Array, "H W"]:
     """Draw the bodies of one frame, each with its identity plus 1; 0 is background."""
-    image = np.zeros(shape, dtype)
-    height = max(1, STRIP // shape[1])
+    image = np.empty(shape, dtype)
+    for top, strip in _strips(labels, shape, np.dtype(dtype)):
+        image[top : top + len(strip)] = strip
+    return image
+
+
+def _height(shape: tuple[int, int]) -> int:
+    return min(max(1, STRIP // shape[1]), shape[0])
+
+
+def _strips(
+    labels: Sequence[Label], shape: tuple[int, int], dtype: np.dtype
+) -> Iterator[tuple[int, Integer[Array, "h W"]]]:
+    """Draw a label image some rows at a time; give the first row of each strip with it."""
+    height = _height(shape)
     for top in range(0, shape[0], height):
-        deepest = np.full((height, shape[1]), -1, np.float32)
+        strip = np.zeros((min(height, shape[0] - top), shape[1]), dtype)
+        deepest = np.full(strip.shape, -1, np.float32)
         for label in labels:
             patch = rasterise(label, shape, (top, top + height))
             if patch is None:
                 continue
             rows, cols = patch.place
-            depths = deepest[rows.start - top : rows.stop - top, cols]
-            ours = patch.inside & (patch.depth > depths)
-            image[patch.place][ours] = label.curve + 1
-            depths[ours] = patch.depth[ours]
-    return image
+            place = slice(rows.start - top, rows.stop - top), cols
+            ours = patch.inside & (patch.depth > deepest[place])
+            strip[place][ours] = label.curve + 1
+            deepest[place][ours] = patch.depth[ours]
+        yield top, strip
 
 
 FORMAT = Format("masks, a label image a frame", (".masks.tif",), write=write, losses=losses)

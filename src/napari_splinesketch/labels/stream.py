@@ -75,16 +75,22 @@ class ByFrame:
         What all share, without the labels themselves.
     read
         Gives the labels of each of `frames`.
+    tell
+        Called while they are gone through, with the share that is done where that is known; what
+        it raises ends it.
     """
 
     frames: Int[Array, " F"]
     head: Labels
     read: Callable[[], Iterator[tuple[Label, ...]]]
+    tell: Callable[[float | None], None] = lambda done: None
 
     @property
     def labels(self) -> Iterator[Label]:
         """Go through all labels."""
-        return chain.from_iterable(self.read())
+        for label in chain.from_iterable(self.read()):
+            self.tell(None)
+            yield label
 
     @cached_property
     def facts(self) -> Facts:

@@ -1,6 +1,6 @@
 """Labels in napari's own menus: File > Open, drag and drop, Save Selected Layers."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from napari.utils.notifications import show_info
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.labels import (
-    Label,
     Labels,
     LabelsError,
     read_labels,
@@ -84,17 +83,6 @@ class CancelledError(Exception):
     """The user wants nothing written any more."""
 
 
-class _Watched(tuple[Label, ...]):
-    """Labels of a frame that tell when somebody goes through them."""
-
-    tell: Callable[[], None]
-
-    def __iter__(self) -> Iterator[Label]:
-        for label in super().__iter__():
-            self.tell()
-            yield label
-
-
 def export(
     path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
 ) -> tuple[str, ...]:
@@ -116,25 +104,18 @@ def export(
     tuple of str
         What the format has no place for.
     """
-    told = 0
+    told, reached = 0, 0.0
 
-    def tell() -> None:
-        nonlocal told
+    def tell(done: float | None) -> None:
+        nonlocal told, reached
         told += 1
         # Most formats go through them twice.
-        fraction = min(told / (2 * len(labels.labels)), 1.0)
-        if on_progress(Progress("writing the file", fraction)) is False:
+        fraction = told / (2 * len(labels.labels)) if done is None else done
+        reached = max(reached, min(fraction, 1.0))
+        if on_progress(Progress("writing the file", reached)) is False:
             raise CancelledError
 
-    frames = in_frames(labels)
-
-    def watched() -> Iterator[tuple[Label, ...]]:
-        for frame in frames.read():
-            some = _Watched(frame)
-            some.tell = tell
-            yield some
-
-    return write_labels(path, replace(frames, read=watched), overwrite=overwrite)
+    return write_labels(path, replace(in_frames(labels), tell=tell), overwrite=overwrite)
 
 
 def _is_labels(path: str) -> bool:
