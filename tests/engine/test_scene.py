@@ -1,5 +1,6 @@
 """What an image is made of, against what generated scenes are made of."""
 
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine.look import background, ridges, scene
+from napari_splinesketch.engine.report.pictures import Background, Reconstruction
 from napari_splinesketch.engine.types import Polarity
 
 SHAPE = (140, 100)
@@ -186,3 +188,16 @@ def test_the_wanted_kind_of_background_is_used(kind):
     second = np.abs(np.diff(found, 2, axis=0)).max() + np.abs(np.diff(found, 2, axis=1)).max()
     assert (second < 1e-9) == (kind != "textured")
     assert (np.ptp(found) == 0) == (kind == "constant")
+
+
+@pytest.mark.parametrize("kind", [*KINDS, None])
+def test_the_pictures_take_few_copies_of_the_image(kind):
+    image = np.random.default_rng(1).normal(400, 9, (1200, 1300)).astype(np.uint16)
+    r, c = np.indices(image.shape, dtype=np.uint16)
+    image += r // 5 + c // 20
+    drawn = [((slice(0, 50), slice(0, 60)), np.ones((50, 60)))]
+    tracemalloc.start()
+    picture = Reconstruction(Background(image, drawn, kind))()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * picture.nbytes

@@ -17,6 +17,8 @@ TOLERANCE = 0.3
 
 CURVED_PIXELS = 8000
 """So many pixels tell the surface that a varying background is measured from."""
+CUBIC = [(i, j) for i in range(4) for j in range(4 - i)]
+"""Powers of row and column in that surface."""
 CURVED_ROUNDS, STANDS_OUT = 6, 2.0
 """Times that it is fitted, and standard deviations beyond which a pixel is left out."""
 
@@ -44,13 +46,12 @@ def estimate_background(
         kind = _simplest(medians, rows, columns, noise)
     if kind == "constant":
         return np.full(image.shape, np.median(medians)), kind
-    fitted = _plane(medians, rows, columns)
-    plane = _plane_at(fitted, np.arange(h), np.arange(w))
     if kind == "linear":
-        return plane, kind
+        return _plane_at(_plane(medians, rows, columns), np.arange(h), np.arange(w)), kind
     curved = _curved(image)
-    rest, rows, columns = _block_medians(image - curved)
-    return curved + _interpolated(rest, rows, columns, image.shape), kind
+    rest, rows, columns = _block_medians(image, curved)
+    _add_interpolated(curved, rest, rows, columns)
+    return curved, kind
 
 
 def _curved(image: Float[Array, "H W"]) -> Float[Array, "H W"]:
@@ -66,16 +67,20 @@ def _curved(image: Float[Array, "H W"]) -> Float[Array, "H W"]:
         coefficients = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
         rest = np.abs(values - design @ coefficients)
         kept = rest <= STANDS_OUT * 1.4826 * np.median(rest)
-    return (_cubic(*np.meshgrid(rows, columns, indexing="ij")) @ coefficients).reshape(h, w)
+    powers = np.zeros((4, 4))
+    powers[tuple(zip(*CUBIC, strict=True))] = coefficients
+    return np.vander(rows, 4, increasing=True) @ powers @ np.vander(columns, 4, increasing=True).T
 
 
 def _cubic(rows: Float[Array, "h w"], columns: Float[Array, "h w"]) -> Float[Array, "P 10"]:
     r, c = rows.ravel(), columns.ravel()
-    return np.stack([r**i * c**j for i in range(4) for j in range(4 - i)], axis=1)
+    return np.stack([r**i * c**j for i, j in CUBIC], axis=1)
 
 
-def _block_medians(image):
+def _block_medians(image, less=None):
     """Median of each block, cleaned by its neighbours, and the blocks' centres.
+
+    Where something is taken off the image, that is done block by block: images are large.
 
     What is cleaned is the difference from a plane, so that a slope survives at the border.
     """
@@ -85,12 +90,17 @@ def _block_medians(image):
         edges.append(edge)
         centres.append((edge[1:] + edge[:-1] - 1) / 2)
     medians = [
-        [np.median(image[a:b:2, c:d:2]) for c, d in pairwise(edges[1])]
+        [np.median(_less(image, less, a, b, c, d)) for c, d in pairwise(edges[1])]
         for a, b in pairwise(edges[0])
     ]
     plane = _plane_at(_plane(np.array(medians), *centres), *centres)
     rest = ndimage.median_filter(np.array(medians) - plane, 3, mode="nearest")
     return plane + rest, *centres
+
+
+def _less(image, less, top, bottom, left, right):
+    place = slice(top, bottom, 2), slice(left, right, 2)
+    return image[place] if less is None else image[place] - less[place]
 
 
 def _simplest(medians, rows, columns, noise: float) -> Kind:
@@ -117,9 +127,11 @@ def _plane_at(plane, rows, columns):
     return level + down * rows[:, None] + across * columns
 
 
-def _interpolated(medians, rows, columns, shape):
-    lines = np.stack([np.interp(np.arange(shape[1]), columns, line) for line in medians])
-    at = np.interp(np.arange(shape[0]), rows, np.arange(len(rows)))
+def _add_interpolated(picture, medians, rows, columns):
+    """Add the blocks' medians, interpolated between their centres, row by row."""
+    lines = np.stack([np.interp(np.arange(picture.shape[1]), columns, line) for line in medians])
+    at = np.interp(np.arange(len(picture)), rows, np.arange(len(rows)))
     below = np.floor(at).astype(int).clip(0, max(len(rows) - 2, 0))
-    part = (at - below)[:, None]
-    return lines[below] * (1 - part) + lines[np.minimum(below + 1, len(rows) - 1)] * part
+    above = np.minimum(below + 1, len(rows) - 1)
+    for row, low, high, part in zip(picture, below, above, at - below, strict=True):
+        row += lines[low] * (1 - part) + lines[high] * part

@@ -161,5 +161,9 @@ def pixel_noise(image: Float[Array, "H W"]) -> float:
     """Standard deviation of white noise, from the median of diagonal second differences."""
     if min(image.shape) < 2:
         return float(np.std(np.diff(image.ravel())) / np.sqrt(2)) if image.size > 1 else 0.0
-    difference = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
-    return float(1.4826 * np.median(np.abs(difference)) / 2)
+    # In place: images are large.
+    difference = image[1:, 1:] - image[1:, :-1]
+    difference -= image[:-1, 1:]
+    difference += image[:-1, :-1]
+    np.abs(difference, out=difference)
+    return float(1.4826 * np.median(difference, overwrite_input=True) / 2)

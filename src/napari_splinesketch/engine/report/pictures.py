@@ -43,7 +43,8 @@ class Background:
         bare = _filled(self.image)
         for window, bodies in self.drawn:
             bare[window] -= bodies
-        return estimate_background(bare, pixel_noise(bare), self.kind)[0]
+        noise = pixel_noise(bare) if self.kind is None else 0.0
+        return estimate_background(bare, noise, self.kind)[0]
 
     def __call__(self) -> Float[Array, "H W"]:
         """(H, W) in the image's units."""
