@@ -1,6 +1,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import imageio.v3
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import tifffile
 
 from napari_splinesketch.images.frames import LUMINANCE, ImageError, open_frames
+from napari_splinesketch.images.pictures import grey
 
 from .fakes import film
 
@@ -235,3 +237,13 @@ def test_a_channel_or_frame_that_is_not_there(tmp_path: Path) -> None:
         pass
     with open_frames(name, channel=3) as frames, pytest.raises(ImageError, match="no frame 1"):
         frames[1]
+
+
+@pytest.mark.parametrize("kind", ["uint16", "float32", "bool"])
+def test_an_overlay_takes_few_copies_of_a_large_frame(kind: str, peak_memory: Any) -> None:
+    frame = np.random.default_rng(0).normal(300, 90, (6000, 500)).astype(kind)
+    assert peak_memory(lambda: grey(frame)) < 6 * frame.size + 2 * frame.nbytes
+    shown = grey(frame)
+    if kind != "bool":
+        low, high = np.percentile(frame, [0.5, 99.5])
+        np.testing.assert_array_equal(shown == 0, frame < low + (high - low) / 255)

@@ -241,14 +241,33 @@ def test_a_page_takes_a_small_multiple_of_its_file(tmp_path: Path, peak_memory: 
     assert peak_memory(lambda: read(tmp_path, 9, SIZE)) < 4 * size
 
 
-def test_much_nothing_in_a_page_is_refused_cheaply(tmp_path: Path, peak_memory: Any) -> None:
+NOTHING = {
+    "brackets": '{"sketches": [' + "[" * 500_000,
+    "zeros": '{"sketches": [' + "0," * 250_000 + '0], "records": [], "deleted": [], "notes": []}',
+    "empty": '{"sketches": [], "records": [' + "{}," * 150_000 + '{}], "deleted": [], "notes": []}',
+}
+
+
+@pytest.mark.parametrize("text", NOTHING.values(), ids=NOTHING)
+def test_much_nothing_in_a_page_is_refused_cheaply(
+    tmp_path: Path, peak_memory: Any, text: str
+) -> None:
     Folder(tmp_path).write(session())
     path = tmp_path / "frame-000000003.json"
-    path.write_text('{"sketches": [' + "[" * 500_000, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     said: list[str] = []
     taken = peak_memory(lambda: said.extend(read(tmp_path, 9, SIZE)[1]))
     assert "frame-000000003.json" in said[0]
     assert taken < 2**23
+
+
+def test_a_head_that_swells_is_not_read(tmp_path: Path) -> None:
+    Folder(tmp_path).write(session())
+    path = tmp_path / "session.json"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('"image": {', '"image": {"x": [' + "{}," * 100_000 + "{}], "))
+    with pytest.raises(LabelsError, match="bytes are more than the 262144 that are read"):
+        summary(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["rectangle", "ellipse", "polygon", "line"])

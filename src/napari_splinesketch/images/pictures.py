@@ -15,6 +15,8 @@ from napari_splinesketch.labels.geometry import edges
 
 COLOURS = palette.STATUS | {"sketch": palette.SKETCH}
 SIDE = 2048
+STRIP = 256
+"""Rows that are stretched to 8 bits at a time."""
 
 
 def write_overlay(
@@ -42,7 +44,9 @@ def write_overlay(
     """
     zoom = max(1, SIDE // max(frame.shape))
     picture = Image.fromarray(grey(frame)).convert("RGB")
-    picture = picture.resize((frame.shape[1] * zoom, frame.shape[0] * zoom), Image.Resampling.BOX)
+    if zoom > 1:
+        size = frame.shape[1] * zoom, frame.shape[0] * zoom
+        picture = picture.resize(size, Image.Resampling.BOX)
     pen = ImageDraw.Draw(picture)
     font = ImageFont.load_default(size=12 + 2 * zoom)
     thick = 1 + zoom // 4
@@ -67,11 +71,15 @@ def _place(points: Float[np.ndarray, "N 2"], zoom: int) -> list[tuple[float, flo
 
 def grey(frame: Real[np.ndarray, "H W"]) -> UInt8[np.ndarray, "H W"]:
     """Stretch a frame to 8 bits, leaving out the brightest and darkest half percent."""
-    values = np.asarray(frame, dtype=np.float64)
-    finite = values[np.isfinite(values)]
+    frame = frame.view(np.uint8) if frame.dtype == bool else frame
+    finite = frame[np.isfinite(frame)] if frame.dtype.kind == "f" else frame
     low, high = np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0)
-    stretched = (np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-12)
-    return (255 * np.clip(stretched, 0, 1)).astype(np.uint8)
+    stretched = np.empty(frame.shape, np.uint8)
+    for top in range(0, len(frame), STRIP):  # images are large
+        values = np.nan_to_num(frame[top : top + STRIP].astype(np.float64), nan=low)
+        share = np.clip((values - low) / max(high - low, 1e-12), 0, 1)
+        stretched[top : top + STRIP] = 255 * share
+    return stretched
 
 
 def write_reconstruction(

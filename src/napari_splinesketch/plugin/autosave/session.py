@@ -19,6 +19,7 @@ from pydantic import (
     AwareDatetime,
     BaseModel,
     ConfigDict,
+    FailFast,
     Field,
     FiniteFloat,
     NonNegativeInt,
@@ -38,7 +39,9 @@ from napari_splinesketch.plugin.model import Line, Record, Review
 
 FORMAT = 1
 MOST_BYTES = 2**27
-"""Of a file that is read."""
+"""Of a frame that is read."""
+MOST_OF_HEAD = 2**18
+"""Bytes of a head that is read."""
 EVERY = -1
 """The frame of sketches that belong to all of them."""
 VERTICES = {"line": (2, 2), "path": (2, None), "polygon": (3, None), "rectangle": (4, 4)}
@@ -160,7 +163,7 @@ class _Record(_Strict):
     half_width: _Numbers
     sd: _Numbers
     status: Status
-    reasons: tuple[str, ...]
+    reasons: Annotated[tuple[str, ...], FailFast()]
     residual: _Numbers
     review: Review
     locked: bool
@@ -185,11 +188,12 @@ class _Record(_Strict):
 
 
 class _Page(_Strict):
-    sketches: tuple[_Shape, ...]
-    records: tuple[_Record, ...]
-    deleted: tuple[_Record, ...]
+    # Every fault that pydantic collects takes a kilobyte: the first one is enough.
+    sketches: Annotated[tuple[_Shape, ...], FailFast()]
+    records: Annotated[tuple[_Record, ...], FailFast()]
+    deleted: Annotated[tuple[_Record, ...], FailFast()]
     seconds: FiniteFloat | None = None
-    notes: tuple[str, ...]
+    notes: Annotated[tuple[str, ...], FailFast()]
 
     @model_validator(mode="after")
     def _has_each_once(self) -> "_Page":
@@ -220,7 +224,7 @@ M = TypeVar("M", bound=BaseModel)
 
 def read_head(path: Path) -> Head:
     """Read the head of a session."""
-    head = _read(Head, path)
+    head = _read(Head, path, MOST_OF_HEAD)
     if head.format > FORMAT:
         reason = "was written by a newer version; update napari-splinesketch"
         raise LabelsError(path, "format", reason)
@@ -239,10 +243,10 @@ def read_page(path: Path, frame: int) -> Page:
     )
 
 
-def _read(model: type[M], path: Path) -> M:
+def _read(model: type[M], path: Path, most: int = MOST_BYTES) -> M:
     size = path.stat().st_size
-    if size > MOST_BYTES:
-        raise LabelsError(path, "", f"{size} bytes are more than the {MOST_BYTES} that are read")
+    if size > most:
+        raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
     try:
         return model.model_validate_json(path.read_bytes())
     except ValidationError as error:
