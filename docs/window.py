@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
+from napari.settings import get_settings
 from PIL import Image, ImageDraw
 from qtpy import QtTest
 from qtpy.QtCore import QPoint, Qt
@@ -43,6 +44,7 @@ def wait(seconds: float) -> None:
 
 def open_window() -> tuple[Viewer, SplinesketchDock]:
     """Open the demo and give the dock its width."""
+    get_settings().plugins.extension2reader = {"*.csv": "napari-splinesketch"}  # says so once
     viewer = open_demo(block=False)
     dock = next(w for w in viewer.window.dock_widgets.values() if isinstance(w, SplinesketchDock))
     wait(1.0)

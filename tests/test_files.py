@@ -256,3 +256,9 @@ def test_what_lies_inside_a_folder() -> None:
     assert is_inside(Path("film.zarr").absolute() / "new.csv", ["film.zarr"])
     assert not is_inside("film.csv", ["film.zarr"])
     assert not is_inside("film.zarr", ["film.zarr"])
+
+
+def test_outputs_whose_names_differ_by_case_alone_are_refused(tmp_path: Path) -> None:
+    outputs = [tmp_path / "Labels.csv", tmp_path / "labels.CSV"]
+    with pytest.raises(ValueError, match="two outputs have the same name"):
+        check_outputs(outputs, lambda path: False, overwrite=False)

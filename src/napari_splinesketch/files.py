@@ -141,7 +141,7 @@ def check_outputs(
         Whether existing files may be replaced; inputs never are.
     """
     for number, path in enumerate(outputs):
-        if any(same_file(path, other) for other in outputs[:number]):
+        if any(_may_be_same(path, other) for other in outputs[:number]):
             raise ValueError(f"two outputs have the same name, {path}; give each its own")
         if not path.parent.is_dir():
             raise FileNotFoundError(f"{path.parent}: no such folder; make it first")
@@ -166,6 +166,12 @@ def same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bo
         return os.path.samefile(path, other)
     except (OSError, ValueError):  # one of them does not exist
         return os.path.realpath(path) == os.path.realpath(other)
+
+
+def _may_be_same(path: Path, other: Path) -> bool:
+    """Tell whether two names are of one file, or would be where disks do not tell A from a."""
+    names = (os.path.realpath(each).casefold() for each in (path, other))
+    return same_file(path, other) or len(set(names)) == 1
 
 
 def is_inside(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]]) -> bool:

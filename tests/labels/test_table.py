@@ -152,6 +152,7 @@ MALFORMED = {
     "another table": ("time,x,y\n", 1, "no column curve"),
     "missing column": (HEADER.replace(",col", "") + "\n", 1, "no column col;"),
     "double column": (HEADER + ",row\n", 1, "column row occurs twice"),
+    "line ends of old": (f"{HEADER}\r{ROW0}\r", 1, "CR alone"),
     "short row": (f"{HEADER}\n{ROW0}\n0,0,1\n", 3, "3 fields; the header has 9"),
     "blank line": (f"{HEADER}\n{ROW0}\n\n{ROW1}\n", 3, "0 fields"),
     "a word": (f"{HEADER}\n{ROW0.replace('2.0', 'two')}\n", 2, "col is 'two'; expected a number"),

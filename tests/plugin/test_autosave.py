@@ -73,7 +73,7 @@ def test_a_killed_process_loses_nothing_older_than_two_seconds(
     path = image_file(tmp_path)
     process = subprocess.Popen([sys.executable, SCRIPT, path], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    said = process.stdout.readline()
+    said = next(line for line in process.stdout if line.startswith("["))
     time.sleep(2.0)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()

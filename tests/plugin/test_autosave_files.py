@@ -1,5 +1,6 @@
 """What is written down: kept to the last bit, and read as if anybody had written it."""
 
+import base64
 import json
 import random
 from datetime import UTC, datetime
@@ -132,6 +133,10 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
     assert "frame-000000003.json" in problems[0]
 
 
+def packed(values: np.ndarray) -> str:
+    return base64.b64encode(values.tobytes()).decode()
+
+
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
@@ -144,6 +149,10 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
         (("records", 1, "id"), 1, "twice"),
         (("records", 0, "half_width"), "AAAAAAAA8D8AAAAAAADwPw==", "2 values for 100"),
         (("records", 0, "points"), "AAAAAAAA+H8AAAAAAAD4fwAAAAAAAPh/AAAAAAAA+H8=", "nowhere"),
+        (("records", 0, "knots"), packed(np.full((4, 3), np.nan)), "nowhere"),
+        (("records", 0, "half_width"), packed(np.full(100, -1.0)), "half_width is no distance"),
+        (("records", 0, "half_width"), packed(np.full(100, 1e12)), "half_width is no distance"),
+        (("records", 0, "sd"), packed(np.full(100, -np.inf)), "sd is no distance"),
         (("sketches", 0, "kind"), "blob", "blob"),
         (("notes",), None, "array"),
         (("seconds",), "1", "number"),

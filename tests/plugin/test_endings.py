@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from napari.layers import Image
+from napari.layers._source import Source
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels import Label, Labels, masks, read_labels
@@ -164,6 +166,23 @@ def test_cancel_at_the_last_moment_leaves_no_file(tmp_path: Path, ending: str) -
         files.export(tmp_path / f"a{ending}", labels, False, until_the_end)
     assert asked[-1].fraction == 1.0
     assert not list(tmp_path.iterdir())
+
+
+def test_an_image_that_is_open_is_not_exported_over(ready: Bench, tmp_path: Path) -> None:
+    path, link = tmp_path / "a.masks.tif", tmp_path / "b.masks.tif"
+    tifffile.imwrite(path, np.zeros((9, 9), np.uint8))
+    before = path.read_bytes()
+    link.symlink_to(path)
+    image = Image(np.zeros((9, 9)), name="other")
+    image._set_source(Source(path=str(path)))
+    ready.viewer.add_layer(image)
+    ready.controller.choices.image = ready.viewer.layers["image 0"]
+    ready.refine()
+    for each in (path, link):
+        ready.controller.export(each)
+        ready.rest()
+        assert ready.controller.notice.text.startswith(f"Not saved: {each.name} is an image")
+    assert path.read_bytes() == before
 
 
 def test_what_could_not_be_written_is_said(ready: Bench, tmp_path: Path) -> None:

@@ -10,11 +10,15 @@ import weakref
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
 from napari.components import ViewerModel
+from napari.layers import Image
+from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
-from napari_splinesketch.plugin.autosave import folder, saver
+from napari_splinesketch.plugin.autosave import folder, place, saver
 from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 
 from .bench import LINES, SOON, bench, session_files
@@ -256,3 +260,62 @@ def test_what_cannot_be_shown_never_stops_the_dock(
         assert "napari does not like it" in again.controller.notice.text
         assert again.controller.progress is None
     assert {path: path.read_bytes() for path in files} == files
+
+
+def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "worms.tif"
+    tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))
+    with bench() as first:
+        first.viewer.add_layer(from_file(path))
+        first.sketches()
+        first.refine()
+    (beside,) = tmp_path.glob("*.splinesketch")
+    before = {file: file.read_bytes() for file in beside.rglob("*") if file.is_file()}
+    real, access = folder.owned, os.access
+
+    def owned(wanted: Path) -> Any:
+        if tmp_path in Path(wanted).parents:
+            raise PermissionError(13, "Permission denied", str(wanted))
+        return real(wanted)
+
+    def allowed(wanted: Path, mode: int) -> bool:
+        return access(wanted, mode) and not (
+            mode & os.W_OK and tmp_path in (wanted, *wanted.parents)
+        )
+
+    monkeypatch.setattr(folder, "owned", owned)
+    monkeypatch.setattr(place.os, "access", allowed)
+    with bench() as again:
+        again.viewer.add_layer(from_file(path))
+        again.resume()
+        assert len(again.controller.records()) == 2
+        assert again.controller.notice.text == ""
+        again.controller.delete((0, 1))
+    assert {file: file.read_bytes() for file in before} == before
+    assert counts(home) == [(2, 1)]
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_DATA_HOME", str(home.parents[1]))
+    with bench() as later:
+        later.viewer.add_layer(from_file(path))
+        until(lambda: len(later.saver.offers()) == 2, SOON)
+
+
+def test_an_image_with_the_longest_name_is_saved(home: Path, tmp_path: Path) -> None:
+    path = tmp_path / f"{'ö' * 120}.tif"
+    tifffile.imwrite(path, np.zeros((96, 128), np.float32))
+    with bench() as first:
+        first.viewer.add_layer(from_file(path))
+        first.sketches()
+        first.refine()
+        first.saver.flush()
+        assert first.saver.problem == ""
+    assert list(tmp_path.glob("*.splinesketch"))
+
+
+def from_file(path: Path) -> Image:
+    """An image as napari opens it."""
+    image = Image(tifffile.imread(path), name=path.stem)
+    image._set_source(Source(path=str(path)))
+    return image

@@ -162,6 +162,8 @@ def _blocks(source: Source, file: TextIO) -> Iterator[str]:
 def _header(source: Source, block: str, required: Sequence[str]) -> tuple[list[str], str]:
     """Split a table's beginning into the names of its columns and the rest."""
     first, _, rest = block.partition("\n")
+    if "\r" in first.removesuffix("\r"):
+        raise source.error("lines end with CR alone; save it with line ends of Windows or Unix")
     header = next(csv.reader([first]), [])
     missing = [name for name in required if name not in header]
     if missing:

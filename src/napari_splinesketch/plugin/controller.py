@@ -14,6 +14,7 @@ from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
+from napari_splinesketch.files import same_file
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.files import export
@@ -221,6 +222,11 @@ class Controller(Keeper):
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
         work = self.work
         if work is None or not work.records or self.progress:
+            return
+        images = [layer for layer in self.viewer.layers if isinstance(layer, Image)]
+        if any(same_file(path, i.source.path) for i in images if i.source.path):
+            text = f"Not saved: {Path(path).name} is an image that is open; choose another name."
+            self.tell(Notice("failed", text))
             return
         labels = labels_of(work, rejected=rejected)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)

@@ -46,12 +46,17 @@ def _napari_s_own(path: str | list[str]) -> Any:
 def open_tables() -> None:
     """Let napari open tables without asking for a reader: ours, which hands on what is not ours.
 
-    Left alone where the user has chosen one, or a third plugin reads tables.
+    Left alone where the user has chosen one, or a third plugin reads tables. It is a setting of
+    the user's, so she is told.
     """
     plugins = get_settings().plugins
     others = set(get_readers("any.csv")) - {"napari", PLUGIN}
     if not others and get_preferred_reader("any.csv") is None:
         plugins.extension2reader = {**plugins.extension2reader, "*.csv": PLUGIN}
+        show_info(
+            "Splinesketch now opens tables (*.csv), and leaves those of others to napari. "
+            "To change it: Preferences > Plugins > File extension readers."
+        )
 
 
 def read(path: str | list[str]) -> list[LayerData]:

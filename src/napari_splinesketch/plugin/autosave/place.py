@@ -13,6 +13,8 @@ from platformdirs import user_data_path
 SUFFIX = ".splinesketch"
 LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
+LONGEST_NAME = 255
+"""Of a file or folder, bytes; disks take no longer ones."""
 DIGITS = 12
 """Of the checksum, in a folder's name."""
 
@@ -69,21 +71,19 @@ class Picture:
             "sha256": checksum,
         }
 
-    def folder(self, checksum: str, chosen: str = "") -> Path:
-        """Give the folder for the work on it: where the user wants it, or beside the file.
+    def folders(self, checksum: str, chosen: str = "") -> tuple[Path, ...]:
+        """Give the folders where work on it lies; the first is for new work.
 
-        With the user's own data where that is not possible; one that exists already is taken
-        wherever it is.
+        That is where the user wants it, or beside the file, or with the user's own data where that
+        is not possible. What lies in the others, because it was different once, is found as well.
         """
         ending = f"{checksum[:DIGITS]}{SUFFIX}"
-        if chosen:
-            return (
-                Path(chosen).expanduser() / f"{self.path.name if self.path else 'image'}.{ending}"
-            )
         at_home = user_data_path("napari-splinesketch") / "sessions" / ending
+        name = f"{self.path.name if self.path else 'image'}.{ending}"
+        name = name if len(os.fsencode(name)) <= LONGEST_NAME else ending
+        wanted = (Path(chosen).expanduser() / name,) if chosen else ()
         if self.path is None:
-            return at_home
-        beside = self.path.with_name(f"{self.path.name}.{ending}")
-        if beside.is_dir() or at_home.is_dir():
-            return beside if beside.is_dir() and os.access(beside, os.W_OK) else at_home
-        return beside if os.access(beside.parent, os.W_OK) else at_home
+            return (*wanted, at_home)
+        beside = self.path.with_name(name)
+        writable = os.access(beside if beside.is_dir() else beside.parent, os.W_OK)
+        return (*wanted, *((beside, at_home) if writable else (at_home, beside)))

@@ -4,10 +4,12 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from napari.layers import Image
 
 from napari_splinesketch.engine.types import OnProgress
+from napari_splinesketch.files import BusyError
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin.autosave.folder import Folder, read
 from napari_splinesketch.plugin.autosave.pages import state_of
@@ -49,7 +51,7 @@ def _read_all(
     for offer in offers:
         folder = None
         try:
-            folder = Folder(offer.folder)
+            folder = _own(offer.folder)
             session, said = read(offer.folder, frames, size)
         except (OSError, LabelsError) as error:
             problems.append(f"{error}.")
@@ -57,14 +59,24 @@ def _read_all(
                 folder.release()
             continue
         problems += said
-        if said:
+        if said and folder:
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
             folder = None
-        else:
+        elif folder:
             folder.holds({f: page.patch for f, page in session.pages.items() if page.patch})
         all_found.append(Found(offer, session, folder))
     return all_found, problems
+
+
+def _own(path: Path) -> Folder | None:
+    """Take a folder over; None where it cannot be written to: the work goes on in a new one."""
+    try:
+        return Folder(path)
+    except BusyError:
+        raise
+    except OSError:
+        return None
 
 
 def _restore_all(

@@ -361,9 +361,11 @@ class Saver(QObject):
 def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Known, list[Offer], str]:
     """Find out which image it is, and what is written of it."""
     checksum = picture.checksum()
-    folder = picture.folder(checksum, chosen)
+    folders = picture.folders(checksum, chosen)
     offers, problem = [], ""
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    for path in (
+        path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())
+    ):
         try:
             held = summary(path) if path.is_dir() and path.suffix != OLD else None
         except (OSError, LabelsError) as error:
@@ -371,7 +373,7 @@ def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Known, list[Off
             continue
         if held and held.sha256 == checksum:
             offers.append(Offer(path, held))
-    return Known(picture.describe(checksum), folder), offers, problem
+    return Known(picture.describe(checksum), folders[0]), offers, problem
 
 
 def _write(orders: list[Order]) -> str:

@@ -127,7 +127,7 @@ def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
         if rest or rows < least:
             raise ValueError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
         numbers = np.frombuffer(packed, "<f8").astype(float).reshape(rows, columns)
-        if places and not (np.abs(numbers) < MAX_COORDINATE).all():
+        if places and not (np.abs(numbers[:, :2]) < MAX_COORDINATE).all():
             raise ValueError("has a point that is nowhere")
         return numbers if columns > 1 else numbers[:, 0]
 
@@ -135,7 +135,7 @@ def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
 
 
 _Places = Annotated[np.ndarray, _rows(2, 2, places=True), PlainSerializer(_packed)]
-_Knots = Annotated[np.ndarray, _rows(3, 2), PlainSerializer(_packed)]
+_Knots = Annotated[np.ndarray, _rows(3, 2, places=True), PlainSerializer(_packed)]
 _Numbers = Annotated[np.ndarray, _rows(1, 1), PlainSerializer(_packed)]
 
 
@@ -176,6 +176,8 @@ class _Record(_Strict):
             values = getattr(self, name)
             if len(values) != len(self.points):
                 raise ValueError(f"{name}: {len(values)} values for {len(self.points)} points")
+            if (values < 0).any() or (np.nan_to_num(values, posinf=0) > MAX_COORDINATE).any():
+                raise ValueError(f"{name} is no distance")
         return self
 
     def record(self, frame: int) -> Record:
