@@ -281,6 +281,21 @@ def test_padded_sizes():
     assert bands.padded(9, (4, 8)) == 8
 
 
+def test_more_curves_than_the_largest_size_holds(monkeypatch):
+    monkeypatch.setattr(bands, "CURVES", (2, 4))
+    priors = bands.default_priors(9, 3.0)
+    lines = [np.linspace([5, 5 + 4 * i], [40, 5 + 4 * i], KNOTS) for i in range(9)]
+    theta = np.stack([bands.start_values(line, priors.mean[0]) for line in lines])
+    pixels = [bands.band_pixels(line, 6.0, np.ones((50, 60), bool), 1) for line in lines]
+    none = np.zeros(9, dtype=int)
+    made, _, begin = bands.make_bands(
+        np.ones((50, 60)), pixels, none, theta, 3.0, priors, none.astype(bool)
+    )
+    assert len(begin) == 12
+    assert (made.weight.sum(1)[:9] == [len(own) for own in pixels]).all()
+    assert not made.weight[9:].any()
+
+
 def test_a_band_of_too_many_pixels_is_thinned():
     line = np.array([[30.0, 30.0], [370.0, 370.0]])
     found = bands.band_pixels(line, 60.0, np.ones((400, 400), dtype=bool), 1)

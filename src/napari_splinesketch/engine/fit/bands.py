@@ -137,6 +137,7 @@ def make_bands(
     count, d = theta.shape
     knots = (d - len(GLOBALS)) // 2
     n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
+    n *= -(-count // n)  # beyond the largest size, multiples of it
     index = np.zeros((n, m), dtype=np.int64)
     weight = np.zeros((n, m), dtype=np.float32)
     for i, own in enumerate(pixels):
