@@ -320,7 +320,11 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
 ) -> None:
     for each in ("napari", PLUGIN):
         npe2pm.register(PluginManifest.from_distribution(each))
+    before = len(notification_manager.records)
     open_tables()
+    open_tables()
+    (said,) = notification_manager.records[before:]
+    assert "now opens tables (*.csv)" in said.message, "once"
     viewer.add_image(np.random.default_rng(0).random((3, 96, 128)), name="film")
     viewer.add_shapes(LINES, shape_type="line", name="film sketches")
     for frame in (1, 2):

@@ -122,14 +122,11 @@ def remove_the_results(running: Running) -> None:
             running.bench.viewer.layers.remove(layer)
 
 
-def rename(running: Running) -> None:
-    for i, layer in enumerate(running.bench.viewer.layers):
-        layer.name = f"{layer.name} {i} / \\ \n 'ü"
-
-
-def reorder(running: Running) -> None:
+def rename_and_reorder(running: Running) -> None:
     layers = running.bench.viewer.layers
     layers.move_multiple(list(range(len(layers)))[::-1])
+    for i, layer in enumerate(running.bench.viewer.layers):
+        layer.name = f"{layer.name} {i} / \\ \n 'ü"
 
 
 def smaller_pixels(running: Running) -> None:
@@ -145,8 +142,7 @@ def flat_pixels(running: Running) -> None:
 
 
 def another_choice(running: Running) -> None:
-    running.bench.sketches([], name="others")
-    running.bench.controller.choices.sketches = running.bench.viewer.layers["others"]
+    running.bench.controller.choices.sketches = running.bench.sketches([], name="others")
 
 
 def undo(running: Running) -> None:
@@ -159,8 +155,8 @@ def erase(running: Running) -> None:
 
 
 ACTS = [
-    *(close, remove_the_image, remove_the_sketches, remove_all, remove_the_results, rename),
-    *(reorder, smaller_pixels, fewer_frames, flat_pixels, another_choice, undo, erase),
+    *(close, remove_the_image, remove_the_sketches, remove_all, remove_the_results),
+    *(rename_and_reorder, smaller_pixels, fewer_frames, flat_pixels, another_choice, undo, erase),
 ]
 
 
