@@ -68,6 +68,14 @@ def test_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
     assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
 
 
+def test_the_last_word_on_the_pixel_size_is_the_user_s(folder: Path, engine: FakeEngine) -> None:
+    write_labels("sketches.csv", Labels((Label.from_sketch(LINE),), (2, 3), "nm"), overwrite=True)
+    refine()
+    assert read_labels("labels.csv").scale == (2, 3)
+    refine("--pixel-size", "0.5", "--overwrite")
+    assert read_labels("labels.csv").scale == (0.5, 0.5)
+
+
 def test_the_image_s_own_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
     metadata = {"axes": "TYX", "unit": "um"}
     tifffile.imwrite("film.tif", film(4), imagej=True, resolution=(4, 2), metadata=metadata)

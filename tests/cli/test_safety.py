@@ -149,6 +149,13 @@ def test_a_training_set_with_other_files_in_it_is_not_replaced(
     assert Path("set/notes.txt").read_text() == "mine"
 
 
+def test_an_existing_file_is_refused_before_any_work(engine: FakeEngine) -> None:
+    Path("labels.csv").write_text("mine")
+    assert refine() == 2
+    assert not engine.calls
+    assert Path("labels.csv").read_text() == "mine"
+
+
 @POSIX
 def test_what_is_replaced_keeps_its_mode(engine: FakeEngine) -> None:
     names = ("labels.csv", "r.tif", "m.tif", "o.png")

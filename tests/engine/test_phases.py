@@ -1,6 +1,7 @@
 """The three phases on generated frames, which are not drawn by the model that is fitted."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import average_dtw
-from napari_splinesketch.paper import phases
+from napari_splinesketch.paper import phases, result
 from napari_splinesketch.paper.blobs import spline_knots
 from napari_splinesketch.paper.fit import draw
 from napari_splinesketch.paper.phases import PaperFit, PaperSettings
@@ -153,7 +154,10 @@ def test_fixed_curves_are_drawn_and_do_not_move(crossing) -> None:
     assert np.median(drawn[row, col]) > 0.5 and len(phases.render_bodies(found)) == 1
 
 
-def test_the_preset_draws_fixed_curves_where_they_are(crossing) -> None:
+def test_the_preset_draws_fixed_curves_where_they_are(
+    crossing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(result, "refine_paper", partial(result.refine_paper, settings=SETTINGS))
     scene, _, sketches, _ = crossing
     line, width = scene.centrelines[1], scene.half_widths[1]
     knots = spline.fit_knots(np.column_stack([line, width]), 12)
