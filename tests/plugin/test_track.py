@@ -10,8 +10,12 @@ import pytest
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.tracks import Progressing, bodies_at
+from napari_splinesketch.tracking import Tracked, View
+from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 
-from .fakes import FakeEngine
+from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, refine, until
 
 LINES = [np.array([[1.0, 20, 20], [1, 20, 60]]), np.array([[1.0, 60, 30], [1, 64, 80]])]
@@ -148,6 +152,69 @@ def test_drift_is_flagged_and_lost_bodies_are_named(
     assert "half-width jumped" in flagged[0].curve.reasons[0]
     assert "to check for drift" in film.notice.text()
     assert "Lost: " in film.notice.text()
+
+
+def test_a_correction_is_carried_around_and_no_further(
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    controller, button = film.controller, film.track.buttons["around"]
+    click(film.track.buttons["track"])
+    over(film)
+    viewer.dims.set_point(0, 4)
+    assert not button.isEnabled()
+    assert "draw a line over it" in button.toolTip()
+    moved = []
+    for record in controller.records():
+        wrong = record.id == 1 and record.frame in (2, 3)
+        points = record.curve.points + np.array([9.0 * wrong, 0])
+        moved.append(replace(record, curve=replace(record.curve, points=points)))
+        moved[-1] = replace(moved[-1], drawn=(record.frame, record.id) == (4, 1))
+    work = controller.work
+    assert work is not None
+    controller.apply("Correct", replace(work.state, records=tuple(moved)))
+    fake.calls.clear()
+    click(button)
+    over(film)
+    assert "Refitted 2 frames around frame 4, from 2 to 3." in film.notice.text()
+    assert [len(call["lines"]) for call in fake.calls] == [1] * len(fake.calls)
+    after = {(r.frame, r.id): r.curve for r in controller.records()}
+    before = {(r.frame, r.id): r.curve for r in moved}
+    assert {key for key in after if after[key] is not before[key]} == {(2, 1), (3, 1)}
+    np.testing.assert_allclose(after[2, 1].points[0], [20, 20], atol=0.5)
+    click(film.undo)
+    assert {(r.frame, r.id): r.curve for r in controller.records()} == before
+
+
+def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
+    view = View(np.zeros((4, 5)))
+    results = [
+        Tracked(1, (3, 4), entered=(np.zeros((2, 2)),), view=view),
+        Tracked(2, (4,), missing={3: f"{DIVIDED} of 20 and 22 px"}, lost=frozenset({3}), view=view),
+        Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view),
+    ]
+    going = Progressing()
+    assert [one.view for one in going.new(results)] == [view] * 3
+    assert [one.view for one in results] == [None] * 3
+    said = going.said("")
+    assert "Divided: 3 (frame 2). Left the image: 4 (frame 3)." in said
+    assert "1 body came into view, without a curve: frame 1." in said
+
+
+def test_tracking_goes_on_with_what_was_known_before() -> None:
+    line = np.array([[5.0, 5], [5, 40]])
+
+    def record(number: int, frame: int, **more: Any) -> Record:
+        return Record(number, frame, line, as_drawn(line + np.array([frame, 0.0])), **more)
+
+    records = [*(record(1, t) for t in range(12)), *(record(2, t) for t in range(9))]
+    records += [record(3, 2), record(4, 10, review="rejected"), record(4, 9)]
+    state = State(records=tuple(records), deleted=(record(5, 11),))
+    bodies = {body.id: body for body in bodies_at(state, 11)}
+    assert {number: body.misses for number, body in bodies.items()} == {1: 0, 2: 3, 3: 9, 4: 2}
+    assert [t for t, _ in bodies[1].seen] == list(range(5, 12))
+    backwards = {body.id: body for body in bodies_at(state, 0, -1)}
+    assert [t for t, _ in backwards[1].seen] == [6, 5, 4, 3, 2, 1, 0]
+    assert bodies_at(replace(state, deleted=(record(2, 11),)), 11)[-1].id != 2
 
 
 def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:

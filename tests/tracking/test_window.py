@@ -1,12 +1,15 @@
 """What the frames around tell: gaps bridged, numbers put right, nothing held back without need."""
 
 from collections.abc import Sequence
+from weakref import WeakSet
 
 import numpy as np
 
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.synthetic.films import Film, film
-from napari_splinesketch.tracking import Body, Tracked, View, follow
+from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
+from napari_splinesketch.tracking.steady import LOOK
+from napari_splinesketch.tracking.window import LONGEST
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
 
@@ -53,6 +56,51 @@ def test_a_body_that_does_not_come_back_is_lost_after_ten_frames() -> None:
     results = run(FakeRefine((0, 0)), range(1, 14), read=lambda frame, lines: View(half))
     assert [sorted(r.lost) for r in results].index([7]) == 10
     assert all(r.ids == (3,) for r in results)
+
+
+def test_memory_does_not_grow_with_the_frames() -> None:
+    views: WeakSet[View] = WeakSet()
+    alive = []
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        view = View(BRIGHT if frame % 20 < 16 else np.zeros_like(BRIGHT))
+        views.add(view)
+        return view
+
+    start = [Body(7, ((0, curve(LINE)),))]
+    last = 0
+    for result in follow(range(1, 200), start, read, refine=FakeRefine((0, 0))):
+        alive.append(len(views))
+        last = result.frame
+    assert last == 199
+    assert max(alive) <= LONGEST + LOOK
+    assert max(alive[100:]) <= max(alive[:100])
+
+
+def test_a_cancelled_window_is_gone_on_with() -> None:
+    dark = np.zeros_like(BRIGHT)
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        return View(dark if frame in (5, 6, 7) else BRIGHT)
+
+    start = {7: Body(7, ((0, curve(LINE)),))}
+    refine, frames = FakeRefine((0, 1)), range(1, 12)
+    whole = list(follow(frames, start.values(), read, refine=refine))
+    first = list(
+        follow(
+            frames, start.values(), read, refine=refine,
+            on_progress=lambda told: told.fraction < 6 / len(frames),
+        )
+    )  # fmt: skip
+    assert [r.frame for r in first] == [1, 2, 3, 4, 5, 6], "what is done is kept"
+    bodies = start
+    for result in first:
+        bodies = after(bodies, result, NOTHING_GIVEN)
+    rest = list(follow(frames[6:], bodies.values(), read, refine=refine))
+    assert [r.frame for r in (*first, *rest)] == list(frames)
+    assert [r.ids for r in rest] == [r.ids for r in whole[6:]]
+    for one, other in zip(rest, whole[6:], strict=True):
+        assert average_dtw(one.curves[0].points, other.curves[0].points) < 2
 
 
 def test_nothing_is_held_back_without_need() -> None:

@@ -70,6 +70,8 @@ class FrameReport:
         Wall time of the refinement.
     sha256
         Checksum of the pixels, or None where they could not be read.
+    notes
+        What else there is to say, one sentence each: what came into view.
     """
 
     frame: int
@@ -77,6 +79,7 @@ class FrameReport:
     error: str | None = None
     seconds: float = 0.0
     sha256: str | None = None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_json(cls, values: dict) -> "FrameReport":
@@ -85,7 +88,7 @@ class FrameReport:
             CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
             for curve in values["curves"]
         )
-        return cls(**{**values, "curves": curves})
+        return cls(**{**values, "curves": curves, "notes": tuple(values.get("notes", ()))})
 
 
 def words(error: Exception) -> str:

@@ -41,6 +41,9 @@ def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
             yield f"frame {frame.frame}: {frame.error}"
         elif not verbose:
             yield f"frame {frame.frame}: {_in_words(_total([frame]))}; {frame.seconds:.1f} s"
+            ended = (curve for curve in frame.curves if curve.status == "lost")
+            yield from (f"  curve {one.curve} ends: {'; '.join(one.reasons)}" for one in ended)
+        yield from (f"  {note}" for note in frame.notes)
     yield summary(frames)
 
 

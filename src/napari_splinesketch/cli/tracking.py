@@ -19,6 +19,10 @@ from napari_splinesketch.labels import Label, Labels, read_labels, table
 from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
+ENTERED = (
+    "a body came into view at row {:.0f}, column {:.0f}; "
+    "sketch it in this frame to have it followed"
+)
 DRIFT, MISSING, LOST = "drift", "missing", "lost"
 """What a report says of a body that tracking does not trust, or does not find."""
 
@@ -95,7 +99,8 @@ class _Film:
         curves = here.curves | dict(zip(tracked.ids, tracked.curves, strict=True))
         error = here.error or tracked.error or None
         told = _reports(curves, tracked)
-        report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256)
+        notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
+        report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256, notes)
         size = {"scale": self._run.head.scale, "units": self._run.head.units}
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves, **size)
         return FrameDone(report, table.text(labels))

@@ -270,6 +270,10 @@ COMMANDS = (
     Command("track", "Track to last ▸", "", lambda c: c.films.track(1),
             "Carry the curves on to the last frame", "film",
             problem=lambda c: c.films.tracking_problem(1)),
+    Command("around", "Refit around", "", lambda c: c.films.around(),
+            "Carry the curves that you corrected in this frame, or of these the selected ones, to\n"
+            "the frames before and after it, as far as that changes anything", "film",
+            problem=lambda c: c.films.around_problem()),
 )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
 from napari_splinesketch.plugin.model import Refined, new_among
-from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, follow
+from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
@@ -153,6 +153,11 @@ class TrackTask:
         What stays as it is, by frame.
     results
         Frames that are done, added as they come.
+    there
+        All curves by frame, where `bodies` were corrected in a frame before the first of `frames`
+        and after the first of `back`: they are carried on both ways, until nothing changes.
+    back
+        Frames the other way.
     """
 
     frames: Sequence[int]
@@ -161,6 +166,8 @@ class TrackTask:
     given: Mapping[int, Given]
     how: How
     results: list[Tracked] = field(default_factory=list)
+    there: Mapping[int, Mapping[int, Curve]] | None = None
+    back: Sequence[int] = ()
 
 
 def track(task: TrackTask, on_progress: OnProgress) -> str:
@@ -170,20 +177,22 @@ def track(task: TrackTask, on_progress: OnProgress) -> str:
     def read(frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> View:
         block = task.block(frame, lines)
         sizes.append(block.grid.size)
-        return View(block.read(), block.grid)
+        return View(block.read(), block.grid, block.whole)
 
     def look(pixels: np.ndarray, lines: Any, preset: PresetName, **options: Any) -> Refinement:
         return refine(pixels, lines, preset, **task.how.on(sizes[-1]), **options)
 
-    following = follow(
-        task.frames,
-        task.bodies,
-        read,
-        refine=cast(Any, look),
-        preset=task.how.preset,
-        given=lambda frame: task.given.get(frame, NOTHING_GIVEN),
-        on_progress=on_progress,
-    )
+    options: dict[str, Any] = {
+        "refine": look,
+        "preset": task.how.preset,
+        "given": lambda frame: task.given.get(frame, NOTHING_GIVEN),
+        "on_progress": on_progress,
+    }
+    if task.there is None:
+        following = follow(task.frames, task.bodies, read, **options)
+    else:
+        ways, there = (task.frames, task.back), task.there
+        following = around(ways, task.bodies, read, lambda t: there.get(t, {}), **options)
     for tracked in following:
         task.results.append(tracked)
     return ""

@@ -32,8 +32,17 @@ from napari_splinesketch.plugin.layers.space import (
 )
 from napari_splinesketch.plugin.model import Line, State
 from napari_splinesketch.plugin.plan import OPEN
-from napari_splinesketch.plugin.tracks import Progressing, bodies_at, given_in, taken_in
+from napari_splinesketch.plugin.tracks import (
+    Progressing,
+    any_at,
+    bodies_at,
+    corrected_at,
+    curves_by_frame,
+    given_in,
+    taken_in,
+)
 from napari_splinesketch.plugin.work import Work
+from napari_splinesketch.tracking import Body
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -44,6 +53,7 @@ PREVIEW_AFTER_MS = 60
 """Suggestions follow the slider when it has stood still for so long."""
 SUGGEST = "Suggest lines"
 """The name of the step."""
+NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +122,7 @@ class Films:
         if not 0 <= frame + way < frame_count(image):
             return "This is the last frame" if way > 0 else "This is the first frame"
         work = self._controller.work
-        if work is None or not bodies_at(work.state, frame):
+        if work is None or not any_at(work.state, frame):
             return "There are no curves in this frame: refine it first"
         return ""
 
@@ -190,7 +200,43 @@ class Films:
             {frame: given_in(state, frame) for frame in frames},
             controller.how(image),
         )
-        going = Progressing(frames, len(task.bodies))
+        self._start(work, task, Progressing())
+
+    def around_problem(self) -> str:
+        """Why there is nothing to fit again around the frame in view, or nothing."""
+        image = self._controller.choices.image
+        problem = self.problem()
+        if problem or image is None:
+            return problem
+        return "" if self._corrected(image) else NOT_CORRECTED
+
+    def around(self) -> None:
+        """Carry corrected curves of the frame in view both ways, until nothing changes."""
+        controller = self._controller
+        image, work = controller.choices.image, controller.work
+        if self.around_problem() or image is None or work is None:
+            return
+        here, state = current_frame(controller.viewer, image), work.state
+        task = engine.TrackTask(
+            range(here + 1, frame_count(image)),
+            self._corrected(image),
+            partial(block_around, image),
+            {frame: given_in(state, frame) for frame in range(frame_count(image))},
+            controller.how(image),
+            there=curves_by_frame(state),
+            back=range(here - 1, -1, -1),
+        )
+        self._start(work, task, Progressing(here))
+
+    def _corrected(self, image: Image) -> tuple[Body, ...]:
+        controller = self._controller
+        if controller.work is None:
+            return ()
+        frame = current_frame(controller.viewer, image)
+        return corrected_at(controller.work.state, frame, controller.selection)
+
+    def _start(self, work: Work, task: engine.TrackTask, going: Progressing) -> None:
+        controller = self._controller
         controller.start(
             partial(engine.track, task),
             partial(self._on_tracked, work, task, going),
@@ -239,7 +285,7 @@ class Films:
             controller.amend(state)
         else:
             going.begun = True
-            controller.apply(f"Track to frame {task.frames[-1]}", state)
+            controller.apply(going.name(task.frames), state)
 
     def _on_tracked(
         self, work: Work, task: engine.TrackTask, going: Progressing, error: str
@@ -250,7 +296,7 @@ class Films:
         if work is not controller.work:
             controller.finish(notice)
             return
-        if len(task.frames) == 1 and not error:
+        if len(task.frames) == 1 and not error and task.there is None:
             go_to_frame(controller.viewer, work.image, task.frames[0])
         controller.show(work, partial(controller.finish, notice))
 

@@ -1,29 +1,67 @@
 """Between what is known of a film and what tracking takes and gives; free of Qt and napari."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.engine import refined_of
-from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.model import Key, Record, State, key_of
 from napari_splinesketch.tracking import Body, Given, Tracked
+from napari_splinesketch.tracking.bodies import MEMORY
+from napari_splinesketch.tracking.follow import DIVIDED, LEFT, PATIENCE
 
 NUMBERS = 6
 """Most bodies that are named."""
+ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
+"""What is said of bodies that end, by how the reason begins; of others that they are lost."""
+
+
+def any_at(state: State, frame: int) -> bool:
+    """Whether there is anything in a frame to go on from."""
+    return any(record.frame == frame and _usable(record) for record in state.records)
 
 
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
-    """Give the bodies of a frame, with where they were in the frame before on that way."""
-    found = []
-    for record in state.records:
-        if record.frame == frame and _usable(record):
-            before = [
-                (r.frame, r.curve)
-                for r in state.records
-                if r.id == record.id and r.frame == frame - way and _usable(r)
-            ]
-            found.append(Body(record.id, (*before, (frame, record.curve))))
-    return tuple(found)
+    """Give the bodies that are known in a frame or not long before on that way.
+
+    What comes before tells how they move; one that is not in the frame itself is out of sight
+    there, unless it was deleted.
+    """
+    ways: dict[int, list[tuple[int, Curve]]] = {}
+    for record in filter(_usable, sorted(state.records, key=lambda r: way * r.frame)):
+        if 0 <= way * (frame - record.frame) < PATIENCE:
+            ways.setdefault(record.id, []).append((record.frame, record.curve))
+    ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
+    return tuple(
+        Body(number, tuple(seen[-MEMORY:]), abs(frame - seen[-1][0]))
+        for number, seen in ways.items()
+        if seen[-1][0] == frame or number not in ended
+    )
+
+
+def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[Body, ...]:
+    """Give the bodies that the user has corrected in a frame and that are in others as well.
+
+    Of the selected curves, if any of them is in the frame.
+    """
+    beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
+    mine = [
+        r
+        for r in state.records
+        if r.frame == frame and (r.drawn or r.edited) and _usable(r) and r.id in beside
+    ]
+    chosen = [r for r in mine if key_of(r) in selected] or mine
+    return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
+
+
+def curves_by_frame(state: State) -> dict[int, dict[int, Curve]]:
+    """Give all curves that may stay as they are, by frame and number."""
+    found: dict[int, dict[int, Curve]] = {}
+    for record in filter(_usable, state.records):
+        found.setdefault(record.frame, {})[record.id] = record.curve
+    return found
 
 
 def given_in(state: State, frame: int) -> Given:
@@ -65,10 +103,8 @@ class Progressing:
 
     Parameters
     ----------
-    frames
-        To be tracked.
-    bodies
-        How many there were to begin with.
+    corrected
+        Frame in which curves were corrected, if the frames around it are fitted again.
 
     Attributes
     ----------
@@ -76,15 +112,24 @@ class Progressing:
         Whether any frame has been taken over.
     """
 
-    def __init__(self, frames: Sequence[int], bodies: int):
+    def __init__(self, corrected: int | None = None):
         self.begun = False
-        self._frames, self._bodies = frames, bodies
+        self._corrected = corrected
         self._taken: list[Tracked] = []
 
-    def new(self, results: Sequence[Tracked]) -> list[Tracked]:
-        """Give the results that have come since the last call."""
-        fresh = list(results[len(self._taken) :])
-        self._taken += fresh
+    def name(self, frames: Sequence[int]) -> str:
+        """Name the step."""
+        if self._corrected is not None:
+            return f"Refit around frame {self._corrected}"
+        return f"Track to frame {frames[-1]}"
+
+    def new(self, results: list[Tracked]) -> list[Tracked]:
+        """Give the results that have come since the last call; of those before little is kept."""
+        known = len(self._taken)
+        fresh = list(results[known:])
+        # The pictures of a long film would fill the memory.
+        results[known : known + len(fresh)] = [_without_pictures(one) for one in fresh]
+        self._taken += results[known : known + len(fresh)]
         return fresh
 
     def cancelled(self) -> str:
@@ -96,17 +141,22 @@ class Progressing:
 
     def said(self, error: str) -> str:
         """Say what came of it."""
+        if self._corrected is not None and not error:
+            frames = sorted(one.frame for one in self._taken)
+            span = f", from {frames[0]} to {frames[-1]}" if frames else ""
+            fitted = words.count(len(frames), "frame")
+            return f"Refitted {fitted} around frame {self._corrected}{span}."
         if not self._taken:
             return error or "Nothing was tracked."
         last = self._taken[-1]
         arrived = len(last.ids) + len(last.given)
-        lost = {number: one.frame for one in self._taken for number in one.lost}
         drifting = Counter(number for one in self._taken for number in one.drifting)
         text = [f"Tracked to frame {last.frame}: {words.count(arrived, 'curve')} there."]
-        if lost:
-            named = [f"{n} (frame {f})" for n, f in list(lost.items())[:NUMBERS]]
-            more = f" and {len(lost) - NUMBERS} more" if len(lost) > NUMBERS else ""
-            text.append(f"Lost: {', '.join(named)}{more}.")
+        text += self._ended()
+        entered = [one.frame for one in self._taken for _ in one.entered]
+        if entered:
+            said = words.count(len(entered), "body").replace("bodys", "bodies")
+            text.append(f"{said} came into view, without a curve: {_frames(entered)}.")
         if drifting:
             total = sum(drifting.values())
             text.append(f"{words.count(total, 'curve')} to check for drift.")
@@ -115,3 +165,26 @@ class Progressing:
         if error:
             text.append(error)
         return " ".join(text)
+
+    def _ended(self) -> list[str]:
+        """Name the bodies that are not followed to the end, by what became of them."""
+        ended: dict[str, list[str]] = {}
+        for one in self._taken:
+            for number in one.lost:
+                why = one.missing.get(number, "")
+                kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
+                ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
+        return [f"{kind}: {_some(named)}." for kind, named in ended.items()]
+
+
+def _some(named: Sequence[str]) -> str:
+    more = f" and {len(named) - NUMBERS} more" if len(named) > NUMBERS else ""
+    return ", ".join(named[:NUMBERS]) + more
+
+
+def _frames(frames: Sequence[int]) -> str:
+    return "frame " + _some([str(frame) for frame in frames])
+
+
+def _without_pictures(one: Tracked) -> Tracked:
+    return replace(one, view=None, refinement=None)

@@ -30,6 +30,8 @@ _SPREAD = 0.25
 """Of the places where bodies meet, as a share of their length (standard deviation)."""
 _MARGIN = 4.0
 """Of the frame, which bodies keep clear of, px."""
+_PARTING = 1.5
+"""By which the halves of a divided body move apart, px a frame."""
 _APART = 5.0
 """Half-widths between the bodies of the first frame."""
 
@@ -73,6 +75,7 @@ def film(
     hidden: int = 0,
     cover: float = 0.0,
     drift: bool = False,
+    divides: int = 0,
     **look: object,
 ) -> Film:
     """Generate a film of slender bodies; the same arguments always give the same film.
@@ -96,6 +99,8 @@ def film(
         Radius of an opaque disc of background near the middle, px; 0 for none.
     drift
         Whether focus and light change over the film.
+    divides
+        Frame from which the first body is two halves that move apart; 0 for never.
     **look
         Settings of `Look` to use in place of random ones.
     """
@@ -108,6 +113,8 @@ def film(
         rng, motion, frames, bodies, np.array(shape), length, half_width, pace, crossing
     )
     widths = half_width * rng.uniform(0.85, 1.15, bodies)[:, None] * taper(chosen)
+    if divides:
+        lines[divides:, 0] += _parting(lines[divides:, 0])
     lit = np.ones((frames, bodies))
     for body in range(0, bodies, 2) if hidden else ():
         first = int(np.clip(frames / 2 + rng.normal(0, frames / 8), 2, frames - hidden - 2))
@@ -115,7 +122,7 @@ def film(
     centre = np.array(shape) / 2 + rng.normal(0, 12, 2)
     inside = ((lines >= 0) & (lines <= np.array(shape) - 1)).all(3)
     uncovered = np.linalg.norm(lines - centre, axis=3) >= cover
-    images = _drawn(rng, chosen, shape, lines, widths, lit, (centre, cover), drift)
+    images = _drawn(rng, chosen, shape, lines, widths, lit, (centre, cover), drift, divides)
     visible = inside & uncovered & (lit[:, :, None] > 0)
     return Film(images, lines, widths, visible, chosen)
 
@@ -153,6 +160,15 @@ def _placed(
         f"{bodies} bodies of length {length:g} px at {speed:g} px a frame do not fit into a film "
         f"of {frames} frames of {tuple(shape)} px; make the frame larger or the film shorter."
     )
+
+
+def _parting(lines: Float[np.ndarray, "T 100 2"]) -> Float[np.ndarray, "T 100 2"]:
+    """How far the halves of a body have moved since it divided."""
+    away = lines[:, POINTS // 2 :].mean(1) - lines[:, : POINTS // 2].mean(1)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    gone = _PARTING * np.arange(1, len(lines) + 1)[:, None] * away
+    side = np.where(np.arange(POINTS) < POINTS // 2, -0.5, 0.5)
+    return gone[:, None] * side[:, None]
 
 
 def _distance(a: Points, b: Points) -> float:
@@ -205,6 +221,7 @@ def _drawn(
     lit: Float[np.ndarray, "T n"],
     cover: tuple[Float[np.ndarray, "2"], float],
     drift: bool,
+    divides: int,
 ) -> Float[np.ndarray, "T H W"]:
     finishes = [Finish.draw(rng, look) for _ in widths]
     texture = texture_of(rng, look, shape)
@@ -216,13 +233,13 @@ def _drawn(
     images = []
     for frame, here in enumerate(lines):
         there = [i for i in range(len(widths)) if lit[frame, i] > 0]
-        drawn = draw_bodies(
-            tuple(here[there]),
-            tuple(widths[there]),
-            tuple(finishes[i] for i in there),
-            look,
-            shape,
-        )
+        drawn_as = [(here[i], widths[i], finishes[i]) for i in there]
+        if divides and frame >= divides and 0 in there:
+            halves = np.split(here[0], 2)
+            half_width = widths[0].max() * taper(look, len(halves[0]))
+            drawn_as[:1] = [(half, half_width, finishes[0]) for half in halves]
+        parts = tuple(zip(*drawn_as, strict=True)) or ((), (), ())
+        drawn = draw_bodies(parts[0], parts[1], parts[2], look, shape)
         swing = np.sin(2 * np.pi * frame / 40 + phases) * drift
         blur = look.blur + _DEFOCUS * max(swing[0], 0.0)
         clean = background_of(look, shape) + sign * look.contrast * gaussian_filter(

@@ -1,5 +1,6 @@
 """Bodies through time: carried from frame to frame, each under its own number."""
 
+from napari_splinesketch.tracking.around import around
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.follow import after, follow
 from napari_splinesketch.tracking.over_time import Kymograph, kymograph
@@ -13,6 +14,7 @@ __all__ = [
     "Tracked",
     "View",
     "after",
+    "around",
     "follow",
     "kymograph",
 ]

@@ -1,9 +1,9 @@
 """What speaks against a curve being the body that it was carried over from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from napari_splinesketch.engine.spline import resample
@@ -16,6 +16,9 @@ LONGER = 1.3
 WIDER = 0.6
 THIN = 1.5
 """Share of its half-width by which that may change; of thin bodies it is not known better, px."""
+SHARPER, FOLD = 1.5, 0.25
+"""Factor by which a body may bend more sharply than it did, and what is added to that, as a share
+of 1 / half-width: a curve that leaves its body for another folds."""
 JUMP = 0.35
 """Mean distance from where it was expected, as a share of the body's length."""
 FAINT = 0.35
@@ -39,10 +42,30 @@ def doubts(body: Body, curve: Curve, expected: Line) -> list[str]:
     before, now = body.half_width, float(np.median(curve.half_width))
     if np.isfinite(before) and abs(now - before) > max(WIDER * before, THIN):
         found.append(f"its half-width jumped from {before:.1f} to {now:.1f} px")
+    if folds(body, curve):
+        found.append("it bends more sharply than before")
     apart = distance(curve.points, expected)
     if apart > JUMP * usual:
         found.append(f"it jumped by {apart:.0f} px")
     return found
+
+
+def folds(body: Body, curve: Curve) -> bool:
+    """Whether a curve bends as its body has not done before."""
+    half_width = body.half_width
+    if not np.isfinite(half_width):
+        return False
+    usual = max(_sharpest(c.points, half_width) for _, c in body.seen)
+    return _sharpest(curve.points, half_width) > SHARPER * usual + FOLD / half_width
+
+
+def _sharpest(points: Line, half_width: float) -> float:
+    """The largest curvature of a line, mean over a body's width, 1 / px."""
+    step = np.diff(points, axis=0)
+    spacing = float(np.linalg.norm(step, axis=1).mean())
+    over = int(np.clip(round(2 * half_width / max(spacing, 1e-9)), 1, len(step) - 1))
+    angle = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    return float(np.abs(angle[over:] - angle[:-over]).max()) / (over * max(spacing, 1e-9))
 
 
 def distance(a: Line, b: Line) -> float:
@@ -51,10 +74,10 @@ def distance(a: Line, b: Line) -> float:
     return float(np.linalg.norm(resample(a, count) - resample(b, count), axis=1).mean())
 
 
-def shown(
-    curves: Sequence[Curve], view: View, refinement: Refinement, usual: float | None
-) -> list[float]:
-    """Say of each curve, px of the view, what share of it the image shows.
+def seeing(
+    view: View, refinement: Refinement, usual: float | None
+) -> Callable[[Line], Bool[np.ndarray, " P"]]:
+    """Give what says at which points of a line, px of the view, the image shows a body.
 
     `usual` is the contrast of the frames before: one that differs much from it is of nothing.
     """
@@ -65,10 +88,7 @@ def shown(
         contrast = float(np.clip(contrast, usual / UNLIKE, usual * UNLIKE))
     sign = 1.0 if refinement.model.polarity == "bright" else -1.0
     scale = sign * max(contrast, 1e-30)
-    return [
-        float((ndimage.map_coordinates(smooth, c.points.T, order=1) / scale >= FAINT).mean())
-        for c in curves
-    ]
+    return lambda line: ndimage.map_coordinates(smooth, line.T, order=1) / scale >= FAINT
 
 
 def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
@@ -83,6 +103,21 @@ def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
             if i != j and _share(curve.points, curves[j].points, reach) > ALONG:
                 found[i] = j
     return found
+
+
+def runs_along(line: Line, other: Curve) -> bool:
+    """Whether most of a line lies on another body."""
+    return (
+        _share(resample(line, len(other.points)), other.points, SAME * _half_width(other)) > ALONG
+    )
+
+
+def along_any(curve: Curve, others: Sequence[Curve]) -> float:
+    """Share of a curve that lies on any of others."""
+    reach = SAME * _half_width(curve)
+    low, high = curve.points.min(0) - reach, curve.points.max(0) + reach
+    near = [o.points for o in others if ((o.points >= low) & (o.points <= high)).all(1).any()]
+    return _share(curve.points, np.concatenate(near), reach) if near else 0.0
 
 
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:

@@ -9,6 +9,7 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress
 from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.events import Entering, Parts
 from napari_splinesketch.tracking.search import Cancelled, Found, Search
 from napari_splinesketch.tracking.types import (
     NOTHING_GIVEN,
@@ -22,6 +23,8 @@ from napari_splinesketch.tracking.types import (
 from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
+LEFT, DIVIDED = "it left the image", "it divided into parts"
+"""Why a body ends, other than that it is not found any more."""
 PATIENCE = 10
 """Frames for which a body that cannot be trusted is looked for ..."""
 AT_ONCE = 2
@@ -110,7 +113,8 @@ def _report(
 def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int, Body]:
     """Give the bodies as they are known after a frame."""
     known = dict(bodies)
-    for number, curve in given.curves.items():
+    leading = {i: c for i, c in given.curves.items() if given.leads or i in bodies}
+    for number, curve in leading.items():
         known[number] = known.get(number, Body(number, ())).with_curve(result.frame, curve)
     for number, curve in zip(result.ids, result.curves, strict=True):
         body = known[number]
@@ -127,6 +131,8 @@ class _Step:
     def __init__(self, read: Read, refine: Refine, preset: PresetName, smooth: bool):
         self._read, self._refine = read, refine
         self._smooth, self._patience = smooth, PATIENCE if smooth else AT_ONCE
+        self._entering = Entering()
+        self._parts: Mapping[int, Parts] = {}
         self.contrast: float | None = None
         self._preset: PresetName = preset
 
@@ -155,13 +161,26 @@ class _Step:
             return Tracked(frame, given=kept, error=said)
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
-        gone = {body.id: "it left the image" for body in wanted if body not in inside}
+        divided = self._divided(search.parts)
+        gone = {body.id: LEFT for body in wanted if body not in inside}
+        judged = _judged(frame, inside, found, gone, divided, self._patience)
+        here = (*given.curves.values(), *judged.curves)
         return replace(
-            _judged(frame, inside, found, gone, self._patience),
+            judged,
             given=kept,
+            entered=self._entering(view, bodies, here) if self._smooth else (),
             refinement=search.refinement,
             view=view,
         )
+
+    def _divided(self, parts: Mapping[int, Parts]) -> dict[int, str]:
+        """Say of bodies that they have divided: their parts move away from each other."""
+        before, self._parts = self._parts, parts
+        return {
+            number: f"{DIVIDED} of {one:.0f} and {other:.0f} px"
+            for number, (one, other, gap) in parts.items()
+            if number in before and gap > before[number][-1]
+        }
 
 
 def _judged(
@@ -169,6 +188,7 @@ def _judged(
     bodies: Sequence[Body],
     found: Mapping[int, Found],
     gone: Mapping[int, str],
+    divided: Mapping[int, str],
     patience: int,
 ) -> Tracked:
     """Sort what was found into trusted, drifting, missing and lost."""
@@ -176,8 +196,8 @@ def _judged(
     here, drifting = [], set()
     for body in bodies:
         one = found[body.id]
-        why = "; ".join(one.said) or NOTHING
-        given_up = body.misses >= patience and not one.trusted
+        why = divided.get(body.id) or "; ".join(one.said) or NOTHING
+        given_up = body.id in divided or (body.misses >= patience and not one.trusted)
         if given_up:
             lost.add(body.id)
         if given_up or one.empty:

@@ -38,7 +38,7 @@ def place(
     placed
         Lines of the bodies that are not in doubt.
     """
-    free = [line for line in suggestions if not any(_near(line, other) for other in placed)]
+    free = [line for line in suggestions if not any(near(line, other) for other in placed)]
     if not (free and bodies):
         return {}
     turned = [[_turned(line, expected[body.id]) for line in free] for body in bodies]
@@ -63,9 +63,9 @@ def _turned(line: Line, like: Line) -> Line:
     return min((line, line[::-1]), key=lambda way: distance(way, like))
 
 
-def _near(line: Line, other: Line) -> bool:
+def near(line: Line, other: Line, reach: float = TAKEN) -> bool:
     """Whether most of a line lies along another."""
     points = resample(line, SAMPLES)
     dense = resample(other, 4 * SAMPLES)
     apart = np.linalg.norm(points[:, None] - dense[None], axis=2).min(1)
-    return float(np.median(apart)) < TAKEN
+    return float(np.median(apart)) < reach

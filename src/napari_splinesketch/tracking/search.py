@@ -16,7 +16,9 @@ from napari_splinesketch.engine.types import (
     Refinement,
 )
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import doubts, on_one_body, shown
+from napari_splinesketch.tracking.drift import along_any, doubts, on_one_body, runs_along, seeing
+from napari_splinesketch.tracking.events import Parts, parts
+from napari_splinesketch.tracking.identity import agrees
 from napari_splinesketch.tracking.placing import place
 from napari_splinesketch.tracking.types import Line, Refine, View
 
@@ -24,8 +26,11 @@ LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
 SURE = 0.8
 """Half-widths: where a body is known so well, it is not searched for."""
-HOLD = 1.5
-"""Errors of a prediction go together along a body: so much less is each point's to be believed."""
+HOLDS = 1.5, 0.5
+"""Errors of a prediction go together along a body: so much less is each point's to be believed;
+and so much where a curve that is free to leave its body does."""
+ON_OTHERS = 0.5
+"""Share of a curve that may lie on others where it is not foretold."""
 LEAST, MOST = 0.5, 0.8
 """Share of a curve that the image must show, and below which the rest is said to be inferred."""
 INFERRED = "inferred from the frames around it"
@@ -93,8 +98,16 @@ class Search:
         Told of progress; raises `Cancelled`.
     contrast
         The usual one of the frames before.
-    foretell
-        Whether a body whose place is known well is fitted there without a search.
+    smooth
+        Whether a body whose place is known well is fitted there without a search, and parts of
+        bodies that divide are looked for.
+
+    Attributes
+    ----------
+    refinement
+        What the engine said.
+    parts
+        Of bodies that may have divided, by number.
     """
 
     def __init__(
@@ -107,9 +120,10 @@ class Search:
         preset: PresetName,
         report: OnProgress,
         contrast: float | None = None,
-        foretell: bool = True,
+        smooth: bool = True,
     ):
-        self._contrast, self._foretell = contrast, foretell
+        self._contrast, self._smooth = contrast, smooth
+        self.parts: dict[int, Parts] = {}
         self.refinement: Refinement | None = None
         self._frame, self._view, self._expected, self._given = frame, view, expected, given
         self._refine, self._report = refine, report
@@ -118,7 +132,7 @@ class Search:
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
         foretold = {body.id: body.foretold(self._frame) for body in bodies}
-        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width * self._foretell]
+        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width * self._smooth]
         found = self.held(sure, foretold)
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)
@@ -140,11 +154,13 @@ class Search:
     ) -> dict[int, Found]:
         """Fit bodies to where they are foretold, with how surely, without any search."""
         found: dict[int, Found] = {}
-        if bodies and self._preset != "paper":
-            unit = np.linalg.norm(np.diff(self._view.place.to_block(np.eye(2) * [0, 1]), axis=0))
-            sd = HOLD * float(unit * np.median([foretold[b.id][1] for b in bodies]))
-            lines = {b.id: foretold[b.id][0] for b in bodies}
-            self._attempt(0, bodies, lines, replace(SETTINGS[self._preset], hold=sd), found)
+        unit = np.linalg.norm(np.diff(self._view.place.to_block(np.eye(2) * [0, 1]), axis=0))
+        lines = {b.id: foretold[b.id][0] for b in bodies}
+        for hold in HOLDS if self._preset != "paper" else ():
+            tried = [b for b in bodies if b.id not in found or not found[b.id].trusted]
+            if tried:
+                sd = hold * float(unit * np.median([foretold[b.id][1] for b in tried]))
+                self._attempt(0, tried, lines, replace(SETTINGS[self._preset], hold=sd), found)
         return found
 
     def _as_expected(self, bodies: Sequence[Body]) -> dict[int, Line]:
@@ -179,20 +195,27 @@ class Search:
         refinement = self._refined([lines[b.id] for b in bodies], fixed, preset, number)
         curves = [self._view.place.curve_to_image(curve) for curve in refinement.curves]
         around = {**self._given, **{one.id: one.curve for one in others}}
-        shared = on_one_body([*curves, *around.values()])
+        everyone = [*curves, *around.values()]
+        shared = on_one_body(everyone)
         names = [body.id for body in bodies] + list(around)
-        there = shown(refinement.curves, self._view, refinement, self._contrast)
+        seen = seeing(self._view, refinement, self._contrast)
         held = isinstance(preset, Settings) and preset.hold is not None
         better = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
-            if held and LEAST < there[i] < MOST:
+            there = float(seen(refinement.curves[i].points).mean())
+            torn = self._smooth and there < MOST and parts(body, refinement.curves[i], seen)
+            if torn:
+                self.parts[body.id] = torn
+            if held and LEAST < there < MOST:
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
-            if i in shared and not held:
+            if i in shared and not (held and runs_along(lines[body.id], everyone[shared[i]])):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
+            if not held and self._strays(body, curve, [o for o in everyone if o is not curve]):
+                said.append("it lies on other curves, away from where it was expected")
             failed = curve.status == "failed"
-            empty = failed or there[i] <= LEAST
+            empty = failed or there <= LEAST
             one = Found(body.id, lines[body.id], curve, tuple(said), empty)
             if body.id not in found or one.score < found[body.id].score:
                 found[body.id] = one
@@ -201,6 +224,13 @@ class Search:
             before = self.refinement
             tried_lines = [self._view.place.to_block(lines[body.id]) for body in bodies]
             self.refinement = _pasted(before, refinement, tried_lines) if before else refinement
+
+    def _strays(self, body: Body, curve: Curve, others: Sequence[Curve]) -> bool:
+        """Whether a curve that was searched for is on others and not where it is foretold."""
+        foretold = body.foretold(self._frame)
+        if agrees(curve.points, foretold, body.half_width):
+            return False
+        return along_any(curve, others) > ON_OTHERS
 
     def _refined(
         self,

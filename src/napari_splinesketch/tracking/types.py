@@ -62,10 +62,13 @@ class View:
         (H, W), grey.
     place
         Where they lie in the image.
+    whole
+        Whether their border is the image's.
     """
 
     pixels: Real[np.ndarray, "H W"]
     place: Place = field(default_factory=Whole)
+    whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +81,13 @@ class Given:
         Curves by number, px of the image; tracking goes on from them.
     whole
         Whether they are all there is: then nothing is added to the frame.
+    leads
+        Whether tracking goes on from them; otherwise others do not begin with them.
     """
 
     curves: Mapping[int, Curve] = field(default_factory=dict)
     whole: bool = False
+    leads: bool = True
 
 
 NOTHING_GIVEN = Given()
@@ -113,6 +119,8 @@ class Tracked:
         What the engine said, of what; None where nothing was refined.
     error
         Why the frame could not be read or refined; empty otherwise.
+    entered
+        Lines over bodies that have come into view; nobody follows them.
     """
 
     frame: int
@@ -126,6 +134,7 @@ class Tracked:
     refinement: Refinement | None = None
     view: View | None = None
     error: str = ""
+    entered: tuple[Line, ...] = ()
 
 
 Read = Callable[[int, Sequence[Line]], View]

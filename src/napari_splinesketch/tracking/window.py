@@ -17,7 +17,7 @@ from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, steady
 from napari_splinesketch.tracking.bodies import MEMORY, Body
-from napari_splinesketch.tracking.drift import near_others
+from napari_splinesketch.tracking.drift import folds, near_others
 from napari_splinesketch.tracking.identity import Foretold
 from napari_splinesketch.tracking.motion import Known, Points
 from napari_splinesketch.tracking.search import INFERRED, Search
@@ -291,6 +291,7 @@ class Window:
             i: one.curve
             for i, one in found.items()
             if not one.empty
+            and not folds(stretches[i].anchor, one.curve)
             and identity.agrees(one.curve.points, foretold[i], stretches[i].anchor.half_width)
         }
 

@@ -77,6 +77,12 @@ class Block:
     key: tuple[int | slice, ...]
     rgb: bool
 
+    @property
+    def whole(self) -> bool:
+        """Whether it is all of the frame."""
+        axes = range(len(self.key) - 2, len(self.key))
+        return all(self.key[a] == slice(0, int(self.level.shape[a])) for a in axes)
+
     def read(self) -> Real[np.ndarray, "H W"]:
         """Read the pixels, a colour image as luminance; the array is the caller's own."""
         pixels = np.array(self.level[self.key])

@@ -1,0 +1,80 @@
+"""A curve was corrected: the frames around are fitted again, as far as that changes anything."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import takewhile
+from typing import Any
+
+import numpy as np
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.follow import follow
+from napari_splinesketch.tracking.types import Given, Read, Tracked
+
+SAME = 0.5
+"""Half-widths between a curve and the one that was there, mean, within which they are one."""
+ENOUGH = 2
+"""Frames in succession in which all curves are what they were: beyond, nothing changes."""
+
+
+def around(
+    ways: Sequence[Sequence[int]],
+    start: Sequence[Body],
+    read: Read,
+    there: Callable[[int], Mapping[int, Curve]],
+    *,
+    given: Callable[[int], Given],
+    **options: Any,
+) -> Iterator[Tracked]:
+    """Carry corrected curves on, each way until they are where they were before.
+
+    Parameters
+    ----------
+    ways
+        Numbers of the frames after and before the corrected one, the nearest first.
+    start
+        The corrected bodies; all others stay as they are.
+    read, options
+        As `follow` has them.
+    there
+        All curves of a frame as they were, by number; beyond a frame without any, nothing is
+        carried.
+    given
+        What the user has decided in a frame: nothing is carried on over that.
+
+    Yields
+    ------
+    A `Tracked` for each frame in which a curve has changed, or has to be changed for one beyond.
+    """
+    names = {body.id for body in start}
+
+    def kept(frame: int) -> Given:
+        others = {i: c for i, c in there(frame).items() if i not in names}
+        return Given({**others, **given(frame).curves}, leads=False)
+
+    for way in ways:
+        same: list[Tracked] = []
+        frames = [*takewhile(lambda t: there(t) and not names <= set(given(t).curves), way)]
+        for result in follow(frames, start, read, given=kept, **options):
+            if _same(result, there(result.frame), names):
+                same.append(result)
+                if len(same) == ENOUGH:
+                    break
+            else:
+                yield from (*same, result)
+                same = []
+
+
+def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool:
+    """Whether all bodies are where they were."""
+    found = dict(zip(result.ids, result.curves, strict=True))
+    wanted = names - set(result.given)
+    return all(i in found and i in before and _close(found[i], before[i]) for i in wanted)
+
+
+def _close(one: Curve, other: Curve) -> bool:
+    apart = (
+        np.linalg.norm(one.points - way, axis=1).mean()
+        for way in (other.points, other.points[::-1])
+    )
+    return bool(min(apart) < SAME * np.median(other.half_width))

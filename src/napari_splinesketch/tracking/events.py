@@ -1,0 +1,110 @@
+"""What comes into view and what divides: it is said, and left to the user."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool
+from scipy.ndimage import binary_closing
+
+from napari_splinesketch.engine.spline import arc_length
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import distance
+from napari_splinesketch.tracking.motion import of_length
+from napari_splinesketch.tracking.placing import near
+from napari_splinesketch.tracking.types import Line, View
+
+Shown = Bool[np.ndarray, " P"]
+EVERY = 5
+"""Frames from one search for bodies that come into view to the next."""
+SHORTEST = 0.4
+"""Length of a body that has come into view, as a share of the usual one."""
+EDGE = 2.0
+"""Half-widths from the image's border at which it comes in."""
+MOVED = 0.6
+"""Share of the usual length by which a body may move between searches."""
+PART, TOGETHER, LONGER = 0.2, (0.75, 1.25), 1.06
+"""Lengths of the parts of a divided body as shares of its own: of each part at least, of both
+together, and with the gap between them at least: what covers a body makes it no longer."""
+GAP, HOLE = 1.5, 0.5
+"""Half-widths between the parts, at least; and that may look empty inside one."""
+BEYOND = 1.6
+"""By which a curve is looked at beyond its ends, where the parts may have gone."""
+TAKEN = 4.0
+"""Median distance at which a line lies on a curve that is there, px."""
+Parts = tuple[float, float, float]
+"""Lengths of the parts of a divided body, and of the gap between them, px."""
+
+
+def parts(body: Body, curve: Curve, seen: Callable[[Line], Shown]) -> Parts | None:
+    """Two parts that a body has divided into, if the image shows such.
+
+    Parameters
+    ----------
+    body
+        As it was.
+    curve
+        What was found, px of the view.
+    seen
+        Says at which points of a line the image shows a body.
+    """
+    line = of_length(curve.points, BEYOND * curve.length)
+    step = BEYOND * curve.length / (len(line) - 1)
+    shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], shows, [False]]))).reshape(-1, 2)
+    runs = [(first * step, last * step) for first, last in edges.tolist()]
+    usual = body.length
+    for (begin, end), (start, stop) in pairwise(r for r in runs if r[1] - r[0] > PART * usual):
+        one, other, gap = end - begin, stop - start, start - end
+        whole = TOGETHER[0] * usual < one + other < TOGETHER[1] * usual
+        if whole and gap > GAP * body.half_width and one + other + gap > LONGER * usual:
+            return one, other, gap
+    return None
+
+
+class Entering:
+    """Looks for bodies that come into view at the image's border, every few frames."""
+
+    def __init__(self) -> None:
+        self._before: list[Line] | None = None
+        self._count = 0
+
+    def __call__(
+        self, view: View, bodies: Mapping[int, Body], curves: Sequence[Curve]
+    ) -> tuple[Line, ...]:
+        """Give lines over the bodies that have come into view since the last search.
+
+        Parameters
+        ----------
+        view
+            The frame.
+        bodies
+            Those that are followed: others are as long and as wide.
+        curves
+            All of the frame.
+        """
+        self._count += 1
+        if self._count % EVERY != 1 or not view.whole or not bodies:
+            return ()
+        from napari_splinesketch.engine.find.suggest import suggest
+
+        lines = [view.place.to_image(line) for line in suggest(view.pixels)]
+        free = [line for line in lines if not any(near(line, c.points, TAKEN) for c in curves)]
+        usual = float(np.median([body.length for body in bodies.values()]))
+        half_width = float(np.nanmedian([body.half_width for body in bodies.values()]))
+        before, self._before = self._before, free
+        if before is None:
+            return ()
+        size = view.place.to_image(np.array([view.pixels.shape]) - 1.0)[0]
+        return tuple(
+            line
+            for line in free
+            if arc_length(line)[-1] > SHORTEST * usual
+            and min(line.min(), (size - line).min()) < EDGE * half_width
+            and not any(_apart(line, other) < MOVED * usual for other in before)
+        )
+
+
+def _apart(line: Line, other: Line) -> float:
+    return min(distance(line, way) for way in (other, other[::-1]))

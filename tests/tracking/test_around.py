@@ -1,0 +1,49 @@
+"""A correction changes its neighbourhood, and no more frames than that are fitted again."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, View, around
+
+from .test_follow import BRIGHT, LINE, OTHER, FakeRefine, curve, moved
+
+WRONG = range(13, 18)
+
+
+def there(frame: int) -> dict[int, Curve]:
+    """Body 7 was taken for something else in a few frames; body 3 was right."""
+    return {7: curve(moved(LINE, 8.0 * (frame in WRONG), 0)), 3: curve(OTHER)}
+
+
+def fitted(frames: Sequence[Sequence[int]], given=lambda frame: NOTHING_GIVEN) -> tuple:
+    reads: list[int] = []
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        reads.append(frame)
+        return View(BRIGHT)
+
+    refine = FakeRefine((0, 0))
+    start = [Body(7, ((15, curve(LINE)),))]
+    results = list(around(frames, start, read, there, given=given, refine=refine))
+    assert all(len(lines) == 1 for lines, _ in refine.calls), "only the corrected body is fitted"
+    return reads, results
+
+
+def test_frames_around_are_fitted_again_until_nothing_changes() -> None:
+    reads, results = fitted([range(16, 60), range(14, -1, -1)])
+    assert [result.frame for result in results] == [16, 17, 14, 13]
+    assert sorted(reads) == [11, 12, 13, 14, 16, 17, 18, 19], "two more on either side"
+    for result in results:
+        assert result.ids == (7,)
+        np.testing.assert_allclose(result.curves[0].points[0], LINE[0])
+
+
+def test_nothing_is_carried_over_what_was_decided() -> None:
+    def given(frame: int) -> Given:
+        return Given({7: there(frame)[7]}) if frame == 17 else NOTHING_GIVEN
+
+    reads, results = fitted([range(16, 60)], given)
+    assert reads == [16]
+    assert [result.frame for result in results] == [16]

@@ -1,0 +1,68 @@
+"""What comes into view, leaves it or divides is said."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from napari_splinesketch.synthetic.films import Film, film
+from napari_splinesketch.tracking import Body, Tracked, View, follow
+from napari_splinesketch.tracking.events import parts
+
+from .test_follow import LINE, curve
+
+SHORT = {"frames": 24, "bodies": 2, "length": 40.0, "shape": (120, 100), "speed": 1.0}
+
+
+def tracked(made: Film, numbers: tuple[int, ...] = (0, 1)) -> list[Tracked]:
+    start = [Body(i, ((0, curve(made.centrelines[0, i], 2.5)),)) for i in numbers]
+    frames = range(1, len(made.images))
+    return list(follow(frames, start, lambda t, _: View(made.images[t]), preset="fast"))
+
+
+def test_a_body_that_divides_is_reported_and_ends() -> None:
+    made = film(4, motion="glide", divides=6, crossing=False, **SHORT)
+    results = tracked(made)
+    ended = [r for r in results if r.lost]
+    assert [sorted(r.lost) for r in ended] == [[0]]
+    assert 6 <= ended[0].frame <= 20
+    assert "it divided into parts of" in ended[0].missing[0]
+    assert all(1 in r.ids for r in results)
+    assert not any(r.entered for r in results)
+
+
+def test_nothing_divides_where_something_lies_on_a_body() -> None:
+    made = film(4, motion="glide", cover=8.0, **SHORT)
+    assert not any("divided" in why for r in tracked(made) for why in r.missing.values())
+
+
+def test_parts_are_longer_with_their_gap_and_show_nothing_in_between() -> None:
+    body = Body(7, ((0, curve(LINE)),))
+
+    def found(*shown: tuple[float, float]) -> bool:
+        def seen(line: np.ndarray) -> np.ndarray:
+            return np.any([(line[:, 1] > a) & (line[:, 1] < b) for a, b in shown], axis=0)
+
+        return parts(body, curve(LINE), seen) is not None
+
+    assert found((7, 22), (29, 44))
+    assert not found((7, 44)), "there is no gap"
+    assert not found((10, 22), (29, 40)), "no longer than before: something covers it"
+    assert not found((10, 36), (42, 46)), "a part is too short"
+    assert not found((7, 24), (26, 44)), "no wider than what looks empty by noise"
+
+
+def test_a_body_that_comes_in_over_the_border_is_reported_once() -> None:
+    made = film(7, motion="glide", **{**SHORT, "frames": 40})
+    low = np.maximum(made.centrelines[:, 0].min((0, 1)).astype(int) - 12, 0)
+    high = made.centrelines[:, 0].max((0, 1)).astype(int) + 12
+    cut = made.images[:, low[0] : high[0], low[1] : high[1]]
+    lines = made.centrelines - low
+    inside = ((lines >= 0) & (lines <= np.array(cut.shape[1:]) - 1)).all(3).mean(2)
+    assert inside[0, 1] == 0 and inside[:, 1].max() > 0.9
+    results = tracked(replace(made, images=cut, centrelines=lines), (0,))
+    entered = [(r.frame, line) for r in results for line in r.entered]
+    assert len(entered) == 1
+    frame, line = entered[0]
+    assert inside[frame, 1] > 0.3
+    apart = np.linalg.norm(line[:, None] - lines[frame, 1], axis=2).min(1)
+    assert np.median(apart) < 3
