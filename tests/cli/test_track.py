@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import pytest
 import tifffile
 
 import napari_splinesketch
+from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli import main
+from napari_splinesketch.cli.report import as_text
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
 from .fakes import curve
@@ -121,6 +124,17 @@ def test_what_is_lost_is_reported(
     said = capsys.readouterr().out
     assert "2 missing, 1 lost" in said
     assert "nothing like it is there" in said
+
+
+def test_what_ends_and_what_comes_into_view_is_said() -> None:
+    gone = CurveReport(4, 0.0, None, None, "lost", ("it left the image",))
+    one = FrameReport(3, (gone,), notes=("a body came into view at row 2, column 5",))
+    said = list(as_text([one]))
+    assert said[1:3] == ["  curve 4 ends: it left the image", f"  {one.notes[0]}"]
+    kept = json.loads(json.dumps(asdict(one)))
+    assert FrameReport.from_json(kept) == one
+    del kept["notes"]
+    assert FrameReport.from_json(kept).notes == (), "as earlier versions wrote it"
 
 
 def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
