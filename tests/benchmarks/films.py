@@ -3,8 +3,9 @@
     python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--write]
 
 Every film is tracked frame by frame and with the frames around it. Prints a table; with --write,
-docs/films.md gets it. Without --held-out, films are those that settings may be chosen on. What was
-measured is kept in docs/films/tracked.json and not measured again; delete it to do so.
+docs/films.md gets all that were measured. Without --held-out, films are those that settings may be
+chosen on. What was measured is kept in docs/films/tracked.json and not measured again; delete it to
+do so.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import json
 import os
 import time
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -179,23 +181,29 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
-    table = HEAD
-    for case in options.cases:
-        totals = dict.fromkeys(MODES, Counts())
-        for index in range(options.films):
-            for mode, smooth in MODES.items():
-                name = f"{case} {index} {mode} {options.held_out}"
-                if name not in kept:
-                    shown = made(case, index, options.held_out)
-                    kept[name] = asdict(counted(shown, *tracked(shown, smooth=smooth)).brief())
-                    KEPT.write_text(json.dumps(kept, indent=0))
-                one = _read(kept[name])
-                print(row(name, one), flush=True)
-                totals[mode] += one
-        table += "".join(row(f"{case}, {mode}", c) + "\n" for mode, c in totals.items())
+    for case, index, (mode, smooth) in product(options.cases, range(options.films), MODES.items()):
+        name = f"{case} {index} {mode} {options.held_out}"
+        if name not in kept:
+            shown = made(case, index, options.held_out)
+            kept[name] = asdict(counted(shown, *tracked(shown, smooth=smooth)).brief())
+            KEPT.write_text(json.dumps(kept, indent=0))
+        print(row(name, _read(kept[name])), flush=True)
+    table = table_of(kept, options.held_out)
     print(table)
     if options.write:
         insert("tracked", table, PAGE)
+
+
+def table_of(kept: dict[str, Any], held_out: bool) -> str:
+    """All films that were measured both ways, in the table of the page."""
+    table = HEAD
+    for case in CASES:
+        films = [i for i in range(100) if all(f"{case} {i} {m} {held_out}" in kept for m in MODES)]
+        for mode in MODES if films else ():
+            counts = [_read(kept[f"{case} {i} {mode} {held_out}"]) for i in films]
+            films_said = f"{len(films)} film{'s' * (len(films) > 1)}"
+            table += row(f"{case} ({films_said}), {mode}", sum(counts, Counts())) + "\n"
+    return table
 
 
 def _read(values: dict[str, Any]) -> Counts:
