@@ -1,5 +1,6 @@
 """Layers on request: they lie on the image, say what they should, and cost nothing before."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_proofs_follow_while_they_are_in_view(
     assert not dock.eyes.entry("masks").isChecked()
     made = []
     maker = pictures.MAKERS["masks"]
-    slow = pictures.Maker("masks", maker.source, lambda known: made.append(1) or maker.make(known))
+    slow = replace(maker, make=lambda known: made.append(1) or maker.make(known))
     monkeypatch.setitem(pictures.MAKERS, "masks", slow)
     click(dock.undo)
     until(lambda: layer_named(viewer, "film curves").nshapes == 2, 5)

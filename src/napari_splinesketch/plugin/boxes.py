@@ -32,7 +32,7 @@ from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.pictures import Proof
+from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof
 from napari_splinesketch.plugin.layers.slot import Role
 from napari_splinesketch.plugin.measures import Ruler, three_digits
 from napari_splinesketch.plugin.model import Record
@@ -173,9 +173,11 @@ class EyeBox(QWidget):
         self._entries: dict[Proof, Any] = {}
         menu = QMenu(self.more)
         menu.setToolTipsVisible(True)
-        for proof, (name, tip) in words.PROOFS.items():
-            self._entries[proof] = entry = QAction(name, menu)
-            entry.setToolTip(tip)
+        for proof, maker in MAKERS.items():
+            if not maker.title:
+                continue
+            self._entries[proof] = entry = QAction(maker.title, menu)
+            entry.setToolTip(maker.tip)
             entry.setCheckable(True)
             entry.triggered.connect(partial(self._ask, proof))
             menu.addAction(entry)
@@ -207,7 +209,7 @@ class EyeBox(QWidget):
     def _ask(self, proof: Proof, on: bool) -> None:
         if self._work is not None and not self._work.proofs.ask(proof, on):
             self._entries[proof].setChecked(False)
-            self.refused.emit(words.NOTHING.get(proof, words.NOTHING_YET))
+            self.refused.emit(MAKERS[proof].nothing)
 
 
 class RefineMenu(QToolButton):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -65,10 +64,9 @@ class KnotEditing:
             keeper.say("The curve is locked." if locked else "Select one curve to edit its knots.")
             return
         self._record, self.steps = record, History(record.curve.knots[:, :2])
-        slot = partial(Slot, keeper.viewer, work.image)
-        self._slot = slot("knots", f"{work.name} knots of curve {record.id}")
-        self._preview = Preview(keeper.viewer, work.image, "preview", f"{work.name} edited")
-        layers = keeper.viewer.layers
+        there, layers = (keeper.viewer, work.image), keeper.viewer.layers
+        self._slot = Slot(*there, "knots", f"{work.name} knots of curve {record.id}")
+        self._preview = Preview(*there, "preview", f"{work.name} edited")
         self._before = layers.selection.active
         layer = self._slot.make(
             Points, in_stack(work.image, record.frame, self.steps.value), **LOOK

@@ -11,7 +11,6 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin.columns import STATUS_WORDS
 from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
-from napari_splinesketch.plugin.layers.pictures import Proof
 from napari_splinesketch.plugin.model import Key, Record
 
 if TYPE_CHECKING:
@@ -39,19 +38,6 @@ EYES: dict[str, tuple[str, str]] = {
     "outlines": ("Outlines", "Show or hide the edges of the bodies, at the fitted width"),
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
-PROOFS: dict[Proof, tuple[str, str]] = {
-    "residual": ("Residual", "Image minus model: blue below, white right, orange above"),
-    "background": ("Background", "What the model has behind the bodies"),
-    "body": ("Selected body alone", "The selected curve's body on the background"),
-    "ribbon": ("Uncertainty", "Lines at twice the standard error to both sides of each curve"),
-    "masks": ("Masks", "A Labels layer: pixels have their curve's number"),
-    "stack": ("One mask for each body", "A stack with a mask for each curve: overlaps are kept"),
-}
-NOTHING: dict[Proof, str] = {
-    "body": "Select one curve first: its body is shown alone.",
-    "ribbon": "No standard errors are known: the preset Paper gives none.",
-}
-NOTHING_YET = "There is nothing to show yet: refine first."
 NUMBERS_SHOWN = 6
 LONG_WORD = re.compile(r"\S{24,}")
 CURVE = re.compile(r"curve (\d+)")

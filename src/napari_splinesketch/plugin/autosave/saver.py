@@ -16,13 +16,7 @@ from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.folder import (
-    HEAD,
-    OLD,
-    Folder,
-    put_aside,
-    summary,
-)
+from napari_splinesketch.plugin.autosave.folder import HEAD, OLD, Folder, put_aside, summary
 from napari_splinesketch.plugin.autosave.pages import Drawn, pages_of, shapes_in
 from napari_splinesketch.plugin.autosave.place import Picture
 from napari_splinesketch.plugin.autosave.session import Head, Session

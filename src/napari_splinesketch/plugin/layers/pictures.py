@@ -62,11 +62,21 @@ class Maker:
     """What a layer is called, the values that it depends on, and what makes it of them.
 
     It stays as it is while they do; where nothing is made, there is nothing to show.
+
+    Attributes
+    ----------
+    title, tip
+        Its entry in the menu, and what that says.
+    nothing
+        Why there is nothing to show.
     """
 
     name: str
     source: Callable[[Known], Sequence[Any]]
     make: Callable[[Known], Made | None]
+    title: str = ""
+    tip: str = ""
+    nothing: str = "There is nothing to show yet: refine first."
 
 
 class ProofLayers:
@@ -282,13 +292,21 @@ def _label(record: Record) -> Label:
 
 MAKERS: dict[Proof, Maker] = {
     "reconstruction": Maker("reconstruction", _patches, _reconstruction),
-    "residual": Maker("residual", _patches, _residual),
-    "background": Maker("background", _patches, _background),
-    "body": Maker("selected body", _chosen, _body),
-    "ribbon": Maker("uncertainty", _curves, _ribbon),
-    "masks": Maker("masks", _curves, _masks),
-    "stack": Maker("masks, one a body", _curves, _stack),
-}
+    "residual": Maker("residual", _patches, _residual, "Residual",
+                      "Image minus model: blue below, white right, orange above"),
+    "background": Maker("background", _patches, _background, "Background",
+                        "What the model has behind the bodies"),
+    "body": Maker("selected body", _chosen, _body, "Selected body alone",
+                  "The selected curve's body on the background",
+                  "Select one curve first: its body is shown alone."),
+    "ribbon": Maker("uncertainty", _curves, _ribbon, "Uncertainty",
+                    "Lines at twice the standard error to both sides of each curve",
+                    "No standard errors are known: the preset Paper gives none."),
+    "masks": Maker("masks", _curves, _masks, "Masks",
+                   "A Labels layer: pixels have their curve's number"),
+    "stack": Maker("masks, one a body", _curves, _stack, "One mask for each body",
+                   "A stack with a mask for each curve: overlaps are kept"),
+}  # fmt: skip
 
 
 def alone(patch: Patch, curve: Curve, others: Sequence[Curve]) -> Float[np.ndarray, "H W"]:

@@ -160,5 +160,7 @@ class Preview(Lines):
             self.make(visible=False)
         elif self.layer is not None:
             cut = pieces([in_stack(self.image, frame, line) for line in lines])
+            first = not self._lines
             self.draw(cut, [palette.MOVING] * len(cut), line_width(size_of(self.image)))
-            self.layer.visible = True
+            if first:
+                self.layer.visible = True
