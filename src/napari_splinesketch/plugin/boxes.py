@@ -123,6 +123,8 @@ class LookBox(QWidget):
         self.by.setMinimumWidth(NARROW)
         self.by.setToolTip("What the colour of a curve says; its marks always tell its status")
         self.words = TextLabel()
+        # A legend that wraps when a scroll bar comes would itself make that necessary.
+        self.words.setWordWrap(False)
         self.ramp = QFrame()
         stops = ", ".join(f"stop: {i / (len(RAMP) - 1)} {c}" for i, c in enumerate(RAMP))
         self.ramp.setStyleSheet(
@@ -245,7 +247,7 @@ class RefineMenu(QToolButton):
 
 
 class SuggestBox(QWidget):
-    """Suggest, and how much is taken for a body: the lines follow the slider."""
+    """How much Suggest takes for a body: the lines follow the slider."""
 
     def __init__(self, controller: Controller):
         super().__init__()
@@ -260,7 +262,7 @@ class SuggestBox(QWidget):
         name.setAlignment(Qt.AlignmentFlag.AlignCenter)
         ends = QWidget()
         grid(ends, (QLabel("clear only"), name, QLabel("faint too")), 3, even=False)
-        grid(self, (self.button, ends, self.slider), 1)
+        grid(self, (ends, self.slider), 1)
         self.slider.valueChanged.connect(self._on_slider)
         self._on_slider(self.slider.value())
 

@@ -135,7 +135,9 @@ class SplinesketchDock(QWidget):
         column.setContentsMargins(4, 4, 4, 4)
         column.setSpacing(4)
         column.addLayout(form)
-        for widget in (self.draw, self.suggest, self.at_once):
+        begin = QWidget()
+        widgets.grid(begin, (self.draw, self.suggest.button), 2)
+        for widget in (begin, self.suggest, self.at_once):
             column.addWidget(widget)
         column.addLayout(widgets.row(self.refine, self.more))
         column.addWidget(self.curve)

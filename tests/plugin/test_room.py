@@ -1,0 +1,44 @@
+"""The dock has room for all that it says, also beside the review panel."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QDockWidget, QScrollArea
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
+from .fakes import FakeEngine
+from .hand import QTest, click, refine, until
+
+
+@pytest.mark.window
+def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_whole(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.window.resize(1200, 800)
+    viewer.add_image(np.zeros((4, 90, 120), np.float32), name="film")
+    lines = [[[0, r, 20], [0, r, 60]] for r in (20, 40, 60)]
+    viewer.add_shapes(lines, shape_type="line", name="film sketches")
+    fake.changes = {1: {"status": "check", "reasons": ("why",)}}
+    refine(dock)
+    around: Any = dock.parent()
+    while not isinstance(around, QDockWidget):
+        around = around.parent()
+    window = viewer.window._qt_window
+    window.resizeDocks([around], [250], Qt.Orientation.Horizontal)
+    QTest.qWait(100)
+    before = dock.height()
+    click(dock.review)
+    until(lambda: dock.panel.panel is not None and dock.panel.panel.isVisible(), 10)
+    QTest.qWait(200)
+    assert dock.height() == before
+    area = dock.findChild(QScrollArea)
+    assert area is not None
+    bar = area.verticalScrollBar()
+    assert bar is not None and bar.maximum() == 0, "nothing scrolls at 800 px"
+    legend = dock.look.words
+    bottom = legend.mapTo(dock, QPoint(0, legend.height())).y()
+    assert legend.isVisible() and bottom <= area.geometry().bottom()
+    assert legend.sizeHint().width() <= legend.width(), "and none of it is cut off"
