@@ -36,7 +36,7 @@ from napari_splinesketch.plugin.widgets import TextLabel, button, enable
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500
 """The window is shown first."""
-LINES = 4
+LINES = 3
 """Of text that there is always room for above Export, so that nothing moves."""
 IMAGE_TIP = "The image that the bodies are in"
 SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
@@ -133,7 +133,7 @@ class SplinesketchDock(QWidget):
         self.content = QWidget()
         column = QVBoxLayout(self.content)
         column.setContentsMargins(4, 4, 4, 4)
-        column.setSpacing(4)
+        column.setSpacing(3)
         column.addLayout(form)
         begin = QWidget()
         widgets.grid(begin, (self.draw, self.suggest.button), 2)
@@ -152,6 +152,7 @@ class SplinesketchDock(QWidget):
         self.texts = QWidget()
         texts = QVBoxLayout(self.texts)
         texts.setContentsMargins(0, 0, 0, 0)
+        texts.setSpacing(0)
         texts.addStretch(1)
         for label in (self.stage, self.notice, self.hint):
             texts.addWidget(label)
