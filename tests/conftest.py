@@ -26,6 +26,9 @@ GUI = ("make_napari_viewer", "make_napari_viewer_proxy", "qtbot", "qapp")
 """Fixtures that open windows."""
 
 
+LONG = ("test_responsive", "test_jobs", "test_autosave")
+"""Files whose tests wait for other processes: last, they would leave all workers but one idle."""
+
 settings.register_profile("usual", max_examples=25, deadline=None, derandomize=True)
 settings.register_profile("nightly", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "usual"))
@@ -53,7 +56,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip the tests of the window where there is none to be had."""
+    """Begin with what takes longest; skip the tests of the window where there is none to be had."""
+    items.sort(key=lambda item: item.path.stem not in LONG)
     reason = _no_window()
     if not reason:
         return
