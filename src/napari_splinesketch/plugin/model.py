@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.labels.types import Review
 from napari_splinesketch.plugin.layers.pixels import Patch, patched
+from napari_splinesketch.plugin.measures import once
 
 T = TypeVar("T")
 Line = Float[np.ndarray, "N 2"]
@@ -106,6 +107,21 @@ def prints_of(lines: Sequence[Line]) -> list[bytes]:
     rounded = np.round(np.concatenate(lines), SAME) + 0.0
     ends = np.cumsum([len(line) for line in lines]).tolist()
     return [rounded[a:b].tobytes() for a, b in pairwise([0, *ends])]
+
+
+def lengths_of(lines: Sequence[Line]) -> Float[np.ndarray, " N"]:
+    """Lengths of lines, all at once, px."""
+    points = np.concatenate(lines)
+    ends = np.cumsum([len(line) for line in lines])
+    steps = np.linalg.norm(np.diff(points, axis=0, append=points[-1:]), axis=1)
+    steps[ends - 1] = 0.0  # from one line to the next
+    return np.add.reduceat(steps, np.append(0, ends[:-1]))
+
+
+@once
+def print_of_sketch(record: Record) -> bytes:
+    """What a curve's sketch has in common with lines that are the same."""
+    return print_of(record.sketch)
 
 
 def print_of(line: Line) -> bytes:

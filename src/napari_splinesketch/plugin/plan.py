@@ -12,7 +12,6 @@ from napari_splinesketch.metrics import resample
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in, selected_in
 from napari_splinesketch.plugin.layers.space import current_frame, plane_problem
-from napari_splinesketch.plugin.measures import once
 from napari_splinesketch.plugin.model import (
     Key,
     Line,
@@ -21,7 +20,7 @@ from napari_splinesketch.plugin.model import (
     identify,
     key_of,
     length_of,
-    print_of,
+    print_of_sketch,
     prints_of,
 )
 
@@ -180,7 +179,7 @@ def _matched(
 ) -> tuple[list[int], list[bool]]:
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
-    exact = {_print_of(record): record.id for record in reversed(drawn)}
+    exact = {print_of_sketch(record): record.id for record in reversed(drawn)}
     found = [exact.get(known, 0) for known in prints_of(lines)]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
@@ -191,11 +190,6 @@ def _matched(
     others = identify(rest, left, (*state.records, *state.deleted))
     numbers = iter(others)
     return [number or next(numbers) for number in found], [bool(number) for number in found]
-
-
-@once
-def _print_of(record: Record) -> bytes:
-    return print_of(record.sketch)
 
 
 def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:

@@ -22,7 +22,13 @@ from napari_splinesketch.plugin.layers.space import (
     size_of,
     to_pixels,
 )
-from napari_splinesketch.plugin.model import Record, Suggestion, length_of, print_of
+from napari_splinesketch.plugin.model import (
+    Record,
+    Suggestion,
+    lengths_of,
+    print_of_sketch,
+    prints_of,
+)
 
 LINES = ("line", "path")
 SHORTEST = 2.0
@@ -71,14 +77,14 @@ def drawn_in(
         return Drawn()
     first = np.array([shape[0] for shape in layer.data])
     seen = _in_view(viewer, layer, image, first)
-    kinds = layer.shape_type
+    kinds, lengths = layer.shape_type, lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
         if at != frame or not seen[i] or (among and i not in among):
             continue
         if kinds[i] not in LINES:
             unusable[kinds[i]] += 1
-        elif not length_of(line) >= SHORTEST:
+        elif not lengths[i] >= SHORTEST:
             strays += 1
         else:
             lines.append(line)
@@ -235,9 +241,9 @@ class SuggestedLines:
         layer = self._sketches
         if not {self._image, layer} <= set(self._viewer.layers) or not layer.nshapes:
             return
-        refined = {(r.frame, print_of(r.sketch)) for r in records if r.drawn}
-        read = shapes_in(self._viewer, layer, self._image)
-        back = [(frame, print_of(line)) in refined for frame, line in read]
+        refined = {(r.frame, print_of_sketch(r)) for r in records if r.drawn}
+        frames, lines = zip(*shapes_in(self._viewer, layer, self._image), strict=True)
+        back = [pair in refined for pair in zip(frames, prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
         # A transparency that the user has chosen stays.
         ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))

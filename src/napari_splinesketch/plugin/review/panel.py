@@ -222,11 +222,11 @@ class PanelKeeper:
         if self.panel is None:
             self.panel = ReviewPanel(self._controller)
             self.panel.closed.connect(self._on_closed)
-            added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
             # The docks at the right keep their height: the panel goes below the canvas alone.
             self._window()._qt_window.setCorner(
                 Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
             )
+            added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
             self._paint_later(added.window())
         self.toggled.emit(True)
 
