@@ -85,6 +85,15 @@ def test_formats_without_a_place_for_it_say_so(
     assert any("no place for what you accepted" in sentence for sentence in told)
 
 
+@pytest.mark.parametrize("writer", WRITERS, ids=lambda writer: writer.name)
+def test_a_name_that_is_no_text_stops_no_writer(tmp_path: Path, writer: Format) -> None:
+    name = "w\udcff\n.tif"  # as Python gives a file name that is not in UTF-8
+    labels = replace(FULL, provenance={"image": {"name": name}})
+    write_labels(tmp_path / f"a{writer.suffix}", labels)
+    if writer.read:
+        assert len(read_labels(tmp_path / f"a{writer.suffix}").labels) == 3
+
+
 def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     write_labels(path, Labels((replace(bent(), review="accepted"),)))

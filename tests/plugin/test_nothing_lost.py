@@ -312,6 +312,22 @@ def test_an_image_with_the_longest_name_is_saved(home: Path, tmp_path: Path) -> 
     assert list(tmp_path.glob("*.splinesketch"))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other disks refuse such names")
+def test_an_image_whose_name_is_no_text_is_saved(home: Path, tmp_path: Path) -> None:
+    path = tmp_path / "worms \udcff.tif"  # a name that is not in UTF-8
+    tifffile.imwrite(path, np.zeros((96, 128), np.float32))
+    with bench() as first:
+        first.viewer.add_layer(from_file(path))
+        first.sketches(name="lines \udcff")
+        first.refine()
+        first.saver.flush()
+        assert first.saver.problem == ""
+    with bench() as again:
+        again.viewer.add_layer(from_file(path))
+        again.resume()
+        assert len(again.controller.records()) == 2
+
+
 def from_file(path: Path) -> Image:
     """An image as napari opens it."""
     image = Image(tifffile.imread(path), name=path.stem)

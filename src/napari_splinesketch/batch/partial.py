@@ -136,7 +136,7 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _json(values: object) -> bytes:
-    return json.dumps(values, ensure_ascii=False).encode()
+    return json.dumps(values).encode()
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -189,7 +189,8 @@ def held(value: object) -> Any:
 
 def write_json(path: Path, value: object) -> None:
     """Write a JSON file in UTF-8, as `pieces` encodes it."""
-    with path.open("x", encoding="utf-8") as file:
+    # Names of files may hold what is no text.
+    with path.open("x", encoding="utf-8", errors="replace") as file:
         file.writelines(pieces(value, ",", ":"))
         file.write("\n")
 

@@ -26,7 +26,7 @@ def write(path: Path, labels: AnyLabels) -> None:
     x, y and radius are in the image's units, or in pixels where it has none. Comments that other
     programs skip hold frame, identity and status of each tree.
     """
-    with path.open("x", encoding="utf-8", newline="\n") as file:
+    with path.open("x", encoding="utf-8", errors="replace", newline="\n") as file:
         file.write(OURS)
         file.writelines(pieces(head_of(labels)))
         file.write("\n# id type x y z radius parent\n")

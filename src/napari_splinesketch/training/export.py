@@ -119,7 +119,7 @@ def export_training(
             "counts": written.counts(),
         }
         text = json.dumps(manifest, ensure_ascii=False, indent=2) + "\n"
-        (temporary / MANIFEST).write_text(text, encoding="utf-8")
+        (temporary / MANIFEST).write_text(text, encoding="utf-8", errors="replace")
     return manifest
 
 

@@ -272,7 +272,8 @@ def head_text(session: Session) -> str:
         "curves": sum(len(page.records) for page in pages),
         "frames": sum(bool(page.shapes or page.records) for page in pages),
     }
-    return json.dumps(values, ensure_ascii=False)
+    # Names of files, and so of layers, may hold what is no text.
+    return json.dumps(values, ensure_ascii=False).encode("utf-8", "replace").decode("utf-8")
 
 
 def record_text(record: Record) -> str:

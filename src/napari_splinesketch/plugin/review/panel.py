@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 from weakref import ref
 
@@ -28,6 +27,7 @@ from qtpy.QtWidgets import (
 )
 from superqt.utils import qdebounced
 
+from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
@@ -185,7 +185,8 @@ class ReviewPanel(QWidget):
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")
         try:
             if chosen:
-                Path(chosen).write_text(self._as_text(","), encoding="utf-8")
+                with atomic(chosen, overwrite=True) as temporary:
+                    temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
             show_error(f"The table was not saved: {error}")
 
