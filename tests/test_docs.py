@@ -102,3 +102,12 @@ def test_the_citation_is_complete() -> None:
     cited = yaml.safe_load((DOCS / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "license"} <= set(cited)
     assert all(author.get("name") or author.get("family-names") for author in cited["authors"])
+
+
+def test_every_promise_names_a_test_that_is_there() -> None:
+    table = TEXTS["docs/safety.md"].partition("|---|---|---|\n")[2].partition("\n\n")[0]
+    for row in table.splitlines():
+        named = re.findall(r"`(tests/\S+?\.py)::(\w+)`", row)
+        assert named, row
+        for path, name in named:
+            assert f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), name
