@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from napari.layers import Layer, Shapes
+from napari.settings import get_settings
 from napari.utils.notifications import notification_manager
 from npe2 import PluginManager, PluginManifest, io_utils
 
@@ -320,6 +321,7 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
 ) -> None:
     for each in ("napari", PLUGIN):
         npe2pm.register(PluginManifest.from_distribution(each))
+    get_settings().plugins.extension2reader = {}
     before = len(notification_manager.records)
     open_tables()
     open_tables()
