@@ -19,8 +19,8 @@ LINE = np.array([[20.0, 20], [20, 60]])
 
 def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     body = {t: as_drawn(LINE + np.array([0, 2.0 * t])) for t in (3, 4, 6)}
-    curvature, speed, along, across = pictures("curve 7", body, Ruler((0.5, 0.5), "µm"))
-    assert curvature.title == "Curvature of curve 7 (1/µm)"
+    curvature, speed, along, across = pictures(body, Ruler((0.5, 0.5), "µm"))
+    assert curvature.title == "Curvature (1/µm)"
     assert speed.frames == (3, 6)
     assert speed.length == pytest.approx(20)
     np.testing.assert_allclose(along.values[:2], 1.0, atol=1e-6)
@@ -29,7 +29,7 @@ def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     clear = [along.image.pixelColor(5, row).alpha() for row in range(4)]
     assert clear == [255, 255, 0, 0]
     assert along.image.pixelColor(5, 0).name() == "#a34700", "forwards is orange"
-    assert pictures("curve 7", {3: body[3]}, Ruler()) == ()
+    assert pictures({3: body[3]}, Ruler()) == ()
 
 
 def test_the_panel_shows_the_selected_body_over_the_frames(
@@ -54,7 +54,7 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     assert panel.plots.profile is not None
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
-    assert [p.title.split(" of")[0] for p in panel.plots.pictures] == ["Curvature", "Speed"]
+    assert [p.title.split(" (")[0] for p in panel.plots.pictures] == ["Curvature", "Speed"]
     shown = panel.plots.grab().toImage()
     wanted = panel.plots.pictures[1].image.pixelColor(50, 0)
     assert wanted.name() in {

@@ -27,7 +27,7 @@ class Picture:
     Attributes
     ----------
     title
-        What it is, of which curve, with its unit.
+        What it is, with its unit.
     values
         (T, P) NaN where the body has no curve.
     frames
@@ -77,13 +77,11 @@ class Picture:
         return QRectF(box.left(), box.top() + (frame - first) * high, box.width(), high)
 
 
-def pictures(name: str, body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
+def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame.
 
     Parameters
     ----------
-    name
-        Of the curve.
     body
         Its curves by frame, px.
     ruler
@@ -96,10 +94,10 @@ def pictures(name: str, body: Mapping[int, Curve], ruler: Ruler) -> tuple[Pictur
     length = float(np.mean([ruler.along(curve.points)[-1] for curve in body.values()]))
     unit = ruler.unit
     named = (
-        (f"Curvature of {name} (1/{unit})", made.curvature, True),
-        (f"Speed of {name} ({unit}/frame)", np.hypot(made.along, made.across), False),
-        (f"Velocity along {name} ({unit}/frame)", made.along, True),
-        (f"Velocity across {name} ({unit}/frame)", made.across, True),
+        (f"Curvature (1/{unit})", made.curvature, True),
+        (f"Speed ({unit}/frame)", np.hypot(made.along, made.across), False),
+        (f"Velocity along ({unit}/frame)", made.along, True),
+        (f"Velocity across ({unit}/frame)", made.across, True),
     )
     return tuple(Picture(title, v, frames, length, unit, signed) for title, v, signed in named)
 

@@ -42,7 +42,7 @@ from napari_splinesketch.plugin.widgets import CommandButtons
 NAME = "Curves"
 LAYOUT_MS = 20
 """In which Qt finds a place for everything in a window."""
-PLOTTED = ("Along the curve", "Over time: curvature, speed", "Over time: velocity")
+PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 HEIGHT = 210
 """That it asks for, px: leaves most of a laptop's window to the canvas."""
@@ -74,6 +74,11 @@ class ReviewPanel(QWidget):
         self.shown.setToolTip("Which curves the table shows")
         self.plotted = QComboBox()
         self.plotted.addItems(PLOTTED)
+        for box in (self.shown, self.plotted):  # the buttons beside them need the room
+            box.setSizeAdjustPolicy(
+                QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+            )
+            box.setMinimumContentsLength(8)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
@@ -165,7 +170,7 @@ class ReviewPanel(QWidget):
             return
         (record,) = chosen
         if at := self.plotted.currentIndex():
-            made = pictures(f"curve {record.id}", self.model.body(record.id), ruler)
+            made = pictures(self.model.body(record.id), ruler)
             if made:
                 self.plots.show_pictures((made[2 * at - 2], made[2 * at - 1]), record.frame)
                 return

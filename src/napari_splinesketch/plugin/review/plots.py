@@ -240,7 +240,7 @@ class CurvePlots(QWidget):
         room = self.width() / 2 - LEFT - RIGHT
         said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(room))
         painter.drawText(QRectF(box.left(), 0, room, TOP - 4), BEGIN, said)
-        place = QRectF(box.left(), box.bottom() + TICK + high, box.width(), high)
+        place = QRectF(box.center().x() - room / 2, box.bottom() + TICK + high, room, high)
         painter.drawText(place, CENTRE, below)
 
     def _line(self) -> QPen:
