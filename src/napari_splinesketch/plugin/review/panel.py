@@ -74,11 +74,6 @@ class ReviewPanel(QWidget):
         self.shown.setToolTip("Which curves the table shows")
         self.plotted = QComboBox()
         self.plotted.addItems(PLOTTED)
-        for box in (self.shown, self.plotted):  # the buttons beside them need the room
-            box.setSizeAdjustPolicy(
-                QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-            )
-            box.setMinimumContentsLength(8)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
@@ -94,7 +89,6 @@ class ReviewPanel(QWidget):
         top.addWidget(self.judges)
         top.addWidget(self.count)
         top.addStretch(1)
-        top.addWidget(self.plotted)
         top.addWidget(self.shown)
         top.addWidget(self.more)
         left = QWidget()
@@ -104,7 +98,12 @@ class ReviewPanel(QWidget):
         column.addWidget(self.table, 1)
         halves = QSplitter(Qt.Orientation.Horizontal)
         halves.addWidget(left)
-        halves.addWidget(self.plots)
+        right = QWidget()
+        beside = QVBoxLayout(right)
+        beside.setContentsMargins(0, 0, 0, 0)
+        beside.addWidget(self.plotted)
+        beside.addWidget(self.plots, 1)
+        halves.addWidget(right)
         halves.setSizes(SHARES)
         layout = QHBoxLayout(self)
         layout.setContentsMargins(4, 2, 4, 2)
