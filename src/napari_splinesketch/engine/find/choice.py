@@ -3,21 +3,21 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
-SHARED, EXPLAINS = 1.0, 1.5
+SHARED, EXPLAINS = 9.8, 4.4
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
-along no other's."""
-TAKEN = 5.0
+along no other's: fitted by tests/benchmarks/path_weights.py."""
+TAKEN = 15.0
 """Cost of a path that runs along a fixed curve for all of a usual length."""
 FREE_SHARED = 4.5
 """Pieces shorter than this many half-widths may be shared for a tenth of that: bodies cross."""
-PLAUSIBLE = 8.0
+PLAUSIBLE = 12.0
 """Paths that cost more than the best one of their sketch by this are not looked at."""
 BEAM = 128
 """Sets of paths kept while sketch after sketch is added."""
@@ -41,12 +41,15 @@ class Candidates:
         (N, 2) each.
     cost
         (C,) of each path alone.
+    unseen
+        (C,) share of each without evidence.
     covers
         (C, E) which pieces of the graph it runs along.
     """
 
     lines: tuple[Line, ...]
     cost: Float[Array, " C"]
+    unseen: Float[Array, " C"]
     covers: Bool[Array, "C E"]
 
 
@@ -81,7 +84,31 @@ def choose(
     usual: float,
     taken: Bool[Array, " E"],
 ) -> list[Chosen]:
-    """The cheapest set of one path for each of some sketches.
+    """The cheapest set of one path for each of some sketches: see `sets`."""
+    paths, cost = sets(graph, candidates, half_width, usual, taken)
+    apart = ELSEWHERE * half_width
+    return [
+        Chosen(int(column[0]), _margin(mine.lines, column, cost, apart))
+        for mine, column in zip(candidates, paths.T, strict=True)
+    ]
+
+
+def prices(
+    graph: TraceGraph, half_width: float, usual: float
+) -> tuple[Float[Array, " E"], Float[Array, " E"]]:
+    """(E,) length of each piece, and what counts of it where paths share it, in usual lengths."""
+    free = graph.bridges | (graph.lengths < FREE_SHARED * half_width)
+    return graph.lengths / usual, np.where(free, 0.1, 1.0) * graph.lengths / usual
+
+
+def sets(
+    graph: TraceGraph,
+    candidates: list[Candidates],
+    half_width: float,
+    usual: float,
+    taken: Bool[Array, " E"],
+) -> tuple[Int[Array, "S n"], Float[Array, " S"]]:
+    """The cheapest sets of one path for each of some sketches, and their costs.
 
     Beside the paths' own costs a set pays for pieces of the graph that two of them run along.
 
@@ -97,11 +124,9 @@ def choose(
         (E,) pieces that lie along a fixed curve.
     """
     used = np.flatnonzero(np.any([c.covers.any(0) for c in candidates], axis=0))
-    lengths = graph.lengths[used]
-    keep = TAKEN / usual * lengths * (taken[used] & ~graph.bridges[used])
-    price = np.where(graph.bridges[used] | (lengths < FREE_SHARED * half_width), 0.1, 1.0)
-    price = lengths * price / usual
-    earned = EXPLAINS / usual * lengths
+    length, price = (x[used] for x in prices(graph, half_width, usual))
+    keep = TAKEN * length * (taken[used] & ~graph.bridges[used])
+    earned = EXPLAINS * length
     rows = np.zeros((1, 0), dtype=int)
     covered = np.zeros((1, len(used)), np.float32)
     total = np.zeros(1)
@@ -117,11 +142,7 @@ def choose(
         rows = np.concatenate([rows[which], path[:, None]], 1)
         covered = np.minimum(covered[which] + covers[path], 1)
         total = extended[which, path]
-    found: list[Chosen] = [None] * len(candidates)  # type: ignore[list-item]
-    for column, i in enumerate(order):
-        margin = _margin(candidates[i].lines, rows[:, column], total, ELSEWHERE * half_width)
-        found[i] = Chosen(int(rows[0, column]), margin)
-    return found
+    return rows[:, np.argsort(order)], total
 
 
 def _margin(lines, paths, total, apart: float) -> float:

@@ -11,7 +11,7 @@ from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, paths, scoring, strip
-from napari_splinesketch.engine.find.choice import Candidates
+from napari_splinesketch.engine.find.choice import Candidates, Chosen
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
@@ -28,12 +28,8 @@ STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
-FIRST = 200
-"""Routes whose every feature is looked at."""
 UNSEEN = 0.6
 """A path without evidence along so much of it is no body's."""
-TOO_FAR = 100.0
-"""Cost of a path that its sketch cannot mean."""
 CONTRASTS = (0.2, 4.0)
 """Of one body against the others', at least and at most."""
 
@@ -114,23 +110,42 @@ def find(
         Called with the share of the sketches whose paths are known; may raise `Stopped`.
     """
     evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
-    usual = float(np.median([spline.arc_length(s)[-1] for s in sketches]))
-    graph = trace(_mask(seen, evidence, sketches), seen.half_width, usual)
-    candidates = []
-    for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
-        tick(i / len(sketches))
-        candidates.append(_candidates(graph, sketch, WIDTHS[rung], evidence[rung], settings))
+    graph, candidates = candidates_of(seen, sketches, evidence, settings, tick)
     taken = _along(graph, fixed, seen.half_width)
     clusters = choice.interacting(candidates)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     for members in clusters:
-        chosen = choice.choose(
-            graph, [candidates[i] for i in members], seen.half_width, usual, taken
-        )
+        mine = [candidates[i] for i in members]
+        chosen = choice.choose(graph, mine, seen.half_width, usual_length(sketches), taken)
         for i, pick in zip(members, chosen, strict=True):
-            line = candidates[i].lines[pick.path]
-            starts[i] = _start(seen, sketches[i], line, seen.rungs[i], evidence, pick.margin)
+            rung = seen.rungs[i]
+            starts[i] = _start(seen, sketches[i], candidates[i], pick, rung, evidence[rung])
     return _rescaled(Found(seen, starts, clusters))
+
+
+def usual_length(sketches: list[Line]) -> float:
+    """Of the bodies, as far as the sketches tell, px."""
+    return float(np.median([spline.arc_length(s)[-1] for s in sketches]))
+
+
+def candidates_of(
+    seen: Scene,
+    sketches: list[Line],
+    evidence: dict[int, Float[Array, "H W"]],
+    settings: Settings,
+    tick: Callable[[float], None],
+) -> tuple[TraceGraph, list[Candidates]]:
+    """Pieces of body near the sketches, and paths that each sketch may mean.
+
+    `evidence` is that of every half-width that the sketches have; for the rest see `find`.
+    """
+    mask = _mask(seen, evidence, sketches)
+    graph = trace(mask, seen.half_width, usual_length(sketches))
+    candidates = []
+    for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
+        tick(i / len(sketches))
+        candidates.append(_candidates(graph, sketch, WIDTHS[rung], evidence[rung], settings))
+    return graph, candidates
 
 
 def believed(seen: Scene, sketches: list[Line]) -> Found:
@@ -184,10 +199,8 @@ def _candidates(
     along = np.zeros((0, len(graph.pieces)), dtype=bool)
     if routes:
         sampled, total = paths.sampled(graph, routes, scoring.SAMPLES)
-        rough = scoring.rough_cost(sampled, total, sketch, half_width, evidence)
-        first = np.argsort(rough, kind="stable")[:FIRST]
-        cost = scoring.cost(sampled[first], total[first], sketch, half_width, evidence)
-        best = first[np.argsort(cost, kind="stable")[: settings.paths]]
+        cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
+        best = np.argsort(cost, kind="stable")[: settings.paths]
         lines = [smoothed(paths.polyline(graph, routes[i]), SMOOTH * half_width) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
@@ -197,11 +210,12 @@ def _candidates(
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in strips]])
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
     total = np.array([spline.arc_length(line)[-1] for line in lines])
-    cost = scoring.cost(sampled, total, sketch, half_width, evidence)
-    cost[~scoring.near_enough(sampled, sketch, half_width)] += TOO_FAR
+    known = scoring.features(sampled, total, sketch, half_width, evidence)
+    cost = scoring.cost(known)
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
-    return Candidates(tuple(lines[i] for i in order), cost[order], along[order])
+    unseen = known[order, scoring.FEATURES.index("unseen")]
+    return Candidates(tuple(lines[i] for i in order), cost[order], unseen, along[order])
 
 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
@@ -216,23 +230,21 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
 def _start(
     seen: Scene,
     sketch: Line,
-    line: Line,
+    mine: Candidates,
+    pick: Chosen,
     rung: int,
-    evidence: dict[int, Float[Array, "H W"]],
-    margin: float,
+    evidence: Float[Array, "H W"],
 ) -> Start:
     """A path with what the image is like along it."""
-    sampled = spline.resample(line, scoring.SAMPLES)
-    along = ndimage.map_coordinates(evidence[rung], sampled.T, order=1)
-    unseen = float(1 - np.minimum(along / scoring.SEEN, 1).mean())
-    near = scoring.near_enough(sampled[None], sketch, WIDTHS[rung])[0]
-    if unseen > UNSEEN or not near:
+    line, unseen = mine.lines[pick.path], float(mine.unseen[pick.path])
+    if unseen > UNSEEN or mine.cost[pick.path] > scoring.TOO_FAR:
         return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
     around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
-    goes_on = scoring.goes_on(evidence[rung], sampled[None], WIDTHS[rung])[0]
-    return Start(line, True, margin, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))
+    sampled = spline.resample(line, scoring.SAMPLES)
+    goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
+    return Start(line, True, pick.margin, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))
 
 
 def _rescaled(found: Found) -> Found:

@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
-from scipy.spatial import distance
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Array
@@ -19,12 +18,11 @@ FINEST = 1.0
 """Half-widths over which a body turns, at least."""
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
-FEATURES = (
-    "unseen", "hidden", "apart", "aside", "astray", "ends_free", "ends_cut", "cuts",
-    "bending", "kink", "short", "long",
-)  # fmt: skip
-
-WEIGHTS = np.array([25, 2, 1.8, 0.0, 1.2, 0.25, 2.5, 1.2, 0.4, 6.0, 4.6, 0.1])
+FEATURES = ("unseen", "apart", "ends_cut", "bending", "kink", "short")
+WEIGHTS = np.array([25.6, 5.9, 1.5, 2.3, 21.1, 10.7])
+"""Fitted by tests/benchmarks/path_weights.py."""
+TOO_FAR = 1000.0
+"""Cost of a path that its sketch cannot mean."""
 
 Line = Float[Array, "N 2"]
 
@@ -37,49 +35,17 @@ def tolerance(sketch: Line, half_width: float) -> Float[Array, " S"]:
     return half_width + 1.0 + 0.05 * float(s[-1]) + BULGE * bulge
 
 
-def cost(
-    lines: Float[Array, "C S 2"],
-    total: Float[Array, " C"],
-    sketch: Line,
-    half_width: float,
-    evidence: Float[Array, "H W"],
-) -> Float[Array, " C"]:
-    """(C,) what paths, given at SAMPLES points and by their lengths, cost a sketch."""
-    return features(lines, total, sketch, half_width, evidence) @ WEIGHTS
-
-
-def rough_cost(
-    lines: Float[Array, "C S 2"],
-    total: Float[Array, " C"],
-    sketch: Line,
-    half_width: float,
-    evidence: Float[Array, "H W"],
-) -> Float[Array, " C"]:
-    """(C,) what can be had quickly of the same."""
-    usual, length = tolerance(sketch, half_width), float(spline.arc_length(sketch)[-1])
-    apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
-    known = np.column_stack(
-        [
-            1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
-            np.log1p(apart.mean(1)),
-            np.maximum(1 - total / length, 0),
-        ]
-    )
-    return known @ WEIGHTS[[FEATURES.index(name) for name in ("unseen", "apart", "short")]]
-
-
-def near_enough(lines: Float[Array, "C S 2"], sketch: Line, half_width: float):
-    """(C,) which paths a sketch may mean, whatever the image is like."""
-    apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2)
-    return (apart / tolerance(sketch, half_width)).mean(1) < FARTHEST
+def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
+    """(C,) what paths cost their sketch, from their features."""
+    too_far = known[:, FEATURES.index("apart")] > np.log1p(FARTHEST)
+    return known @ WEIGHTS + TOO_FAR * too_far
 
 
 def sketch_cost(line: Line, sketch: Line, half_width: float) -> float:
     """What a line costs a sketch whatever the image is like: its distance and its bends."""
-    nothing = np.ones((1, 1))
     drawn, total = spline.resample(line, SAMPLES)[None], spline.arc_length(line)[-1:]
-    known = features(drawn, total, sketch, half_width, nothing)[0] * WEIGHTS
-    return float(known[2:].sum())
+    known = features(drawn, total, sketch, half_width, np.ones((1, 1)))[0] * WEIGHTS
+    return float(known[1:].sum())
 
 
 def features(
@@ -92,30 +58,17 @@ def features(
     """(C, F) what is known of paths for one sketch, in the order of FEATURES."""
     length = float(spline.arc_length(sketch)[-1])
     usual = tolerance(sketch, half_width)
-    drawn = spline.resample(sketch, SAMPLES)
-    seen = _sampled(evidence, lines)
-    unseen = 1 - np.minimum(seen / SEEN, 1).mean(1)
-    apart = np.linalg.norm(lines - drawn, axis=2)
-    between = np.array([distance.cdist(line, drawn) for line in lines])
-    nearest = between.argmin(2)
-    to_sketch, to_path = between.min(2) / usual[nearest], between.min(1) / usual
-    ends = apart[:, [0, -1]] / usual[[0, -1]]
+    apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
     cut = goes_on(evidence, lines, half_width)
     bending, sharpest = bends(lines, total, half_width)
     return np.column_stack(
         [
-            unseen,
-            np.maximum(unseen - 0.15, 0),
-            np.log1p((apart / usual).mean(1)),
-            np.log1p((to_sketch.mean(1) + to_path.mean(1)) / 2),
-            np.log1p(to_path.max(1)),
-            np.log1p(np.where(cut, 0, ends)).mean(1),
-            np.log1p(np.where(cut, ends, 0)).mean(1),
-            cut.mean(1),
+            1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
+            np.log1p(apart.mean(1)),
+            np.log1p(np.where(cut, apart[:, [0, -1]], 0)).mean(1),
             np.minimum(bending, 3),
             np.clip(sharpest - 0.3, 0, 1),
             np.maximum(1 - total / length, 0),
-            np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
     )
 
