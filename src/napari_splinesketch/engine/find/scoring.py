@@ -19,7 +19,7 @@ FINEST = 1.0
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
 FEATURES = ("unseen", "apart", "ends_cut", "bending", "kink", "short")
-WEIGHTS = np.array([25.6, 5.9, 1.5, 2.3, 21.1, 10.7])
+WEIGHTS = np.array([25.5, 6.9, 1.6, 1.6, 50.0, 13.2])
 """Fitted by tests/benchmarks/path_weights.py."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
