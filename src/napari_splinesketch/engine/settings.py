@@ -104,7 +104,7 @@ class Settings:
     """
 
     weigh: int = 3000
-    paths: int = 40
+    paths: int = 20
     polish: LevelSettings = LevelSettings(0.0, (5, 4, 4, 4, 4, 4), 4.0)
     knots: tuple[int, ...] = (8, 12, 16, 24)
     everything: bool = False
@@ -114,5 +114,5 @@ class Settings:
 SETTINGS: dict[PresetName, Settings] = {
     "fast": Settings(weigh=1000, polish=LevelSettings(0.0, (6, 4, 4), 3.0)),
     "balanced": Settings(),
-    "thorough": Settings(weigh=6000, paths=80),
+    "thorough": Settings(weigh=6000, paths=40),
 }

@@ -201,6 +201,7 @@ def _candidates(
         sampled, total = paths.sampled(graph, routes, scoring.SAMPLES)
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
         best = np.argsort(cost, kind="stable")[: settings.paths]
+        best = best[cost[best] < cost[best[0]] + choice.PLAUSIBLE]
         lines = [smoothed(paths.polyline(graph, routes[i]), SMOOTH * half_width) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
@@ -239,7 +240,8 @@ def _start(
     line, unseen = mine.lines[pick.path], float(mine.unseen[pick.path])
     if unseen > UNSEEN or mine.cost[pick.path] > scoring.TOO_FAR:
         return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
-    around = look_around(seen.ridges, line, WIDTHS[rung])[0 if seen.contrast > 0 else 1]
+    near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
+    around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
     sampled = spline.resample(line, scoring.SAMPLES)

@@ -83,16 +83,17 @@ def _frame(
 def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Array, " S"]:
     """Columns of the cheapest way from the first row to the last (Viterbi)."""
     rows, columns = cost.shape
-    moves = np.arange(-steepest, steepest + 1)
-    price = tilt * moves.astype(float) ** 2
-    total = cost[0]
+    price = tilt * np.arange(-steepest, steepest + 1.0) ** 2
+    padded = np.full(columns + 2 * steepest, np.inf)
+    total = padded[steepest:-steepest]
+    total[:] = cost[0]
+    before = np.lib.stride_tricks.sliding_window_view(padded, len(price))
     came = np.zeros(cost.shape, dtype=np.int16)
     index = np.arange(columns)
     for row in range(1, rows):
-        padded = np.pad(total, steepest, constant_values=np.inf)
-        ways = np.lib.stride_tricks.sliding_window_view(padded, len(moves)) + price
+        ways = before + price
         came[row] = ways.argmin(1)
-        total = ways[index, came[row]] + cost[row]
+        total[:] = ways[index, came[row]] + cost[row]
     at = int(total.argmin())
     found = [at]
     for row in range(rows - 1, 0, -1):

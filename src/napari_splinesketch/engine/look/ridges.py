@@ -1,6 +1,5 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
-import itertools
 from functools import cached_property
 
 import numpy as np
@@ -137,20 +136,13 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
 def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
     """The size that heights usually have around each pixel: medians of blocks, interpolated."""
     counts = [max(1, round(size / block)) for size in height.shape]
-    rows, columns = (
-        np.linspace(0, size, n + 1).astype(int)
-        for size, n in zip(height.shape, counts, strict=True)
-    )
-    size = np.abs(height)
-    medians = np.array(
-        [
-            [np.median(size[a:b, c:d]) for c, d in itertools.pairwise(columns)]
-            for a, b in itertools.pairwise(rows)
-        ],
-        dtype=np.float32,
-    )
+    sides = [-(-size // n) for size, n in zip(height.shape, counts, strict=True)]
+    pad = [(0, n * side - size) for n, side, size in zip(counts, sides, height.shape, strict=True)]
+    blocks = np.pad(np.abs(height), pad, mode="symmetric")
+    blocks = blocks.reshape(counts[0], sides[0], counts[1], sides[1]).swapaxes(1, 2)
+    medians = np.median(blocks.reshape(*counts, -1), axis=2).astype(np.float32)
     if medians.size == 1:
         return np.full(height.shape, medians[0, 0], np.float32)
     medians = ndimage.median_filter(medians, 3, mode="nearest")
-    zoom = [n / m for n, m in zip(height.shape, medians.shape, strict=True)]
-    return np.asarray(ndimage.zoom(medians, zoom, order=1, mode="nearest", grid_mode=True))
+    wide = ndimage.zoom(medians, sides, order=1, mode="nearest", grid_mode=True)
+    return np.asarray(wide)[: height.shape[0], : height.shape[1]]

@@ -61,18 +61,22 @@ def reach_of(line: Line, half_width: float = 0.0) -> float:
     return float(max(BULGE * steps.max(), astray))
 
 
-def look_around(ridges: Ridges, line: Line, reach: float | None = None) -> tuple[Around, Around]:
+def look_around(
+    ridges: Ridges, line: Line, reach: float | None = None, wanted: range | None = None
+) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's.
 
     On profiles across the sketch the highest ridge counts, of any direction, the nearer the more;
-    the sketch's half-width is that of its median profile.
+    the sketch's half-width is that of its median profile. Looked for within `reach` px, at the
+    `wanted` indices of WIDTHS; by default both follow from the sketch.
     """
     length = float(spline.arc_length(line)[-1])
-    rungs = int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right"))
-    reach = reach_of(line, WIDTHS[rungs - 1]) if reach is None else reach
+    if wanted is None:
+        wanted = range(int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right")))
+    reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
     at, near = _profiles(line, reach)
-    heights = np.empty((2, rungs, len(at)))
-    for rung in range(rungs):
+    heights = np.zeros((2, wanted.stop, len(at)))
+    for rung in wanted:
         factor = ridges.factor(rung)
         both = ridges.heights(rung)
         size = np.array(both[0].shape)
