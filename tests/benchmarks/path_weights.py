@@ -6,8 +6,8 @@ Of each group of sketches that may mean the same pieces of body the sets of path
 the engine looks at, from generated frames that no other benchmark uses, scenes of foreign make and
 real images that are not held out; real ones also with sketches that are right already. The
 weights are those by which the sets with the most right paths are the likeliest, out of fold, the
-sources weighing the same. Printed are the lines to put into the engine, and how many bodies the
-best set loses by the weights there are and by those that were fitted.
+sources weighing the same but for generated frames. Printed are the weights there are and those
+that were fitted, and how many bodies the best set loses by either.
 """
 
 import argparse
@@ -20,7 +20,7 @@ import numpy as np
 import real_foreign
 from jaxtyping import Float
 from real_cases import FOLDERS, RIGHT, Case, in_folders, jittered
-from real_judge import shares, verdict
+from real_judge import MOST, shares
 from scipy.optimize import minimize
 
 from napari_splinesketch.engine import islands, spline
@@ -42,19 +42,19 @@ CELLS = (
 COUNTS = (1, 2, 3, 4)
 SETS = 24
 """Sets looked at in each group."""
-RIGHT_PX = 2.0
+FAR = 1.5
+"""A path so many px from the truth is worth half of one that lies on it."""
 FOLDS = 4
+SHARE = {"generated": 2.0}
+"""How much a source weighs against the others."""
 RIDGE = 0.03
 NAMES = (*scoring.FEATURES, "shared", "explains")
 NOW = np.array([*scoring.WEIGHTS, choice.SHARED, choice.EXPLAINS])
 
-UNIT = np.where(NOW > 0, NOW, 1.0)
-"""Of each weight while it is fitted."""
-
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The sets of paths of some sketches: what is known of each, and how many of them are right."""
+    """The sets of paths of some sketches: what is known of each, and how right they are."""
 
     source: str
     scene: str
@@ -64,7 +64,7 @@ class Group:
 
 
 def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
-    """The groups of one image; `right` tells of a sketch's number and a line whether it is."""
+    """The groups of one image; `right` tells how right a line is for a sketch, 0 to 1."""
     shape = image.shape
     lines = [np.asarray(s, float) for s in sketches]
     for island in islands.split(lines, range(len(lines)), (), shape):
@@ -117,7 +117,7 @@ def everything(count: int, folders) -> Iterator[Group]:
                 made = frames.frame(frames.Cell(bodies, kind, strength), index, tuning=True)
 
                 def right(i, line, made=made):
-                    return average_dtw(line, made.truths[i]) < RIGHT_PX
+                    return 1 / (1 + (average_dtw(line, made.truths[i]) / FAR) ** 2)
 
                 name = f"{bodies}_{kind}_{index}"
                 yield from groups(made.image, made.sketches, right, "generated", name)
@@ -134,7 +134,8 @@ def _of_case(case: Case, source: str) -> Iterator[Group]:
     image = image[..., :3].mean(-1) if image.ndim == 3 else image
 
     def right(i, line):
-        return verdict(*shares(line, case.references[i], case.half_width)) == "good"
+        least = min(shares(line, case.references[i], case.half_width))
+        return 1.0 if least >= MOST else least**2
 
     for sketches in case.sketches.values():
         yield from groups(image, sketches, right, source, case.name)
@@ -143,13 +144,15 @@ def _of_case(case: Case, source: str) -> Iterator[Group]:
 def fitted(known: list[Group]) -> Float[np.ndarray, " F"]:
     """Weights by which sets with many right paths are likely, near those that there are."""
     telling = [g for g in known if np.ptp(g.right) > 0]
+    usual = np.mean([g.terms.var(0) for g in telling], axis=0)
+    unit = 1 / np.sqrt(np.maximum(usual, 1e-6))
     source = [g.source for g in telling]
-    share = np.array([1 / source.count(s) for s in source])
+    share = np.array([SHARE.get(s, 1.0) / source.count(s) for s in source])
 
     def loss(relative):
         value, slope = 0.0, np.zeros(len(NOW))
         for g, weight in zip(telling, share, strict=True):
-            x = (g.terms - g.terms.mean(0)) * UNIT
+            x = (g.terms - g.terms.mean(0)) * unit
             score = -x @ relative
             p = np.exp(score - score.max())
             p /= p.sum()
@@ -157,12 +160,12 @@ def fitted(known: list[Group]) -> Float[np.ndarray, " F"]:
             expected = p @ gain
             value -= weight * np.log(expected + 1e-9)
             slope += weight * ((p * gain / (expected + 1e-9)) - p) @ x
-        apart = relative - NOW / UNIT
+        apart = relative - NOW / unit
         return value + RIDGE * apart @ apart, slope + 2 * RIDGE * apart
 
-    begin = NOW / UNIT
+    begin = NOW / unit
     found = minimize(loss, begin, jac=True, bounds=[(0, None)] * len(NOW))
-    return found.x * UNIT
+    return found.x * unit
 
 
 def lost(
@@ -194,8 +197,8 @@ def main() -> None:
     now = lost(known, NOW)
     for source, (by_now, least, bodies) in now.items():
         print(
-            f"{source:10s} {bodies:4d} bodies: {by_now:.0f} wrong now, "
-            f"{held[source][0]:.0f} out of fold, {least:.0f} whatever is chosen"
+            f"{source:10s} {bodies:4d} bodies: {by_now:.1f} wrong now, "
+            f"{held[source][0]:.1f} out of fold, {least:.1f} whatever is chosen"
         )
     for name, value, new in zip(NAMES, NOW, fitted(known), strict=True):
         print(f"{name:10s} {value:6.2f} -> {new:6.2f}")

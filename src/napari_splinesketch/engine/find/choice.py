@@ -10,14 +10,14 @@ from scipy.sparse.csgraph import connected_components
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
-SHARED, EXPLAINS = 15.0, 4.7
+SHARED, EXPLAINS = 16.0, 8.0
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
 along no other's: fitted by tests/benchmarks/path_weights.py."""
-TAKEN = 20.0
+TAKEN = 25.0
 """Cost of a path that runs along a fixed curve for all of a usual length."""
 FREE_SHARED = 4.5
 """Pieces shorter than this many half-widths may be shared for a tenth of that: bodies cross."""
-PLAUSIBLE = 12.0
+PLAUSIBLE = 14.0
 """Paths that cost more than the best one of their sketch by this are not looked at."""
 BEAM = 128
 """Sets of paths kept while sketch after sketch is added."""

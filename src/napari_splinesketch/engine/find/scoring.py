@@ -1,5 +1,7 @@
 """What each path costs a sketch: one bounded score, for every use."""
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -14,12 +16,13 @@ FARTHEST = 3.0
 """No sketch means a path that is on average farther from it, in its tolerances."""
 BULGE = 0.25
 """Of a body between two vertices of its sketch, px for each px from the nearer one."""
-FINEST = 1.0
-"""Half-widths over which a body turns, at least."""
+SMOOTH, WIDEST = 3.0, 8.0
+"""Paths are smoothed over so many half-widths before their bends are measured, and over so many of
+their SAMPLES at most."""
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
-FEATURES = ("unseen", "apart", "ends_cut", "bending", "kink", "short")
-WEIGHTS = np.array([25.5, 6.9, 1.6, 1.6, 50.0, 13.2])
+FEATURES = ("unseen", "apart", "ends_cut", "kink", "short", "long")
+WEIGHTS = np.array([26.0, 4.6, 2.3, 13.0, 15.5, 3.0])
 """Fitted by tests/benchmarks/path_weights.py."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
@@ -60,15 +63,14 @@ def features(
     usual = tolerance(sketch, half_width)
     apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
     cut = goes_on(evidence, lines, half_width)
-    bending, sharpest = bends(lines, total, half_width)
     return np.column_stack(
         [
             1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
             np.log1p(apart.mean(1)),
             np.log1p(np.where(cut, apart[:, [0, -1]], 0)).mean(1),
-            np.minimum(bending, 3),
-            np.clip(sharpest - 0.3, 0, 1),
+            np.minimum(bends(lines, total, half_width)[1], 1),
             np.maximum(1 - total / length, 0),
+            np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
     )
 
@@ -92,15 +94,27 @@ def goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
 def bends(
     lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
 ) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
-    """Integrated squared curvature and largest curvature of paths, in units of the half-width."""
-    # The skeleton zigzags by about a half-width where bodies cross; the bodies do not.
-    smooth = lines
-    for _ in range(3):
-        middle = (smooth[:, :-2] + 2 * smooth[:, 1:-1] + smooth[:, 2:]) / 4
-        smooth = np.concatenate([smooth[:, :1], middle, smooth[:, -1:]], axis=1)
-    step = np.diff(smooth, axis=1)
+    """Integrated squared curvature and largest curvature of paths, in units of the half-width.
+
+    Of the paths smoothed over SMOOTH half-widths: skeletons zigzag where bodies cross, and bodies
+    do not.
+    """
+    count = lines.shape[1]
+    smooth = _smoothing(count, round(SMOOTH * half_width * count / float(np.median(total)), 1))
+    step = np.diff(smooth @ lines, axis=1)
     heading = np.arctan2(step[..., 1], step[..., 0])
     turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = np.maximum(total / (lines.shape[1] - 1), FINEST * half_width)[:, None]
-    bend = turn * half_width / spacing
-    return (bend**2 * spacing / half_width).sum(1), bend.max(1)
+    spacing = (total / (count - 1))[:, None] / half_width
+    bend = turn / spacing
+    return (bend**2 * spacing).sum(1), bend.max(1)
+
+
+@lru_cache(maxsize=64)
+def _smoothing(count: int, sigma: float) -> Float[Array, "S S"]:
+    """(S, S) smooths a row of points by a Gaussian of so many of them; its ends stay."""
+    points = np.eye(count)
+    before, after = 2 * points[:1] - points[:0:-1], 2 * points[-1:] - points[-2::-1]
+    extended = np.concatenate([before, points, after])
+    return ndimage.gaussian_filter1d(extended, min(sigma, WIDEST), axis=0)[
+        count - 1 : 2 * count - 1
+    ]
