@@ -167,7 +167,7 @@ def test_two_sketches_do_not_take_one_body():
 def test_margin_is_what_the_best_other_path_costs_more():
     lines = tuple(np.array([[row, 0.0], [row, 50.0]]) for row in (0.0, 0.5, 20.0))
     covers = np.eye(3, dtype=bool)
-    candidates = choice.Candidates(lines, np.array([1.0, 1.5, 3.0]), covers)
+    candidates = choice.Candidates(lines, np.array([1.0, 1.5, 3.0]), np.zeros(3), covers)
     graph = tracing.TraceGraph(
         np.zeros((6, 2)), np.ones(6, bool), lines, np.arange(6).reshape(3, 2),
         np.full(3, 50.0), np.zeros((3, 2, 2)), np.zeros(3, bool),
