@@ -33,8 +33,6 @@ def test_results_are_whole(results, name):
 
 
 WEAK = {
-    "many_points": "one end goes on for some px, unmarked (docs/limits.md)",
-    "told_wide": "a wrong half-width that was told costs an end, unmarked (docs/limits.md)",
     "tangle": "exchanged tails, not always marked (docs/limits.md)",
 }
 

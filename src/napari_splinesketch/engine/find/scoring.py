@@ -25,8 +25,8 @@ AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
 FEATURES = ("unseen", "apart", "ends_cut", "kink", "short", "long")
 WEIGHTS = np.array([26.0, 4.6, 2.3, 13.0, 15.5, 2.0])
-"""Fitted by tests/benchmarks/path_weights.py and rounded; "long" is held low, since the straight line
-between a body's ends is shorter than the body."""
+"""Fitted by tests/benchmarks/path_weights.py and rounded; "long" is held low, since a straight line
+between the ends of a body is shorter than the body."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
 
