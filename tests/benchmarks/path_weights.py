@@ -89,18 +89,21 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     [right(island.members[members[i]], x + island.corner) for x in c.lines]
                     for i, c in zip(cluster, of, strict=True)
                 ]
-                covers = sum(c.covers[p].astype(float) for c, p in zip(of, paths.T, strict=True))
+                covers = _sums([c.covers for c in of], paths)
                 terms = np.column_stack(
                     [
-                        sum(f[p] for f, p in zip(known, paths.T, strict=True)),
+                        _sums(known, paths),
                         np.maximum(covers - 1, 0) @ price,
                         -(covers > 0).astype(float) @ length,
                     ]
                 )
-                count = sum(
-                    np.array(g)[p].astype(float) for g, p in zip(good, paths.T, strict=True)
-                )
+                count = _sums([np.array(g) for g in good], paths)
                 yield Group(source, name, terms, count, len(cluster))
+
+
+def _sums(values: list[np.ndarray], paths: np.ndarray) -> np.ndarray:
+    """Over the paths of each set."""
+    return np.sum([of[p] for of, p in zip(values, paths.T, strict=True)], axis=0, dtype=float)
 
 
 def _features(candidates, sketch, rung: int, evidence) -> Float[np.ndarray, "C F"]:
@@ -182,7 +185,7 @@ def lost(
 
 def main() -> None:
     """Gather, fit, print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--frames", type=int, default=24, help="frames a cell")
     parser.add_argument("--folder", type=Path, action="append", help="of real cases")
     options = parser.parse_args()
