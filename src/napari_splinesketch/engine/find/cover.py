@@ -40,6 +40,8 @@ ROUTES = 300
 ALL_ROUTES = 20_000
 """The same from all nodes of one connected part."""
 SAMPLES = 24
+FINEST, SMOOTH = 1.0, 1.2
+"""Bends are measured over so many half-widths at least, on paths smoothed over so many samples."""
 GAP = 0.02
 """Share by which a set of paths may be worse than the best one."""
 SECONDS = 1.0
@@ -143,7 +145,8 @@ def _cost(
     """What each path costs for its bends and its length, in half-widths."""
     drawn = np.array([resample(line, SAMPLES) for line in lines])
     total = np.array([arc_length(line)[-1] for line in lines])
-    bending, sharpest = bends(drawn, total, half_width)
+    spacing = np.maximum(total / (SAMPLES - 1), FINEST * half_width)
+    bending, sharpest = bends(drawn, spacing, half_width, SMOOTH)
     cost = BENDING * bending + KINK * np.maximum(sharpest - SHARPEST, 0)
     if usual:
         low, high = (factor * usual for factor in PLAUSIBLE)

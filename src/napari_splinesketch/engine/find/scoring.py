@@ -66,12 +66,14 @@ def features(
     usual = tolerance(sketch, half_width)
     apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
     cut = goes_on(evidence, lines, half_width)
+    smooth = SMOOTH * half_width * SAMPLES / float(np.median(total))
+    sharpest = bends(lines, total / (SAMPLES - 1), half_width, smooth)[1]
     return np.column_stack(
         [
             1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
             np.log1p(apart.mean(1)),
             np.log1p(np.where(cut, apart[:, [0, -1]], 0)).mean(1),
-            np.clip(bends(lines, total, half_width)[1] - BENT, 0, 1),
+            np.clip(sharpest - BENT, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
@@ -95,21 +97,19 @@ def goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
 
 
 def bends(
-    lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
+    lines: Float[Array, "C S 2"], spacing: Float[Array, " C"], half_width: float, smooth: float
 ) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
     """Integrated squared curvature and largest curvature of paths, in units of the half-width.
 
-    Of the paths smoothed over SMOOTH half-widths: skeletons zigzag where bodies cross, and bodies
-    do not.
+    `spacing` is that of their points, px; they are smoothed over `smooth` points first: skeletons
+    zigzag where bodies cross, and bodies do not.
     """
-    count = lines.shape[1]
-    smooth = _smoothing(count, round(SMOOTH * half_width * count / float(np.median(total)), 1))
-    step = np.diff(smooth @ lines, axis=1)
+    step = np.diff(_smoothing(lines.shape[1], round(min(smooth, WIDEST), 1)) @ lines, axis=1)
     heading = np.arctan2(step[..., 1], step[..., 0])
     turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    spacing = (total / (count - 1))[:, None] / half_width
-    bend = turn / spacing
-    return (bend**2 * spacing).sum(1), bend.max(1)
+    apart = spacing[:, None] / half_width
+    bend = turn / apart
+    return (bend**2 * apart).sum(1), bend.max(1)
 
 
 @lru_cache(maxsize=64)
@@ -118,6 +118,4 @@ def _smoothing(count: int, sigma: float) -> Float[Array, "S S"]:
     points = np.eye(count)
     before, after = 2 * points[:1] - points[:0:-1], 2 * points[-1:] - points[-2::-1]
     extended = np.concatenate([before, points, after])
-    return ndimage.gaussian_filter1d(extended, min(sigma, WIDEST), axis=0)[
-        count - 1 : 2 * count - 1
-    ]
+    return ndimage.gaussian_filter1d(extended, sigma, axis=0)[count - 1 : 2 * count - 1]
