@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from qtpy.QtCore import QAbstractItemModel, Qt
 
-from napari_splinesketch.plugin.columns import COLUMNS, SHOWN, as_text, features
-from napari_splinesketch.plugin.measures import Ruler, measure, severity, three_digits
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.columns import (
+    COLUMNS,
+    SHOWN,
+    alone,
+    as_text,
+    features,
+    severity,
+    three_digits,
+)
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.table import CurvesModel, Shown
 
@@ -39,6 +48,12 @@ def in_order(model: CurvesModel) -> CurvesModel:
     return model
 
 
+def measure(name: str, curve: Curve, ruler: Ruler) -> float:
+    """Give what a column says of a curve."""
+    (found,) = (column for column in COLUMNS if column.name == name)
+    return found.value(Record(1, 0, curve.points, curve), ruler, alone)
+
+
 def column(model: QAbstractItemModel, title: str) -> list[str]:
     at = [c.title for c in SHOWN].index(title)
     return [model.index(row, at).data() for row in range(model.rowCount())]
@@ -54,11 +69,11 @@ def test_lengths_are_in_the_unit_whichever_way_a_body_runs() -> None:
     upright = as_drawn(np.array([[0.0, 0.0], [30.0, 0.0]]))
     lying = as_drawn(np.array([[0.0, 0.0], [0.0, 30.0]]))
     ruler = Ruler((2.0, 0.5), "µm")
-    assert measure(upright, ruler).length == pytest.approx(60)
-    assert measure(lying, ruler).length == pytest.approx(15)
-    assert measure(upright, ruler).half_width_mean == pytest.approx(2 * 0.5)
-    assert measure(lying, ruler).half_width_max == pytest.approx(2 * 2.0)
-    assert measure(lying, ruler).sd == pytest.approx(0.1 * 2.0)
+    assert measure("length", upright, ruler) == pytest.approx(60)
+    assert measure("length", lying, ruler) == pytest.approx(15)
+    assert measure("half_width_mean", upright, ruler) == pytest.approx(2 * 0.5)
+    assert measure("half_width_max", lying, ruler) == pytest.approx(2 * 2.0)
+    assert measure("sd", lying, ruler) == pytest.approx(0.1 * 2.0)
 
 
 def test_the_worst_come_first() -> None:
@@ -125,11 +140,9 @@ def test_only_what_changed_is_shown_anew() -> None:
 
 
 def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    from napari_splinesketch.plugin.review import table as module
-
-    asked = []
-    real = module.measure
-    monkeypatch.setattr(module, "measure", lambda c, r: asked.append(c) or real(c, r))
+    asked: list[Any] = []
+    real = Ruler.along
+    monkeypatch.setattr(Ruler, "along", lambda self, p: asked.append(p) or real(self, p))
     model = CurvesModel()
     model.show_records(tuple(record(i) for i in range(1, 301)), Ruler())
     assert not asked
@@ -141,7 +154,7 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
 def text(records: tuple[Record, ...], ruler: Ruler, **options: str) -> str:
     model = CurvesModel()
     model.show_records(records, ruler)
-    return as_text(records, model.measures, ruler.unit, **options)
+    return as_text(records, ruler, model.curve_at, **options)
 
 
 def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
@@ -160,8 +173,9 @@ def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
 def test_curvature_is_that_of_a_circle_in_the_unit() -> None:
     angle = np.linspace(0, 2, 100)
     circle = 20 * np.column_stack([np.sin(angle), np.cos(angle)])
-    found = measure(replace(as_drawn(circle), points=circle), Ruler((0.5, 0.5), "µm"))
-    assert found.curvature == pytest.approx(1 / 10, rel=0.01)
+    curve = replace(as_drawn(circle), points=circle)
+    found = measure("curvature", curve, Ruler((0.5, 0.5), "µm"))
+    assert found == pytest.approx(1 / 10, rel=0.01)
 
 
 def test_the_table_as_text() -> None:

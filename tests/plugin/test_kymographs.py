@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 

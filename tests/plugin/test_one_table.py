@@ -13,7 +13,7 @@ from napari_splinesketch.plugin.columns import COLOUR_BY, COLUMNS
 from napari_splinesketch.plugin.commands import COMMANDS
 
 COLUMN = """
-    Column("knots", "Knots", "How many lead it", lambda r, m: len(r.curve.knots), "number",
+    Column("knots", "Knots", "How many lead it", _said(lambda r: len(r.curve.knots)), "number",
            colour="number of knots"),
     Column("locked","""
 COMMAND = """
@@ -27,7 +27,7 @@ app = QApplication([])
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.columns import as_text, features
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.measures import Ruler, measure
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 from plugin.fakes import as_drawn
@@ -50,7 +50,7 @@ assert "Knots" in titles, titles
 assert model.index(0, titles.index("Knots")).data() == "10"
 record = controller.records()[0]
 assert list(features([record])["knots"]) == [10]
-assert "knots" in as_text([record], lambda r: measure(r.curve, Ruler()), "px").splitlines()[0]
+assert "knots" in as_text([record], Ruler()).splitlines()[0]
 assert dock.look.by.findText("Colour by number of knots") > 0
 dock.look.show_look("knots", [record], Ruler())
 assert dock.look.low.text() == "10.0"

@@ -30,11 +30,11 @@ from superqt import QElidingLabel
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of
+from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof
 from napari_splinesketch.plugin.layers.slot import Role
-from napari_splinesketch.plugin.measures import Ruler, three_digits
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.settings import PREFERENCES, Settings

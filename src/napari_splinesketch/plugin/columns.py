@@ -6,28 +6,32 @@ A column that is added here is in all of them.
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import StringIO
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
-from napari_splinesketch.plugin.measures import (
-    Measures,
-    Ruler,
-    measure,
-    once,
-    severity,
-    three_digits,
-)
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, once
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of
-from napari_splinesketch.tracking.over_time import mean_speed
+from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
+NOTICEABLE_RESIDUAL = 0.25
+NOTICEABLE_SD = 0.5
+"""What weighs the same when the worst curve is looked for: share of the contrast, px."""
+RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
+UNKNOWN = "–"
+PIXELS = Ruler()
+
+T = TypeVar("T")
+CurveAt = Callable[[Key], Curve | None]
+Value = Callable[[Record, Ruler, CurveAt], Any]
+"""What is said of a curve in a ruler's unit, maybe with its body's curves in other frames."""
 
 
 @dataclass(frozen=True)
@@ -52,26 +56,65 @@ class Column:
     name: str
     title: str
     tip: str
-    value: Callable[[Record, Measures], Any]
+    value: Value
     kind: Literal["length", "number", "text"] = "text"
     said: Callable[[Record], str] | None = None
     order: Callable[[Record], Any] | None = None
     width: str = "00000"
     colour: str = ""
 
-    def text(self, record: Record, measures: Measures) -> str:
+    def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
         if self.said is not None:
             return self.said(record)
-        value = self.value(record, measures)
+        value = self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def key(self, record: Record, measures: Callable[[], Measures]) -> Any:
+    def key(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
         """Give what the table sorts by; what is not known comes first."""
         if self.order is not None:
             return self.order(record)
-        value = self.value(record, measures())
+        value = self.value(record, ruler, curve_at)
         return -math.inf if isinstance(value, float) and math.isnan(value) else value
+
+
+def _said(find: Callable[[Record], Any]) -> Value:
+    """Say something of a record, whatever the ruler."""
+    return lambda record, ruler, curve_at: find(record)
+
+
+def with_ruler(find: Callable[[Curve, Ruler], T]) -> Callable[[Curve, Ruler], T]:
+    """Work something out of a curve once with each ruler."""
+
+    @once
+    def known(curve: Curve) -> dict[Ruler, T]:
+        return {}
+
+    def found(curve: Curve, ruler: Ruler) -> T:
+        values = known(curve)
+        if ruler not in values:
+            values[ruler] = find(curve, ruler)
+        return values[ruler]
+
+    return found
+
+
+half_widths = with_ruler(lambda curve, ruler: ruler.across(curve, curve.half_width))
+
+
+def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
+    """Measure a curve alone."""
+    known = with_ruler(lambda curve, ruler: float(find(curve, ruler)))
+    return lambda record, ruler, curve_at: known(record.curve, ruler)
+
+
+def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
+    """Mean over the curve's points, in units a frame; NaN without a curve in a frame beside."""
+    beside = [curve_at((record.frame + step, record.id)) for step in (-1, 1)]
+    before, after = (one and one.points * ruler.scale for one in beside)
+    if before is None and after is None:
+        return math.nan
+    return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
 def _status(record: Record) -> str:
@@ -79,38 +122,51 @@ def _status(record: Record) -> str:
     return f"{STATUS_WORDS[status]} {MARKS[status]}".rstrip()
 
 
-def _severity(record: Record) -> tuple[int, float]:
-    return severity(record.curve)
+@once
+def severity(curve: Curve) -> tuple[int, float]:
+    """Say how much a curve needs review: by status, then by residual and sd."""
+    numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
+    return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
+
+
+def three_digits(value: float) -> str:
+    """Write a number with three digits that count, and never with an exponent."""
+    if not np.isfinite(value):
+        return UNKNOWN
+    decimals = 2 - int(np.floor(np.log10(abs(value)))) if value else 0
+    return f"{value:.{min(max(decimals, 0), 6)}f}"
 
 
 COLUMNS = (
-    Column("id", "Curve", "Number of the curve", lambda r, m: r.id, "number", width="■ 0000"),
-    Column("frame", "Frame", "Frame that it is in", lambda r, m: r.frame, "number", width="0000"),
-    Column("reasons", "Reasons", "Why it needs review", lambda r, m: "; ".join(r.curve.reasons),
-           width="0" * 34),
+    Column("id", "Curve", "Number of the curve", _said(lambda r: r.id), "number", width="■ 0000"),
+    Column("frame", "Frame", "Frame that it is in", _said(lambda r: r.frame), "number",
+           width="0000"),
+    Column("reasons", "Reasons", "Why it needs review",
+           _said(lambda r: "; ".join(r.curve.reasons)), width="0" * 34),
     Column("status", "Status",
            "What the refinement says of it; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
-           lambda r, m: str(r.curve.status), said=_status, order=_severity,
+           _said(lambda r: str(r.curve.status)), said=_status, order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
-    Column("review", "Reviewed", "What you say of it", lambda r, m: str(r.review),
+    Column("review", "Reviewed", "What you say of it", _said(lambda r: str(r.review)),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
-    Column("length", "Length (%)", "Arc length of the centreline", lambda r, m: m.length,
-           "length", colour="length"),
+    Column("length", "Length (%)", "Arc length of the centreline",
+           _measured(lambda c, ruler: ruler.along(c.points)[-1]), "length", colour="length"),
     Column("half_width_mean", "Half-width (%)", "From the centreline to the edge, mean",
-           lambda r, m: m.half_width_mean, "length", colour="mean half-width"),
+           _measured(lambda c, ruler: np.mean(half_widths(c, ruler))), "length",
+           colour="mean half-width"),
     Column("half_width_max", "Largest (%)", "From the centreline to the edge, largest",
-           lambda r, m: m.half_width_max, "length"),
-    Column("sd", "Error (%)", "Standard error of the centreline, across it", lambda r, m: m.sd,
-           "length", colour="standard error"),
+           _measured(lambda c, ruler: np.max(half_widths(c, ruler))), "length"),
+    Column("sd", "Error (%)", "Standard error of the centreline, across it: median along it",
+           _measured(lambda c, ruler: np.median(ruler.across(c, c.sd))), "length",
+           colour="standard error"),
     Column("residual", "Residual", "Image minus model around it, as a share of its contrast",
-           lambda r, m: m.residual, "number", colour="residual"),
+           _said(lambda r: r.curve.residual), "number", colour="residual"),
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
-           lambda r, m: m.curvature, "number"),
+           _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
-           "Mean over the body's points, from its curves in the frames beside",
-           lambda r, m: m.speed, "number"),
-    Column("locked", "", "Whether it stays as it is", lambda r, m: r.locked),
+           "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
+    Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
 SETTING = {"half_width_mean": "half_width"}
 """The columns that are called otherwise in the settings."""
@@ -122,60 +178,45 @@ Look = tuple[str, Ruler]
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 """Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
 read by everybody."""
-UNKNOWN = "#999999"
+GREY = "#999999"
+"""Of a curve whose number is not known."""
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
 
 
-@once
-def in_pixels(curve: Curve) -> Measures:
-    """Measure a curve in px, once."""
-    return measure(curve, Ruler())
+def alone(key: Key) -> None:
+    """Know of no curve in another frame."""
+
+
+def in_pixels(record: Record) -> None:
+    """Measure a curve in px: what `features` asks for is known from then on."""
+    for column in COLUMNS:
+        column.value(record, PIXELS, alone)
 
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """What a layer of curves says of each of them; lengths in px."""
-    curves = {key_of(record): record.curve for record in records}
-    measured = [in_film(in_pixels(record.curve), record, curves.get, Ruler()) for record in records]
+    curve_at = {key_of(record): record.curve for record in records}.get
     return pd.DataFrame(
-        {
-            column.name: [column.value(r, m) for r, m in zip(records, measured, strict=True)]
-            for column in COLUMNS
-        }
+        {column.name: [column.value(r, PIXELS, curve_at) for r in records] for column in COLUMNS}
     )
 
 
-def in_film(
-    measures: Measures, record: Record, curve_at: Callable[[Key], Curve | None], ruler: Ruler
-) -> Measures:
-    """Add to a curve's measures what its body's curves in the frames beside tell."""
-    around = [curve_at((record.frame + step, record.id)) for step in (-1, 1)]
-    if not any(around):
-        return measures
-    before, after = (one and one.points * ruler.scale for one in around)
-    return replace(measures, speed=mean_speed(before, record.curve.points * ruler.scale, after))
-
-
 def as_text(
-    records: Sequence[Record],
-    measures: Callable[[Record], Measures],
-    unit: str,
-    *,
-    separator: str = ",",
+    records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
     file = StringIO()
     writer = csv.writer(file, delimiter=separator, lineterminator="\n")
     writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
     for record in records:
-        measured = measures(record)
-        writer.writerow([*(c.value(record, measured) for c in COLUMNS), unit])
+        writer.writerow([*(c.value(record, ruler, curve_at) for c in COLUMNS), ruler.unit])
     return file.getvalue()
 
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
     """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    values = np.array(_numbers(records, look))
+    values = _numbers(records, look)
     known = values[np.isfinite(values)]
     return (float(known.min()), float(known.max())) if known.size else None
 
@@ -188,16 +229,15 @@ def colours_of(records: Sequence[Record], look: Look) -> list[str]:
     return [_on_ramp(value, low, high) for value in _numbers(records, look)]
 
 
-def _numbers(records: Sequence[Record], look: Look) -> list[float]:
+def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:
     by, ruler = look
-    if by == "status":
-        return []
-    return [float(COLOURED[by].value(r, measure(r.curve, ruler))) for r in records]
+    values = [] if by == "status" else [COLOURED[by].value(r, ruler, alone) for r in records]
+    return np.array(values, dtype=float)
 
 
 def _on_ramp(value: float, low: float, high: float) -> str:
     if not np.isfinite(value):
-        return UNKNOWN
+        return GREY
     at = (value - low) / (high - low) * (len(RAMP) - 1) if high > low else (len(RAMP) - 1) / 2
     stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
     mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]

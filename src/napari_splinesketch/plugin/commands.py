@@ -12,8 +12,8 @@ from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import shaping, words
+from napari_splinesketch.plugin.columns import severity
 from napari_splinesketch.plugin.layers.space import look_at, pointer
-from napari_splinesketch.plugin.measures import severity
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from napari_splinesketch.plugin.choices import Choices
 from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.engine import How
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
-from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
 from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
 from napari_splinesketch.plugin.settings import Settings
 from napari_splinesketch.plugin.work import Drawing, Work, works_in

@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.labels.types import Review
+from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.pixels import Patch, patched
-from napari_splinesketch.plugin.measures import once
 
 T = TypeVar("T")
 Line = Float[np.ndarray, "N 2"]

@@ -10,6 +10,7 @@ from napari.components import ViewerModel
 from napari.layers import Image, Layer, Points
 from superqt.utils import qthrottled
 
+from napari_splinesketch.plugin.columns import severity
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, normals, reach
 from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
@@ -18,7 +19,6 @@ from napari_splinesketch.plugin.layers.space import (
     in_stack,
     unit_factors,
 )
-from napari_splinesketch.plugin.measures import severity
 from napari_splinesketch.plugin.model import Record
 
 LETTER, LINE, GAP = 9.0, 16.0, 10.0

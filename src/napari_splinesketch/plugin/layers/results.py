@@ -29,8 +29,7 @@ from napari_splinesketch.plugin.layers.looks import (
 )
 from napari_splinesketch.plugin.layers.marks import Marks
 from napari_splinesketch.plugin.layers.slot import Known, Lines, Role, Slot, undisturbed
-from napari_splinesketch.plugin.layers.space import in_stack
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, in_stack
 from napari_splinesketch.plugin.model import Key, Record, key_of
 
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
@@ -97,8 +96,8 @@ class CurveLines(Slot):
         ):
             self._shown = [*self._shown, *fresh[done]]
             self._colours = [*self._colours, *colours[done]]
-            for curve in curves[done]:
-                in_pixels(curve)  # a few at a time: they are asked for all at once below
+            for record in fresh[done]:
+                in_pixels(record)  # a few at a time: they are asked for all at once below
             yield
         now = {id(record.curve): record for record in records}
         self._describe([now[id(record.curve)] for record in self._shown], look)

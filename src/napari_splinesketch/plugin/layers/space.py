@@ -6,6 +6,7 @@ match. What lies where is decided here as the window draws it.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,34 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.labels.geometry import width_growth
 
 Points = Float[np.ndarray, "N D"]
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Turns pixels into the image's unit, by the (y, x) size of a pixel; "px" where it has none."""
+
+    scale: tuple[float, float] = (1.0, 1.0)
+    unit: str = "px"
+
+    @property
+    def pixel(self) -> float:
+        """Size of a pixel: the mean of both directions."""
+        return (self.scale[0] * self.scale[1]) ** 0.5
+
+    def along(self, points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
+        """Distance from the first point along a line of (row, col), px, in the unit."""
+        steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def across(self, curve: Curve, values: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+        """Turn distances from a curve, px, into the unit, whichever way it runs."""
+        if self.scale[0] == self.scale[1]:
+            return values * self.scale[0]
+        return values * width_growth(curve.points, self.scale)
 
 
 def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -> Points:

@@ -11,7 +11,7 @@ from qtpy.QtGui import QImage
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.columns import RAMP
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.tracking import kymograph
 
 SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")

@@ -31,11 +31,10 @@ from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.measures import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import pictures
-from napari_splinesketch.plugin.review.plots import CurvePlots, theme_of
-from napari_splinesketch.plugin.review.profiles import Profiles
+from napari_splinesketch.plugin.review.plots import CurvePlots, profile_of, theme_of
 from napari_splinesketch.plugin.review.table import SHOWN, CurvesModel, CurvesTable
 from napari_splinesketch.plugin.widgets import CommandButtons
 
@@ -58,7 +57,6 @@ class ReviewPanel(QWidget):
     def __init__(self, controller: Controller):
         super().__init__()
         self.controller = controller
-        self._profiles = Profiles()
         self._known: tuple[tuple[Record, ...], Ruler] | None = None
         self._build()
         self._lay_out()
@@ -173,7 +171,8 @@ class ReviewPanel(QWidget):
             if made:
                 self.plots.show_pictures((made[2 * at - 2], made[2 * at - 1]), record.frame)
                 return
-        self.plots.show_profile(self._profiles.profile(work, record, ruler))
+        patch = work.patches.get(record.frame)
+        self.plots.show_profile(profile_of(work.image, patch, record, work.records, ruler))
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
@@ -183,7 +182,7 @@ class ReviewPanel(QWidget):
 
     def _as_text(self, separator: str) -> str:
         model = self.model
-        return as_text(self.visible(), model.measures, model.ruler.unit, separator=separator)
+        return as_text(self.visible(), model.ruler, model.curve_at, separator=separator)
 
     def _ask_where(self) -> None:
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")

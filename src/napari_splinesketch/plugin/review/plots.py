@@ -1,23 +1,29 @@
 """Plots beside the table: of the selected curve along it, and of its body over the frames."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Real
+from napari.layers import Image
 from napari.utils.theme import get_theme
 from qtpy.QtCore import QPointF, QRectF, Qt
 from qtpy.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from qtpy.QtWidgets import QWidget
+from scipy.ndimage import map_coordinates
 
-from napari_splinesketch.plugin.measures import three_digits
+from napari_splinesketch.plugin.columns import half_widths, three_digits
+from napari_splinesketch.plugin.layers.looks import normals
+from napari_splinesketch.plugin.layers.pixels import Grid, Patch, block_on
+from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import Picture
 
+Along = Float[np.ndarray, " P"]
+Range = tuple[float, float]
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
 """What steps from tick to tick begin with."""
-Along = Float[np.ndarray, " P"]
 SMALL = 8
 """Size of the text, pt."""
 LEFT, RIGHT, TOP, BOTTOM = 42, 10, 22, 34
@@ -32,11 +38,14 @@ SWATCH = 14
 """Length of a line in the legend, px."""
 ROOM, LEGEND = 0.08, 0.25
 """Left free above and below the lines, and for the legend, as a share of what they span."""
-WIDTH, RESIDUAL = "Select a curve: its half-width along it", "What the model leaves unexplained"
-NO_MODEL = "No model of this frame to compare with"
-CENTRE = Qt.AlignmentFlag.AlignCenter
-BESIDE = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-BEGIN = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+SPACING = 0.5
+"""Between the places across a body at which the picture is read, px at most."""
+EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
+NO_MODEL = "There is no model of this frame to compare with"
+ALIGN = Qt.AlignmentFlag
+CENTRE = ALIGN.AlignCenter
+BEGIN = ALIGN.AlignLeft | ALIGN.AlignVCenter
+BESIDE = ALIGN.AlignRight | ALIGN.AlignVCenter
 
 
 @dataclass(frozen=True)
@@ -53,11 +62,9 @@ class Theme:
 def theme_of(name: str) -> Theme:
     """Give the colours that go with one of napari's themes."""
     theme = get_theme(name)
-    dark = theme.type == "dark"
-    line, other = ("#56b4e9", "#e69f00") if dark else ("#0072b2", "#a34700")
-    background, text, faint = (
-        colour.as_hex(format="long") for colour in (theme.background, theme.text, theme.secondary)
-    )
+    line, other = ("#56b4e9", "#e69f00") if theme.type == "dark" else ("#0072b2", "#a34700")
+    own = (theme.background, theme.text, theme.secondary)
+    background, text, faint = (colour.as_hex(format="long") for colour in own)
     return Theme(background, text, faint, line, other)
 
 
@@ -76,6 +83,29 @@ class Profile:
     sd: Along
     mean: Along | None = None
     residual: Along | None = None
+
+
+def profile_of(
+    image: Image, patch: Patch | None, record: Record, records: tuple[Record, ...], ruler: Ruler
+) -> Profile:
+    """Say what there is to draw of a curve, one of `records`."""
+    curve = record.curve
+    return Profile(
+        f"curve {record.id}",
+        ruler.unit,
+        ruler.along(curve.points),
+        half_widths(curve, ruler),
+        ruler.across(curve, curve.sd),
+        _mean_half_width(records, ruler),
+        residual_along(image, patch, record) if patch else None,
+    )
+
+
+@lru_cache(1)
+def _mean_half_width(records: tuple[Record, ...], ruler: Ruler) -> Along | None:
+    every = np.array([half_widths(record.curve, ruler) for record in records])
+    known = every[np.isfinite(every).all(axis=1)]
+    return known.mean(axis=0) if len(known) else None
 
 
 class CurvePlots(QWidget):
@@ -114,171 +144,149 @@ class CurvePlots(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(self._theme.background))
         half = self.width() / 2
-        left, right = (
-            Axes(
-                QRectF(
-                    i * half + LEFT,
-                    TOP,
-                    max(half - LEFT - RIGHT, 1),
-                    max(self.height() - TOP - BOTTOM, 1),
-                )
-            )
-            for i in (0, 1)
-        )
-        if self.pictures:
-            for axes, picture in zip((left, right), self.pictures, strict=True):
-                self._draw_picture(painter, axes.box, picture)
-        elif self.profile is None:
-            self._draw_axes(painter, left, WIDTH, numbered=False)
-            self._draw_axes(painter, right, RESIDUAL, numbered=False)
-        else:
-            self._draw_width(painter, left, self.profile)
-            self._draw_residual(painter, right, self.profile)
+        for i, draw in enumerate((_draw_width, _draw_residual)):
+            axes = Axes(painter, self._theme, QRectF(i * half, 0, half, self.height()))
+            if self.pictures:
+                _draw_picture(axes, self.pictures[i], self._frame)
+            elif self.profile is None:
+                axes.say(EMPTY[i])
+            else:
+                draw(axes, self.profile)
         painter.end()
 
-    def _draw_width(self, painter: QPainter, axes: Axes, profile: Profile) -> None:
-        x, y = profile.distance, profile.half_width
-        sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-        shown = [y + sd, y - sd, np.zeros(1)]
-        if profile.mean is not None:
-            shown.append(profile.mean)
-        axes = replace(axes, x=_over(x), y=spanned(shown, ROOM, LEGEND))
-        title = f"Half-width of {profile.name} ({profile.unit})"
-        self._draw_axes(painter, axes, title, f"distance along it ({profile.unit})")
-        band = QColor(self._theme.line)
-        band.setAlphaF(0.35)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(band)
-        for area in axes.bands(x, np.maximum(y - sd, 0), y + sd):
-            painter.drawPolygon(area)
-        lines = [(y, self._line(), "curve ± sd")]
-        if profile.mean is not None:
-            lines.append((profile.mean, self._other(), "mean of all"))
-        self._draw_lines(painter, axes, x, lines)
 
-    def _draw_residual(self, painter: QPainter, axes: Axes, profile: Profile) -> None:
-        x, y = profile.distance, profile.residual
-        below = f"distance along it ({profile.unit})"
-        if y is None:
-            self._draw_axes(painter, replace(axes, x=_over(x)), NO_MODEL, below, numbered=False)
-            return
-        axes = replace(axes, x=_over(x), y=spanned([y, np.zeros(1)], ROOM, ROOM))
-        self._draw_axes(painter, axes, "Image − model, mean across it", below)
-        zero = np.zeros(len(x))
-        self._draw_lines(painter, axes, x, [(zero, self._other(), ""), (y, self._line(), "")])
+def titles_of(profile: Profile) -> tuple[str, str]:
+    """Name the two plots of a curve."""
+    return f"Half-width of {profile.name} ({profile.unit})", "Image − model, mean across"
 
-    def _draw_picture(self, painter: QPainter, box: QRectF, picture: Picture) -> None:
-        """Draw a picture, time downwards, with the colours beside it."""
-        box = box.adjusted(0, 0, -BAR[1], 0)
-        painter.drawImage(box, picture.image)
-        painter.setPen(QPen(QColor(self._theme.text), 1.2))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawRect(picture.row(box, self._frame))
-        first, last = picture.frames
-        axes = Axes(box, (0.0, picture.length), (last + 0.5, first - 0.5))
-        self._draw_axes(
-            painter, axes, picture.title, f"distance along it ({picture.unit})", whole=True
-        )
-        bar = QRectF(box.right() + GAP, box.top(), BAR[0], box.height())
-        painter.drawImage(bar, picture.bar)
-        high = painter.fontMetrics().height()
-        for value, at in zip(picture.span, (bar.bottom() - high, bar.top()), strict=True):
-            place = QRectF(bar.right() + GAP, at, BAR[1] - BAR[0] + GAP, high)
-            painter.drawText(place, BEGIN, three_digits(value))
 
-    def _draw_lines(
-        self, painter: QPainter, axes: Axes, x: Along, lines: list[tuple[Along, QPen, str]]
-    ) -> None:
-        """Draw lines, each with its pen, and name those that have a name."""
-        at = axes.box.left() + 6
+def _draw_width(axes: "Axes", profile: Profile) -> None:
+    x, y = profile.distance, profile.half_width
+    sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
+    lines = [(y, axes.pen(axes.theme.line, 1.6), "curve ± sd")]
+    if profile.mean is not None:
+        dashed = axes.pen(axes.theme.other, 1.3, Qt.PenStyle.DashLine)
+        lines.append((profile.mean, dashed, "mean of all"))
+    shown = [y + sd, y - sd, np.zeros(1), *(line for line, _, _ in lines)]
+    axes.x, axes.y = _over(x), spanned(shown, ROOM, LEGEND)
+    axes.frame(titles_of(profile)[0], profile.unit)
+    axes.band(x, np.maximum(y - sd, 0), y + sd)
+    axes.lines(x, lines)
+
+
+def _draw_residual(axes: "Axes", profile: Profile) -> None:
+    x, y = profile.distance, profile.residual
+    if y is None:
+        axes.say(NO_MODEL)
+        return
+    axes.x, axes.y = _over(x), spanned([y, np.zeros(1)], ROOM, ROOM)
+    axes.frame(titles_of(profile)[1], profile.unit)
+    zero = axes.pen(axes.theme.other, 1.3, Qt.PenStyle.DashLine)
+    axes.lines(x, [(np.zeros(len(x)), zero, ""), (y, axes.pen(axes.theme.line, 1.6), "")])
+
+
+def _draw_picture(axes: "Axes", picture: Picture, frame: int) -> None:
+    """Draw a picture, time downwards, with the colours beside it."""
+    painter = axes.painter
+    box = axes.box = axes.box.adjusted(0, 0, -BAR[1], 0)
+    painter.drawImage(box, picture.image)
+    painter.setPen(axes.pen(axes.theme.text, 1.2))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawRect(picture.row(box, frame))
+    first, last = picture.frames
+    axes.x, axes.y = (0.0, picture.length), (last + 0.5, first - 0.5)
+    axes.frame(picture.title, picture.unit, whole=True)
+    bar = QRectF(box.right() + GAP, box.top(), BAR[0], box.height())
+    painter.drawImage(bar, picture.bar)
+    high = painter.fontMetrics().height()
+    for value, at in zip(picture.span, (bar.bottom() - high, bar.top()), strict=True):
+        place = QRectF(bar.right() + GAP, at, BAR[1] - BAR[0] + GAP, high)
+        painter.drawText(place, BEGIN, three_digits(value))
+
+
+class Axes:
+    """A plot: the room that it has, a box in it, the values at the box's edges, and a painter."""
+
+    def __init__(self, painter: QPainter, theme: Theme, room: QRectF):
+        self.painter, self.theme, self._room = painter, theme, room
+        self.box = room.adjusted(LEFT, TOP, -RIGHT, -BOTTOM)
+        self.x: Range = (0.0, 1.0)
+        self.y: Range = (0.0, 1.0)
+
+    def pen(self, colour: str, width: float = 1.0, style: Qt.PenStyle = Qt.PenStyle.SolidLine):
+        """Make a pen."""
+        return QPen(QColor(colour), width, style)
+
+    def say(self, text: str) -> None:
+        """Say why there is nothing to see."""
+        self.painter.setPen(QColor(self.theme.text))
+        room = self._room.adjusted(GAP, GAP, -GAP, -GAP)
+        self.painter.drawText(room, CENTRE | Qt.TextFlag.TextWordWrap, text)
+
+    def frame(self, title: str, unit: str, *, whole: bool = False) -> None:
+        """Draw two edges with their ticks, upwards maybe whole numbers, and say what they mean."""
+        painter, box = self.painter, self.box
+        edge, text = self.pen(self.theme.faint), self.pen(self.theme.text)
+        fonts, high = painter.fontMetrics(), painter.fontMetrics().height()
+        painter.setPen(edge)
+        painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
+        marks: list[tuple[QPointF, QPointF, QRectF, Qt.AlignmentFlag, str]] = []
+        for value, name in ticks(*self.x, int(box.width() / PER_TICK[0])):
+            (at,) = self._places(np.array([value]), np.array([self.y[0]]))
+            below = QRectF(at.x() - 30, at.y() + TICK, 60, high)
+            marks.append((at, at + QPointF(0, TICK), below, CENTRE, name))
+        for value, name in ticks(min(self.y), max(self.y), int(box.height() / PER_TICK[1])):
+            if not whole or value == round(value):
+                (at,) = self._places(np.array([self.x[0]]), np.array([value]))
+                beside = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
+                marks.append((at, at - QPointF(TICK, 0), beside, BESIDE, name))
+        for at, to, place, align, name in marks:
+            painter.setPen(edge)
+            painter.drawLine(at, to)
+            painter.setPen(text)
+            painter.drawText(place, align, name)
+        room = self._room.adjusted(GAP, 0, -GAP, 0)
+        said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(room.width()))
+        painter.drawText(QRectF(room.left(), 0, room.width(), TOP - 4), CENTRE, said)
+        place = QRectF(room.left(), box.bottom() + TICK + high, room.width(), high)
+        painter.drawText(place, CENTRE, f"distance along it ({unit})")
+
+    def lines(self, x: Along, lines: Sequence[tuple[Along, QPen, str]]) -> None:
+        """Draw lines, each with its pen, broken where it is not known; name those with a name."""
+        painter, box = self.painter, self.box
+        at, middle = box.left() + 6, box.top() + 6
         painter.setBrush(Qt.BrushStyle.NoBrush)
         for y, pen, name in lines:
             painter.setPen(pen)
-            for line in axes.lines(x, y):
-                painter.drawPolyline(line)
+            for part in known(x, y):
+                painter.drawPolyline(QPolygonF(self._places(x[part], y[part])))
             if name:
-                middle = axes.box.top() + 6
                 painter.drawLine(QPointF(at, middle), QPointF(at + SWATCH, middle))
-                painter.setPen(QColor(self._theme.text))
+                painter.setPen(QColor(self.theme.text))
                 room = painter.fontMetrics().horizontalAdvance(name) + 4
                 painter.drawText(QRectF(at + SWATCH + 4, middle - 8, room, 16), BEGIN, name)
                 at += SWATCH + room + 14
 
-    def _draw_axes(
-        self,
-        painter: QPainter,
-        axes: Axes,
-        title: str,
-        below: str = "",
-        *,
-        numbered: bool = True,
-        whole: bool = False,
-    ) -> None:
-        """Draw two edges with their ticks, upwards maybe whole numbers, and say what they mean."""
-        box, fonts = axes.box, painter.fontMetrics()
-        edge, text = QPen(QColor(self._theme.faint), 1), QPen(QColor(self._theme.text))
-        painter.setPen(edge)
-        painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
-        high = fonts.height()
-        for value, name in ticks(*axes.x, int(box.width() / PER_TICK[0])) if numbered else ():
-            (at,) = axes.places(np.array([value]), np.array([axes.y[0]]))
-            painter.setPen(edge)
-            painter.drawLine(at, at + QPointF(0, TICK))
-            painter.setPen(text)
-            painter.drawText(QRectF(at.x() - 30, at.y() + TICK, 60, high), CENTRE, name)
-        most = int(box.height() / PER_TICK[1])
-        for value, name in ticks(min(axes.y), max(axes.y), most) if numbered else ():
-            if whole and value != round(value):
-                continue
-            (at,) = axes.places(np.array([axes.x[0]]), np.array([value]))
-            painter.setPen(edge)
-            painter.drawLine(at, at - QPointF(TICK, 0))
-            painter.setPen(text)
-            place = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
-            painter.drawText(place, BESIDE, name)
-        painter.setPen(text)
-        room = self.width() / 2 - LEFT - RIGHT
-        said = fonts.elidedText(title, Qt.TextElideMode.ElideRight, int(room))
-        painter.drawText(QRectF(box.left(), 0, room, TOP - 4), BEGIN, said)
-        place = QRectF(box.center().x() - room / 2, box.bottom() + TICK + high, room, high)
-        painter.drawText(place, CENTRE, below)
+    def band(self, x: Along, low: Along, high: Along) -> None:
+        """Fill what is between two lines."""
+        colour = QColor(self.theme.line)
+        colour.setAlphaF(0.35)
+        self.painter.setPen(Qt.PenStyle.NoPen)
+        self.painter.setBrush(colour)
+        for part in known(x, low, high):
+            back = self._places(x[part][::-1], low[part][::-1])
+            self.painter.drawPolygon(QPolygonF([*self._places(x[part], high[part]), *back]))
 
-    def _line(self) -> QPen:
-        return QPen(QColor(self._theme.line), 1.6)
-
-    def _other(self) -> QPen:
-        return QPen(QColor(self._theme.other), 1.3, Qt.PenStyle.DashLine)
-
-
-def _over(x: Along) -> tuple[float, float]:
-    """Give the ends of an axis along a curve, which may have no length."""
-    return float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
-
-
-@dataclass(frozen=True)
-class Axes:
-    """A rectangle of the screen, and the values at its edges: (low, high) of x and y."""
-
-    box: QRectF
-    x: tuple[float, float] = (0.0, 1.0)
-    y: tuple[float, float] = (0.0, 1.0)
-
-    def places(self, x: Along, y: Along) -> list[QPointF]:
+    def _places(self, x: Along, y: Along) -> list[QPointF]:
         """Points of the screen."""
         right = self.box.left() + (x - self.x[0]) / (self.x[1] - self.x[0]) * self.box.width()
         up = self.box.bottom() - (y - self.y[0]) / (self.y[1] - self.y[0]) * self.box.height()
         return [QPointF(a, b) for a, b in zip(right.tolist(), up.tolist(), strict=True)]
 
-    def lines(self, x: Along, y: Along) -> Iterator[QPolygonF]:
-        """Lines through the points, broken where a value is not known."""
-        for part in known(x, y):
-            yield QPolygonF(self.places(x[part], y[part]))
 
-    def bands(self, x: Along, low: Along, high: Along) -> Iterator[QPolygonF]:
-        """Areas between two lines, broken where a value is not known."""
-        for part in known(x, low, high):
-            back = self.places(x[part][::-1], low[part][::-1])
-            yield QPolygonF([*self.places(x[part], high[part]), *back])
+def _over(x: Along) -> Range:
+    """Give the ends of an axis along a curve, which may have no length."""
+    return float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
 
 
 def known(*values: Along) -> Iterator[slice]:
@@ -288,7 +296,7 @@ def known(*values: Along) -> Iterator[slice]:
     return (slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True))
 
 
-def spanned(values: Sequence[Along], below: float, above: float) -> tuple[float, float]:
+def spanned(values: Sequence[Along], below: float, above: float) -> Range:
     """Give what holds all finite values, with room as a share of what they span."""
     together = np.concatenate(values)
     together = together[np.isfinite(together)]
@@ -305,3 +313,56 @@ def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
     decimals = next(d for d in range(20) if abs(round(step, d) - step) < 1e-9 * step)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return [(n * step, f"{n * step + 0.0:.{decimals}f}") for n in np.arange(first, last + 1)]
+
+
+def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
+    """Average image minus reconstruction across a body; None where the image is not there.
+
+    Only the pixels around the body are read.
+    """
+    points = patch.grid.to_block(record.curve.points)
+    half_width = record.curve.half_width / patch.grid.size
+    places = across(points, half_width)
+    low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
+    high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
+    if (high <= low).any():
+        return None
+    grid = Grid(patch.grid.to_image(low), patch.grid.step)
+    block = block_on(image, record.frame, grid, tuple(high - low))
+    if block is None:
+        return None
+    rest = block.read() - patch.pixels[low[0] : high[0], low[1] : high[1]]
+    return mean_across(rest, points - low, half_width)
+
+
+def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
+    """Places on a body's cross-sections, from edge to edge.
+
+    Parameters
+    ----------
+    points
+        (P, 2) centreline, (row, col), px.
+    half_width
+        (P,) from the centreline to the edge, px; a section where it is not known is one point.
+    """
+    reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
+    count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
+    share = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
+    return points[:, None] + (reach[:, None] * share)[..., None] * normals(points)[:, None]
+
+
+def mean_across(
+    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
+) -> Along:
+    """Average a picture over a body's cross-section at each point of its centreline.
+
+    Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
+    left. Points and half-widths as for `across`, in pixels of the picture.
+    """
+    where = np.moveaxis(across(points, half_width), -1, 0)
+    finite = np.isfinite(picture)
+    filled = np.where(finite, picture, 0.0).astype(float)
+    values = map_coordinates(filled, where, order=1, cval=0.0).sum(axis=1)
+    # Weights fall to zero with the pixels that are missing, as the values do.
+    total = map_coordinates(finite.astype(float), where, order=1, cval=0.0).sum(axis=1)
+    return np.divide(values, total, out=np.full(len(points), np.nan), where=total > 1e-6)

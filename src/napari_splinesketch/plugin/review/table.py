@@ -21,9 +21,9 @@ from qtpy.QtWidgets import QAbstractItemView, QTableView
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
-from napari_splinesketch.plugin.columns import STATUS, in_film
+from napari_splinesketch.plugin.columns import STATUS
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.measures import Measures, Ruler, measure
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of
 
 Shown = Literal["all", "to check", "not reviewed", "this frame"]
@@ -50,46 +50,33 @@ class CurvesModel(QAbstractTableModel):
         super().__init__(parent)
         self.ruler, self.frame = Ruler(), 0
         self.shown: Shown = "all"
-        self._records: Sequence[Record] = ()
+        self.records: list[Record] = []
+        """Row by row."""
+        self._all: Sequence[Record] = ()
         self._known: dict[Key, Record] = {}
-        self._rows: list[Record] = []
         self._by = STATUS, Qt.SortOrder.DescendingOrder
-        self._measured: dict[Key, tuple[tuple[Curve | None, ...], Measures]] = {}
-
-    @property
-    def records(self) -> list[Record]:
-        """The records, row by row."""
-        return self._rows
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
         record = self._known.get(key) if key else None
-        return next((row for row, one in enumerate(self._rows) if one is record), None)
+        return next((row for row, one in enumerate(self.records) if one is record), None)
 
-    def measures(self, record: Record) -> Measures:
-        """Numbers of a curve, in the unit of the image; worked out when they are asked for."""
-        key = key_of(record)
-        film = tuple(self._curve_at((record.frame + step, record.id)) for step in (-1, 0, 1))
-        before, found = self._measured.get(key, ((), None))
-        if found is None or any(a is not b for a, b in zip(before, film, strict=True)):
-            alone = measure(record.curve, self.ruler)
-            found = in_film(alone, record, self._curve_at, self.ruler)
-            self._measured[key] = film, found
-        return found
+    def curve_at(self, key: Key) -> Curve | None:
+        """Give a curve by frame and id, whether it is shown or not."""
+        return self._known[key].curve if key in self._known else None
 
     def body(self, number: int) -> dict[int, Curve]:
         """Curves of one body, by frame."""
-        return {r.frame: r.curve for r in self._records if r.id == number}
+        return {r.frame: r.curve for r in self._all if r.id == number}
 
     def show_records(self, records: Sequence[Record], ruler: Ruler) -> None:
         """Show records, in the order that was chosen."""
+        if records is self._all and ruler == self.ruler:
+            return
         if ruler != self.ruler:
             self.ruler = ruler
-            self._measured.clear()
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
-        elif records is self._records:
-            return
-        self._records, self._known = records, {key_of(r): r for r in records}
+        self._all, self._known = records, {key_of(r): r for r in records}
         self._arrange()
 
     def show_only(self, shown: Shown, frame: int) -> None:
@@ -105,7 +92,7 @@ class CurvesModel(QAbstractTableModel):
 
     def rowCount(self, parent: QModelIndex = NO_INDEX) -> int:
         """Number of curves shown."""
-        return 0 if parent.isValid() else len(self._rows)
+        return 0 if parent.isValid() else len(self.records)
 
     def columnCount(self, parent: QModelIndex = NO_INDEX) -> int:
         """Number of columns."""
@@ -120,35 +107,31 @@ class CurvesModel(QAbstractTableModel):
         return COLUMNS[section].tip if role == ROLE.ToolTipRole else None
 
     def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
-        """Give what one cell shows."""
-        column, record = COLUMNS[index.column()], self._rows[index.row()]
-        if role in (ROLE.DisplayRole, ROLE.ToolTipRole):
-            text = column.text(record, self.measures(record))
-            return text if role == ROLE.DisplayRole or column.kind == "text" else None
+        """Give what one cell shows; numbers are worked out when they are asked for."""
+        column, record = COLUMNS[index.column()], self.records[index.row()]
+        if role == ROLE.DisplayRole or (role == ROLE.ToolTipRole and column.kind == "text"):
+            return column.text(record, self.ruler, self.curve_at)
         if role == ROLE.TextAlignmentRole and column.kind != "text":
             return RIGHT
         if role == ROLE.DecorationRole and index.column() == 0:
             return QColor(COLOURS[record.curve.status])
         return None
 
-    def _curve_at(self, key: Key) -> Curve | None:
-        return self._known[key].curve if key in self._known else None
-
     def _arrange(self) -> None:
         """Bring the rows in order; shows all anew where others are shown."""
         column, order = self._by
-        key = COLUMNS[column].key
+        key, before = COLUMNS[column].key, list(map(key_of, self.records))
         rows = sorted(
-            filter(self._accepts, self._records),
-            key=lambda record: key(record, lambda: self.measures(record)),
+            filter(self._accepts, self._all),
+            key=lambda record: key(record, self.ruler, self.curve_at),
             reverse=order == Qt.SortOrder.DescendingOrder,
         )
-        if list(map(key_of, rows)) == list(map(key_of, self._rows)):
-            self._rows = rows
+        if list(map(key_of, rows)) == before:
+            self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
         else:
             self.beginResetModel()
-            self._rows = rows
+            self.records = rows
             self.endResetModel()
 
     def _accepts(self, record: Record) -> bool:
