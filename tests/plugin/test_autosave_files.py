@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin.autosave import folder as folder_files
 from napari_splinesketch.plugin.autosave.folder import Folder, read, summary
-from napari_splinesketch.plugin.autosave.offer_box import LISTED, describe
+from napari_splinesketch.plugin.autosave.resume import LISTED, describe
 from napari_splinesketch.plugin.autosave.saver import Offer
-from napari_splinesketch.plugin.autosave.session import EVERY, Head, Page, Session, Shape
+from napari_splinesketch.plugin.autosave.session import EVERY, Head, Session, Shape
 from napari_splinesketch.plugin.layers.pixels import Grid, Patch
-from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.plugin.model import Record, State
 
 from .fakes import as_drawn
 
@@ -45,18 +46,18 @@ def session() -> Session:
         "sd": np.full(100, np.inf),
         "residual": np.inf,
     }
-    pages = {
-        3: Page(
-            (Shape("path", RNG.normal(size=(7, 2))), Shape("ellipse", RNG.normal(size=(4, 2)))),
-            (record(1), record(2, **failed)),
-            (record(9),),
-            1.25,
-            ("a line", "another"),
-            patch(),
-        ),
-        EVERY: Page((Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]])),)),
+    drawn = {
+        3: (Shape("path", RNG.normal(size=(7, 2))), Shape("ellipse", RNG.normal(size=(4, 2)))),
+        EVERY: (Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]])),),
     }
-    return Session("worms sketches", {"name": "worms", "sha256": "ab"}, pages)
+    state = State(
+        records=(record(1), record(2, **failed)),
+        deleted=(record(9),),
+        patches={3: patch()},
+        seconds={3: 1.25},
+        notes={3: ("a line", "another")},
+    )
+    return Session("worms sketches", {"name": "worms", "sha256": "ab"}, drawn, state)
 
 
 def same(a: Any, b: Any) -> bool:
@@ -81,7 +82,8 @@ def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert problems == ()
     assert again.layer == written.layer
     assert dict(again.image) == dict(written.image)
-    assert same({**again.pages}, {**written.pages})
+    assert same({**again.drawn}, {**written.drawn})
+    assert same(again.state, written.state)
     held = summary(tmp_path / "new" / "1")
     assert held is not None
     assert (held.sketches, held.curves, held.frames, held.sha256) == (3, 2, 2, "ab")
@@ -98,8 +100,8 @@ def test_a_damaged_picture_is_named_and_costs_no_curves(tmp_path: Path) -> None:
             spoilt[at] ^= random.randrange(1, 256)
         path.write_bytes(spoilt[: random.randrange(1, 2 * len(spoilt))])
         found, problems = read(tmp_path, 9, SIZE)
-        assert len(found.pages[3].records) == 2
-        assert bool(problems) == (found.pages[3].patch is None)
+        assert len(found.state.records) == 2
+        assert bool(problems) == (not found.state.patches)
         assert all("frame-000000003.npz" in problem for problem in problems)
 
 
@@ -107,19 +109,42 @@ def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
     folder, first = Folder(tmp_path), session()
     folder.write(first)
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    one = Page(first.pages[3].shapes, first.pages[3].records[:1])
-    folder.write(Session(first.layer, first.image, {**first.pages, 3: one, 5: Page()}))
+    one = State(records=first.state.records[:1])
+    folder.write(Session(first.layer, first.image, {**first.drawn, 5: ()}, one))
     changed = {p.name for p in tmp_path.iterdir() if times.get(p.name) != p.stat().st_mtime_ns}
     assert changed == {"session.json", "frame-000000003.json", "frame-000000005.json"}
-    folder.write(Session(first.layer, first.image, {3: one}))
+    folder.write(Session(first.layer, first.image, {3: first.drawn[3]}, one))
     names = {"session.json", "frame-000000003.json"}
     assert {path.name for path in tmp_path.iterdir()} == names
-    assert len(read(tmp_path, 9, SIZE)[0].pages[3].records) == 1
+    assert len(read(tmp_path, 9, SIZE)[0].state.records) == 1
+    times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    folder.write(Session(first.layer, first.image, {3: first.drawn[3]}, one))
+    assert times == {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+
+
+def test_a_head_that_could_not_be_written_is_written_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, first, real = Folder(tmp_path), session(), folder_files._write
+
+    def full(path: Path, text: str) -> None:
+        if path.name == "session.json":
+            raise OSError("No space left on device")
+        real(path, text)
+
+    monkeypatch.setattr(folder_files, "_write", full)
+    with pytest.raises(OSError, match="No space"):
+        folder.write(first)
+    monkeypatch.setattr(folder_files, "_write", real)
+    folder.write(first)
+    held = summary(tmp_path)
+    assert held is not None
+    assert held.curves == 2
 
 
 def test_nothing_is_offered_where_nothing_is(tmp_path: Path) -> None:
     assert summary(tmp_path) is None
-    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: Page()}))
+    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: ()}))
     assert summary(tmp_path) is None
 
 
@@ -128,7 +153,8 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
     (tmp_path / "frame-000000003.json").write_text('{"frame": 3, "sketches": [', encoding="utf-8")
     (tmp_path / "frame-000000004.json").write_bytes(b"\xff\x00")
     found, problems = read(tmp_path, 9, SIZE)
-    assert list(found.pages) == [EVERY]
+    assert list(found.drawn) == [EVERY]
+    assert not found.state.records
     assert len(problems) == 2
     assert "frame-000000003.json" in problems[0]
 
@@ -243,8 +269,8 @@ def test_pictures_take_no_more_memory_than_the_image(
 
 
 def test_a_page_takes_a_small_multiple_of_its_file(tmp_path: Path, peak_memory: Any) -> None:
-    records = tuple(record(number) for number in range(1, 301))
-    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: Page((), records)}))
+    records = tuple(record(number, frame=0) for number in range(1, 301))
+    Folder(tmp_path).write(Session("x", {"sha256": ""}, {}, State(records)))
     size = (tmp_path / "frame-000000000.json").stat().st_size
     assert size > 2**20
     assert peak_memory(lambda: read(tmp_path, 9, SIZE)) < 4 * size
@@ -280,8 +306,8 @@ def test_a_head_that_swells_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["rectangle", "ellipse", "polygon", "line"])
-def test_shapes_that_napari_cannot_draw_are_refused(tmp_path: Path, kind: str) -> None:
+def test_shapes_that_napari_cannot_draw_are_refused(tmp_path: Path, kind: Any) -> None:
     points = np.zeros((3 if kind != "polygon" else 2, 2))
-    Folder(tmp_path).write(Session("x", {}, {0: Page((Shape(kind, points),))}))
+    Folder(tmp_path).write(Session("x", {}, {0: (Shape(kind, points),)}))
     _, problems = read(tmp_path, 9, SIZE)
     assert f"a {kind} of {len(points)} vertices" in problems[0]

@@ -18,7 +18,7 @@ from napari.layers import Image
 from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
-from napari_splinesketch.plugin.autosave import folder, place, saver
+from napari_splinesketch.plugin.autosave import folder, saver
 from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 
 from .bench import LINES, SOON, bench, session_files
@@ -160,7 +160,7 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     with bench(viewer) as again:
         gc.collect()
         assert old() is None
-        until(lambda: not again.saver._looks, SOON)
+        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
         assert not again.saver.offers(), "it is in the window"
         curves: Any = viewer.layers["sketches curves"]
         curves.selected_data = {0}
@@ -284,7 +284,7 @@ def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
         )
 
     monkeypatch.setattr(folder, "owned", owned)
-    monkeypatch.setattr(place.os, "access", allowed)
+    monkeypatch.setattr(folder.os, "access", allowed)
     with bench() as again:
         again.viewer.add_layer(from_file(path))
         again.resume()

@@ -1,18 +1,26 @@
 """Where work is saved is said, can be another folder, or nowhere."""
 
+import json
+import os
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from napari_splinesketch.plugin.autosave import saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
+from .bench import bench
+from .fakes import FakeEngine
 from .hand import refine, until
 
 
 def sessions(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.rglob("session.json"))
+    # Not what is being written: it goes while one looks.
+    found = [*folder.glob("*/session.json"), *folder.glob("*/*/session.json")]
+    return sorted(path.name for path in found)
 
 
 def test_saved_work_is_announced_moved_and_switched_off(
@@ -35,12 +43,44 @@ def test_saved_work_is_announced_moved_and_switched_off(
     assert len(sessions(first)) == 1, "what was saved stays where it is"
     dock.controller.choose(save_work=False)
     assert dock.saved.text() == "Work is not saved"
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.json")}
+    before = {path: path.read_bytes() for path in tmp_path.glob("*/*/*.json")}
     lines.add([[30, 10], [30, 60]], shape_type="line")
     dock.saver.flush()
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.json")} == before
+    assert {path: path.read_bytes() for path in tmp_path.glob("*/*/*.json")} == before
     dock.controller.choose(save_work=True, work_folder="")
     until(lambda: dock.saver.place == first, 20)
+
+
+def test_the_folder_of_an_image_without_a_file_has_its_name(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    viewer.add_image(np.zeros((60, 80), np.float32), name="Plate 3: wild/type \udcff? [1]")
+    until(lambda: dock.saver.place is not None, 20)
+    assert dock.saver.place is not None
+    name = dock.saver.place.name
+    assert re.fullmatch(r"Plate 3 wild type 1\.[0-9a-f]{12}\.splinesketch", name)
+
+
+@pytest.mark.parametrize("called", ["", "cells of then."])
+def test_work_is_found_whatever_its_folder_was_called(
+    qapp: Any, fake: FakeEngine, called: str
+) -> None:
+    home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    (folder,) = home.iterdir()
+    assert folder.name.startswith("image 0.")
+    old = folder.rename(home / (called + ".".join(folder.name.split(".")[1:])))
+    with bench() as again:
+        again.image().name = "another name"
+        again.resume()
+        assert len(again.controller.records()) == 2
+        assert again.saver.place == old, "it goes on where it was"
+        again.controller.delete((0, 1))
+    assert json.loads((old / "1" / "session.json").read_text())["curves"] == 1
+    assert list(home.iterdir()) == [old]
 
 
 def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:

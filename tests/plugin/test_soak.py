@@ -190,9 +190,9 @@ class Day:
                 session, problems = read(kept.folder.path, SHAPE[0], SHAPE[1:])
                 assert not problems
                 shadow = self.shadows[layer.name]
-                records = [record for page in session.pages.values() for record in page.records]
-                assert {key_of(record): held(record) for record in records} == shadow.curves
-                lines = sum(len(page.shapes) for page in session.pages.values())
+                saved = {key_of(record): held(record) for record in session.state.records}
+                assert saved == shadow.curves
+                lines = sum(map(len, session.drawn.values()))
                 assert lines == len(shadow.lines)
 
     def reopen_the_dock(self) -> None:
@@ -204,7 +204,7 @@ class Day:
         self.bench.close()
         self.shadows = {n: s for n, s in self.shadows.items() if s.lines or s.curves}
         self.bench = self.opened()
-        until(lambda: not self.bench.saver._looks, SOON)
+        until(lambda: all(seen.folder for seen in self.bench.saver._seen.values()), SOON)
         assert len(self.bench.saver.offers()) == len(self.shadows)
         if self.shadows:
             self.bench.resume()

@@ -23,7 +23,7 @@ from qtpy.QtWidgets import (
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import boxes, engine, widgets, words
-from napari_splinesketch.plugin.autosave.offer_box import OfferBox
+from napari_splinesketch.plugin.autosave.resume import OfferBox
 from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import open_tables

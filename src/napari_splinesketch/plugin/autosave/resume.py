@@ -1,18 +1,21 @@
-"""Work that was written down, brought back into the window."""
+"""The question whether to go on with work that was saved, and how it comes back into the window."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
+from html import escape
 from pathlib import Path
 
 from napari.layers import Image
+from qtpy.QtWidgets import QFrame, QVBoxLayout, QWidget
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import BusyError
 from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.autosave.folder import Folder, read
-from napari_splinesketch.plugin.autosave.pages import state_of
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
@@ -21,8 +24,85 @@ from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, lin
 from napari_splinesketch.plugin.layers.labels import read_with, records_of
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.widgets import TextLabel, button, row
+
+LISTED = 4
+"""Of several; more would push the rest of the dock out of view."""
 
 _log = logging.getLogger(__name__)
+
+
+class OfferBox(QFrame):
+    """Says what was found, with a button to go on and one to ignore it; hidden otherwise."""
+
+    def __init__(self, controller: Controller, saver: Saver, parent: QWidget | None = None):
+        super().__init__(parent)
+        self._controller, self._saver = controller, saver
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.said, self.problem = TextLabel(), TextLabel()
+        tip = "Bring the saved lines and curves back, in a layer of their own"
+        self.resume = button("Resume", tip, lambda: resume(controller, saver))
+        tip = "Do not ask again; the saved work stays on the disk"
+        self.decline = button("Ignore saved work", tip, saver.decline)
+        tip = "Take these curves up as results, as they were judged"
+        self.labels = button("", tip, lambda: take_up(controller))
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 4, 6, 4)
+        layout.addWidget(self.said)
+        layout.addLayout(row(self.resume, self.decline))
+        layout.addWidget(self.labels)
+        layout.addWidget(self.problem)
+        saver.found.connect(self.show_offers)
+        self.destroyed.connect(lambda: saver.found.disconnect(self.show_offers, missing_ok=True))
+        controller.changed.connect(self._show_running)
+        self.show_offers()
+
+    def show_offers(self) -> None:
+        """Show what is offered now."""
+        offers = self._saver.offers()
+        self.said.say(describe(offers))
+        for each in (self.resume, self.decline):
+            each.setVisible(bool(offers))
+        self.problem.say(words.notice("failed", self._saver.problem))
+        self._show_running()
+
+    def _show_running(self) -> None:
+        idle, curves = self._controller.progress is None, read_curves(self._controller)
+        for each in (self.resume, self.labels):
+            each.setEnabled(idle)
+        self.labels.setVisible(bool(curves))
+        # Once there are results, they need the room.
+        working = bool(self._controller.records())
+        self.said.setVisible(bool(self.said.text()) and not working)
+        self.resume.setText("Resume saved work" if working else "Resume")
+        self.decline.setText("Ignore" if working else "Ignore saved work")
+        self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
+        self.setVisible(bool(curves or self._saver.offers() or self._saver.problem))
+
+
+def describe(offers: Sequence[Offer]) -> str:
+    """Say what was saved, and when; rich text."""
+    if len(offers) < 2:
+        return "".join(f"<b>Saved work</b> ({_when(o.summary.saved)}): {_held(o)}." for o in offers)
+    shown = offers[:LISTED]
+    lines = [f"• {escape(o.summary.layer)} ({_when(o.summary.saved)}): {_held(o)}" for o in shown]
+    if len(offers) > LISTED:
+        lines.append(f"and {len(offers) - LISTED} more")
+    return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *lines])
+
+
+def _held(offer: Offer) -> str:
+    held = offer.summary
+    parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
+    where = f" in {held.frames} frames" if held.frames > 1 else ""
+    return f"{' and '.join(parts)}{where}"
+
+
+def _when(saved: datetime) -> str:
+    minutes = int((datetime.now(UTC) - saved).total_seconds() / 60)
+    if 0 <= minutes < 90:
+        return "just now" if minutes < 2 else f"{minutes} minutes ago"
+    return saved.astimezone().strftime("%d %B %Y, %H:%M")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +134,16 @@ def _read_all(
             folder = _own(offer.folder)
             session, said = read(offer.folder, frames, size)
         except (OSError, LabelsError) as error:
-            problems.append(f"{error}.")
-            if folder:
-                folder.release()
-            continue
+            said, session = (f"{error}.",), None
         problems += said
-        if said and folder:
+        if folder and (said or not session):
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
             folder = None
-        elif folder:
-            folder.holds({f: page.patch for f, page in session.pages.items() if page.patch})
-        all_found.append(Found(offer, session, folder))
+        if session:
+            if folder:
+                folder.holds(session.state.patches)
+            all_found.append(Found(offer, session, folder))
     return all_found, problems
 
 
@@ -100,29 +178,28 @@ def _restore(
     controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
     """Bring one session back; where that goes wrong its files stay as they are."""
-    session, folder = found.session, found.folder
-    if image not in controller.viewer.layers:
-        if folder:
-            folder.release()
+    session, layers = found.session, controller.viewer.layers
+    if image not in layers:
+        if found.folder:
+            found.folder.release()
         return
-    drawn = [(frame, shape) for frame, page in session.pages.items() for shape in page.shapes]
+    drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     layer = empty_layer(image, session.layer, flat=flat)
-    kept = saver.take(found.offer, (image, layer), folder)
+    kept = saver.take(found.offer, (image, layer), found.folder)
     try:
-        controller.viewer.layers.append(layer)
+        layers.append(layer)
         yield
         style = line_style(size_of(image))
         points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
         for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
             yield
-            if not {image, layer} <= set(controller.viewer.layers):
+            if not {image, layer} <= set(layers):
                 return
-        state = state_of(session.pages)
-        if state.records and {image, layer} <= set(controller.viewer.layers):
+        if session.state.records and {image, layer} <= set(layers):
             controller.begin(image, layer)
             controller.choices.image, controller.choices.sketches = image, layer
-            controller.amend(state)
+            controller.amend(session.state)
     except Exception as error:
         _log.exception("Saved work could not be brought back")
         problems.append(f"{found.offer.folder}: {type(error).__name__}: {error}.")

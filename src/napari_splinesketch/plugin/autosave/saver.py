@@ -1,14 +1,14 @@
 """Writes work down while it is done, and finds what was written before."""
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import numpy as np
 from napari.layers import Image, Shapes
 from psygnal import Signal
 from qtpy.compat import isalive
@@ -16,12 +16,18 @@ from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.folder import HEAD, OLD, Folder, put_aside, summary
-from napari_splinesketch.plugin.autosave.pages import Drawn, pages_of, shapes_in
-from napari_splinesketch.plugin.autosave.place import Picture
-from napari_splinesketch.plugin.autosave.session import Head, Session
+from napari_splinesketch.plugin.autosave.folder import (
+    HEAD,
+    OLD,
+    Folder,
+    Picture,
+    put_aside,
+    summary,
+)
+from napari_splinesketch.plugin.autosave.session import EVERY, Drawn, Head, Session, Shape
 from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Keeper
+from napari_splinesketch.plugin.layers.drawn import shapes_in
 from napari_splinesketch.plugin.model import State
 
 DELAY_MS = 700
@@ -32,14 +38,8 @@ AGAIN_MS = 5000
 _log = logging.getLogger(__name__)
 _left: WeakKeyDictionary[Shapes, tuple[Path, str]] = WeakKeyDictionary()
 """Where layers were written that a closed dock has left in the window, and the head there."""
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """What is written down of an image, and the folder that has one for each layer of sketches."""
-
-    about: dict[str, object]
-    folder: Path
+Pair = tuple[Image, Shapes]
+NOTHING = State()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,46 +51,30 @@ class Offer:
 
 
 @dataclass(eq=False)
+class Seen:
+    """What is written down of an image, and the folder with one more for each layer of sketches.
+
+    There is none while a job still looks, and none of either if the image could not be read.
+    """
+
+    job: Job | None = None
+    about: dict[str, object] = field(default_factory=dict)
+    folder: Path | None = None
+    offers: list[Offer] = field(default_factory=list)
+
+
+@dataclass(eq=False)
 class Kept:
     """One layer of sketches on one image, and the folder that it is written to.
 
-    Attributes
-    ----------
-    drawn, state
-        What is written, or on its way; None if nothing is.
-    edited
-        Whether lines may have changed since.
-    resuming
-        Whether it is being brought back: nothing is written before all of it is there.
+    `state` is written, or on its way, and None before; lines may have been `edited` since. What is
+    `resuming` is being brought back: nothing is written before all of it is there.
     """
 
     folder: Folder | None = None
-    drawn: Drawn | None = None
     state: State | None = None
     edited: bool = True
     resuming: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Order:
-    """Something to write."""
-
-    kept: Kept
-    known: Known
-    name: str
-    drawn: Drawn
-    state: State
-
-    def carry_out(self) -> None:
-        """Write it; to be called in a thread."""
-        kept = self.kept
-        if kept.folder is None:
-            kept.folder = Folder.fresh(self.known.folder)
-        pages = pages_of(self.drawn, self.state)
-        kept.folder.write(Session(self.name, self.known.about, pages))
-
-
-Pair = tuple[Image, Shapes]
 
 
 class Saver(QObject):
@@ -100,15 +84,13 @@ class Saver(QObject):
     """
 
     found = Signal()
-    """There is work to go on with, or none any more."""
+    """There is work to go on with, or none any more; or it is saved elsewhere."""
 
     def __init__(self, keeper: Keeper, parent: QObject | None = None):
         super().__init__(parent)
         self._keeper = keeper
-        self._known: dict[Image, Known] = {}
-        self._offers: dict[Image, list[Offer]] = {}
+        self._seen: dict[Image, Seen] = {}
         self._kept: dict[Pair, Kept] = {}
-        self._looks: dict[Image, Job] = {}
         self._writing: Job | None = None
         self._problems = {"look": "", "write": ""}
         self._choice = keeper.settings.saving
@@ -129,20 +111,12 @@ class Saver(QObject):
 
     @property
     def place(self) -> Path | None:
-        """Where work on the chosen image is saved; None while that is not known, or not wanted."""
-        image = self._keeper.choices.image
-        return self._known[image].folder if image in self._known else None
-
-    def _begin_anew(self) -> None:
-        """Save elsewhere from now on, or no more: what is saved stays where it is."""
-        self.flush()
-        self._choice = self._keeper.settings.saving
-        for pair in tuple(self._kept):
-            self._drop(pair)
-            _left.pop(pair[1], None)
-        for known in (self._known, self._offers, self._looks):
-            known.clear()
-        self._on_choice()
+        """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
+        image, sketches = self._keeper.choices.image, self._keeper.choices.sketches
+        if image is None or image not in self._seen:
+            return None
+        kept = self._kept.get((image, sketches)) if sketches else None
+        return kept.folder.path.parent if kept and kept.folder else self._seen[image].folder
 
     @property
     def problem(self) -> str:
@@ -152,7 +126,7 @@ class Saver(QObject):
     def offers(self) -> list[Offer]:
         """Give the work that was found for the chosen image, the latest first."""
         image = self._keeper.choices.image
-        found = self._offers.get(image, []) if image else []
+        found = self._seen[image].offers if image in self._seen else []
         mine = {kept.folder.path for kept in self._kept.values() if kept.folder}
         others = [offer for offer in found if offer.folder not in mine]
         return sorted(others, key=lambda offer: offer.summary.saved, reverse=True)
@@ -179,8 +153,7 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._timer.stop()
-        wanted = {image for image, _ in self._pairs()}
-        looks = [job for image, job in self._looks.items() if image in wanted]
+        looks = [self._seen[image].job for image, _ in self._pairs() if image in self._seen]
         for job in (*looks, self._writing):
             if job:
                 job.wait()
@@ -190,22 +163,23 @@ class Saver(QObject):
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
-        if not self._connections:
-            return
-        self.flush()
-        self._timer.stop()
-        for signal, slot in self._connections:
-            signal.disconnect(slot)
-        self._connections.clear()
+        if self._connections:
+            self.flush()
+            self._timer.stop()
+            for signal, slot in self._connections:
+                signal.disconnect(slot)
+            self._connections.clear()
+            self._let_go()
+
+    def _let_go(self) -> None:
         for pair in tuple(self._kept):
             self._drop(pair)
-        self._known.clear()
-        self._offers.clear()
+        self._seen.clear()
 
     def _forget(self, offer: Offer) -> None:
-        for offers in self._offers.values():
-            if offer in offers:
-                offers.remove(offer)
+        for seen in self._seen.values():
+            if offer in seen.offers:
+                seen.offers.remove(offer)
         self.found.emit()
 
     def _keep(self, pair: Pair) -> Kept:
@@ -247,31 +221,31 @@ class Saver(QObject):
             self._keep(pair)
         image = self._keeper.choices.image
         wanted, folder = self._choice
-        if wanted and image is not None and image not in (*self._known, *self._looks):
-            job = self._looks[image] = Job(partial(_look, Picture.of(image), folder))
+        if wanted and image is not None and image not in self._seen:
+            job = Job(partial(_look, Picture.of(image), folder))
+            self._seen[image] = Seen(job)
             job.done.connect(partial(self._on_looked, image))
             job.failed.connect(partial(self._on_not_looked, image))
             job.start()
         self.found.emit()
 
-    def _tell(self) -> None:
+    def _tell(self, about: str, problem: str) -> None:
+        self._problems[about] = problem
         # An answer may come after Qt has deleted the window and all that is in it.
         if isalive(self):
             self.found.emit()
 
-    def _on_looked(self, image: Image, answer: tuple[Known, list[Offer], str]) -> None:
-        self._looks.pop(image, None)
-        if image in self._keeper.viewer.layers:
-            self._known[image], self._offers[image], self._problems["look"] = answer
-            self._tell()
+    def _on_looked(self, image: Image, answer: tuple[Seen, str]) -> None:
+        if image in self._seen and image in self._keeper.viewer.layers:
+            self._seen[image], problem = answer
+            self._tell("look", problem)
             self._wait()
 
     def _on_not_looked(self, image: Image, problem: str) -> None:
         """The image could not be read: it is tried again with the next edit."""
-        self._looks.pop(image, None)
-        text = f"{image.name} could not be read, and work on it is not saved: {problem}."
-        self._problems["look"] = text
-        self._tell()
+        self._seen.pop(image, None)
+        said = f"{image.name} could not be read, and work on it is not saved: {problem}."
+        self._tell("look", said)
 
     def _on_edit(self, event: Any = None) -> None:
         layer = getattr(event, "source", None)
@@ -280,18 +254,21 @@ class Saver(QObject):
         for pair, kept in self._kept.items():
             kept.edited |= layer in (None, pair[1])
         image = self._keeper.choices.image
-        if image is not None and image not in self._known:
+        if image is not None and image not in self._seen:
             self._on_choice()
         self._wait()
 
     def _on_change(self) -> None:
         if self._choice != self._keeper.settings.saving:
-            self._begin_anew()
-        if any(
-            pair not in self._kept or self._kept[pair].state is not self._state(pair)
-            for pair in self._pairs()
-        ):
-            self._wait()
+            # Elsewhere from now on, or no more: what is saved stays where it is.
+            self.flush()
+            self._choice = self._keeper.settings.saving
+            layers = {layer for _, layer in self._kept}
+            self._let_go()
+            for layer in layers:
+                _left.pop(layer, None)
+            self._on_choice()
+        self._wait()
 
     def _on_removing(self, event: Any) -> None:
         if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
@@ -301,12 +278,11 @@ class Saver(QObject):
         for pair in tuple(self._kept):
             if event.value in pair:
                 self._drop(pair)
-        for known in (self._known, self._offers, self._looks):
-            known.pop(event.value, None)
+        self._seen.pop(event.value, None)
 
     def _state(self, pair: Pair) -> State:
         work = self._keeper.work_on(*pair)
-        return work.state if work else State()
+        return work.state if work else NOTHING
 
     def _wait(self, milliseconds: int = DELAY_MS) -> None:
         if isalive(self._timer) and not self._timer.isActive():
@@ -324,58 +300,71 @@ class Saver(QObject):
             self._writing.failed.connect(self._on_written)
             self._writing.start()
 
-    def _orders(self) -> list[Order]:
-        """Take a snapshot of what has changed."""
+    def _orders(self) -> list[Callable[[], None]]:
+        """Take a snapshot of what has changed; give what writes it."""
         orders = []
         for pair in self._pairs():
-            kept, known = self._keep(pair), self._known.get(pair[0])
-            if known is None or kept.resuming:
+            kept, seen = self._keep(pair), self._seen.get(pair[0])
+            if seen is None or seen.folder is None or kept.resuming:
                 continue
-            state, drawn = self._state(pair), kept.drawn
-            if kept.edited or drawn is None:
-                drawn = shapes_in(self._keeper.viewer, pair[1], pair[0])
-            kept.edited = False
-            new = kept.drawn is None and not (kept.folder or drawn or state.records)
-            if not (new or (kept.state is state and _same(kept.drawn, drawn))):
-                orders.append(Order(kept, known, pair[1].name, drawn, state))
-                kept.drawn, kept.state = drawn, state
+            state, new = self._state(pair), kept.state is None
+            if kept.edited or kept.state is not state:
+                drawn = self._drawn(pair)
+                kept.edited = False
+                if not new or kept.folder or drawn or state.records:
+                    kept.state = state
+                    session = Session(pair[1].name, seen.about, drawn, state)
+                    orders.append(partial(_carry_out, kept, session, seen.folder))
         return orders
+
+    def _drawn(self, pair: Pair) -> Drawn:
+        """Read what is drawn in a layer."""
+        image, layer = pair
+        found: dict[int, list[Shape]] = defaultdict(list)
+        read = shapes_in(self._keeper.viewer, layer, image)
+        for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
+            found[EVERY if layer.ndim < image.ndim else frame].append(Shape(kind, line))
+        return dict(found)
 
     def _on_written(self, problem: str) -> None:
         self._writing = None
         if problem:  # all of it is written again
             for kept in self._kept.values():
-                kept.drawn = None
+                kept.state = None
             self._wait(AGAIN_MS)
         if problem != self._problems["write"]:
-            self._problems["write"] = problem
-            self._tell()
+            self._tell("write", problem)
 
 
-def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Known, list[Offer], str]:
-    """Find out which image it is, and what is written of it."""
+def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Seen, str]:
+    """Find out which image it is, and what is written of it; says what could not be read."""
     checksum = picture.checksum()
     folders = picture.folders(checksum, chosen)
-    offers, problem = [], ""
-    for path in (
-        path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())
-    ):
-        try:
-            held = summary(path) if path.is_dir() and path.suffix != OLD else None
-        except (OSError, LabelsError) as error:
-            problem = f"Saved work could not be read, and stays where it is: {error}."
-            continue
-        if held and held.sha256 == checksum:
-            offers.append(Offer(path, held))
-    return Known(picture.describe(checksum), folders[0]), offers, problem
+    seen, problem = Seen(None, picture.describe(checksum), folders[0]), ""
+    for folder in filter(Path.is_dir, folders):
+        for path in sorted(folder.iterdir()):
+            try:
+                held = summary(path) if path.is_dir() and path.suffix != OLD else None
+            except (OSError, LabelsError) as error:
+                problem = f"Saved work could not be read, and stays where it is: {error}."
+                continue
+            if held and held.sha256 == checksum:
+                seen.offers.append(Offer(path, held))
+    return seen, problem
 
 
-def _write(orders: list[Order]) -> str:
-    """Carry out orders; says what went wrong."""
+def _carry_out(kept: Kept, session: Session, parent: Path) -> None:
+    if kept.folder is None:
+        kept.folder = Folder.fresh(parent)
+    kept.folder.write(session)
+
+
+def _write(orders: Sequence[Callable[[], None]]) -> str:
+    """Write what was ordered, in a thread; says what went wrong."""
     problems = []
     for order in orders:
         try:
-            order.carry_out()
+            order()
         except OSError as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems.append(f"The work could not be saved: {error}.")
@@ -387,13 +376,3 @@ def _stamp(path: Path) -> str:
         return (path / HEAD).read_text(encoding="utf-8").removesuffix("\n")
     except OSError:
         return ""
-
-
-def _same(a: Drawn | None, b: Drawn) -> bool:
-    if a is None or {f: len(x) for f, x in a.items()} != {f: len(x) for f, x in b.items()}:
-        return False
-    return all(
-        one.kind == other.kind and np.array_equal(one.points, other.points)
-        for frame in b
-        for one, other in zip(a[frame], b[frame], strict=True)
-    )

@@ -7,15 +7,16 @@ what they may hold, and whatever is wrong is a `LabelsError` that names file and
 import base64
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from pydantic import (
+    AfterValidator,
     AwareDatetime,
     BaseModel,
     ConfigDict,
@@ -25,6 +26,7 @@ from pydantic import (
     NonNegativeInt,
     PlainSerializer,
     PlainValidator,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -35,7 +37,8 @@ from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.layers.pixels import Grid, Patch
-from napari_splinesketch.plugin.model import Line, Record, Review
+from napari_splinesketch.plugin.measures import once
+from napari_splinesketch.plugin.model import Record, Review, State
 
 FORMAT = 1
 MOST_BYTES = 2**27
@@ -49,67 +52,6 @@ VERTICES["ellipse"] = (4, 4)
 """The kinds of shapes that napari has, and how many vertices they may have."""
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """Something that the user drew.
-
-    Attributes
-    ----------
-    kind
-        As napari names it.
-    points
-        (N, 2) its vertices, px of the image.
-    """
-
-    kind: str
-    points: Line
-
-
-@dataclass(frozen=True, eq=False)
-class Page:
-    """What is known of one frame.
-
-    Attributes
-    ----------
-    shapes
-        What the user drew, in the order of its layer.
-    records, deleted
-        Its curves.
-    seconds
-        How long the engine took; None where it is not known.
-    notes
-        What the scene needed.
-    patch
-        The reconstruction, if there is one.
-    """
-
-    shapes: tuple[Shape, ...] = ()
-    records: tuple[Record, ...] = ()
-    deleted: tuple[Record, ...] = ()
-    seconds: float | None = None
-    notes: tuple[str, ...] = ()
-    patch: Patch | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Session:
-    """What is known of an image through one layer of sketches.
-
-    Attributes
-    ----------
-    layer
-        Name of the layer of sketches.
-    image
-        What the image was: values for JSON.
-    pages
-        By frame; `EVERY` for sketches that belong to all frames.
-    """
-
-    layer: str
-    image: Mapping[str, object] = field(default_factory=dict)
-    pages: Mapping[int, Page] = field(default_factory=dict)
-
-
 def _packed(array: Float[np.ndarray, "..."]) -> str:
     return base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
 
@@ -118,8 +60,6 @@ def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
     """Read rows of numbers: base64 of little-endian doubles."""
 
     def unpack(value: Any) -> np.ndarray:
-        if isinstance(value, np.ndarray):
-            return value
         if not isinstance(value, str):
             raise ValueError("is no string")
         packed = base64.b64decode(value, validate=True)
@@ -137,25 +77,43 @@ def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
 _Places = Annotated[np.ndarray, _rows(2, 2, places=True), PlainSerializer(_packed)]
 _Knots = Annotated[np.ndarray, _rows(3, 2, places=True), PlainSerializer(_packed)]
 _Numbers = Annotated[np.ndarray, _rows(1, 1), PlainSerializer(_packed)]
+_STRICT = ConfigDict(strict=True, arbitrary_types_allowed=True)
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True, arbitrary_types_allowed=True)
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Something that the user drew: its kind as napari names it, its (N, 2) vertices, px."""
 
-
-class _Shape(_Strict):
-    kind: Literal["line", "path", "polygon", "rectangle", "ellipse"]
+    __pydantic_config__ = _STRICT
+    kind: Annotated[str, Field(pattern=f"^({'|'.join(VERTICES)})$")]
     points: _Places
 
-    @model_validator(mode="after")
-    def _is_drawable(self) -> "_Shape":
-        least, most = VERTICES[self.kind]
-        if not least <= len(self.points) <= (most or len(self.points)):
-            raise ValueError(f"a {self.kind} of {len(self.points)} vertices")
-        return self
+
+def _drawable(shape: Shape) -> Shape:
+    least, most = VERTICES[shape.kind]
+    if not least <= len(shape.points) <= (most or len(shape.points)):
+        raise ValueError(f"a {shape.kind} of {len(shape.points)} vertices")
+    return shape
 
 
-class _Record(_Strict):
+_SHAPES = TypeAdapter(Sequence[Shape])
+Drawn = Mapping[int, Sequence[Shape]]
+"""What the user drew, by frame, in the order of its layer; `EVERY` for what is in all frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What is known of an image through the layer of sketches of that name."""
+
+    layer: str
+    image: Mapping[str, object] = field(default_factory=dict)
+    drawn: Drawn = field(default_factory=dict)
+    state: State = field(default_factory=State)
+
+
+class _Record(BaseModel):
+    model_config = _STRICT
+
     id: Annotated[NonNegativeInt, Field(le=MAX_INTEGER)]
     sketch: _Places
     knots: _Knots
@@ -189,23 +147,28 @@ class _Record(_Strict):
         return Record(self.id, frame, self.sketch, curve, *marks)
 
 
-class _Page(_Strict):
-    # Every fault that pydantic collects takes a kilobyte: the first one is enough.
-    sketches: Annotated[tuple[_Shape, ...], FailFast()]
+class Page(BaseModel):
+    """The file of one frame; every fault that is collected takes a kilobyte: the first will do."""
+
+    model_config = _STRICT
+
+    sketches: Annotated[tuple[Annotated[Shape, AfterValidator(_drawable)], ...], FailFast()]
     records: Annotated[tuple[_Record, ...], FailFast()]
     deleted: Annotated[tuple[_Record, ...], FailFast()]
     seconds: FiniteFloat | None = None
     notes: Annotated[tuple[str, ...], FailFast()]
 
     @model_validator(mode="after")
-    def _has_each_once(self) -> "_Page":
+    def _has_each_once(self) -> "Page":
         if len({record.id for record in self.records}) < len(self.records):
             raise ValueError("has a curve twice")
         return self
 
 
-class Head(_Strict):
+class Head(BaseModel):
     """What a folder holds, for the question whether to go on with it."""
+
+    model_config = _STRICT
 
     layer: Annotated[str, Field(max_length=1000)]
     sketches: NonNegativeInt
@@ -233,19 +196,12 @@ def read_head(path: Path) -> Head:
     return head
 
 
-def read_page(path: Path, frame: int) -> Page:
+def read_page(path: Path) -> Page:
     """Read a frame, without its picture."""
-    page, of_all = _read(_Page, path), max(frame, 0)
-    return Page(
-        tuple(Shape(shape.kind, shape.points) for shape in page.sketches),
-        tuple(record.record(of_all) for record in page.records),
-        tuple(record.record(of_all) for record in page.deleted),
-        page.seconds,
-        page.notes,
-    )
+    return _read(Page, path, MOST_BYTES)
 
 
-def _read(model: type[M], path: Path, most: int = MOST_BYTES) -> M:
+def _read(model: type[M], path: Path, most: int) -> M:
     size = path.stat().st_size
     if size > most:
         raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
@@ -261,23 +217,24 @@ def _read(model: type[M], path: Path, most: int = MOST_BYTES) -> M:
 
 def head_text(session: Session) -> str:
     """Write the head of a session."""
-    pages = session.pages.values()
+    frames = {frame for frame, shapes in session.drawn.items() if shapes}
     values = {
         "software": f"napari-splinesketch {__version__}",
         "format": FORMAT,
         "image": dict(session.image),
         "layer": session.layer,
         "saved": datetime.now(UTC).isoformat(),
-        "sketches": sum(len(page.shapes) for page in pages),
-        "curves": sum(len(page.records) for page in pages),
-        "frames": sum(bool(page.shapes or page.records) for page in pages),
+        "sketches": sum(map(len, session.drawn.values())),
+        "curves": len(session.state.records),
+        "frames": len(frames.union(record.frame for record in session.state.records)),
     }
     # Names of files, and so of layers, may hold what is no text.
     return json.dumps(values, ensure_ascii=False).encode("utf-8", "replace").decode("utf-8")
 
 
+@once
 def record_text(record: Record) -> str:
-    """Write a curve."""
+    """Write a curve; it never changes, and so that is done once."""
     values = vars(record.curve) | vars(record)
     values["residual"] = np.array([record.curve.residual])
     return _Record.model_construct(
@@ -285,15 +242,21 @@ def record_text(record: Record) -> str:
     ).model_dump_json()
 
 
-def page_text(frame: int, page: Page, records: list[str], deleted: list[str]) -> str:
-    """Write a frame, of whose curves the texts are known."""
-    shapes = [
-        _Shape.model_construct(kind=s.kind, points=s.points).model_dump_json() for s in page.shapes
-    ]
+def page_text(
+    frame: int,
+    session: Session,
+    records: Iterable[Record],
+    deleted: Iterable[Record],
+) -> str:
+    """Write a frame of a session, whose curves they are."""
+    shapes = _SHAPES.dump_json(session.drawn.get(frame, ())).decode()
+    state = session.state
     return (
-        f'{{"frame":{frame},"sketches":[{",".join(shapes)}],"records":[{",".join(records)}],'
-        f'"deleted":[{",".join(deleted)}],"seconds":{json.dumps(page.seconds)},'
-        f'"notes":{json.dumps(page.notes)}}}'
+        f'{{"frame":{frame},"sketches":{shapes},'
+        f'"records":[{",".join(map(record_text, records))}],'
+        f'"deleted":[{",".join(map(record_text, deleted))}],'
+        f'"seconds":{json.dumps(state.seconds.get(frame))},'
+        f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
     )
 
 
@@ -308,14 +271,7 @@ def write_patch(path: Path, patch: Patch) -> None:
 
 
 def read_patch(path: Path, size: tuple[int, int]) -> Patch | None:
-    """Read a picture; None where there is none.
-
-    Parameters
-    ----------
-    path
-        The file.
-    size
-        (H, W) of the image, px: no picture has more pixels, or lies beyond it.
+    """Read a picture that is no larger than an image of (H, W) px, and within it; None without.
 
     Raises
     ------
