@@ -36,8 +36,8 @@ from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
+from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.pixels import Grid, Patch
-from napari_splinesketch.plugin.measures import once
 from napari_splinesketch.plugin.model import Record, Review, State
 
 FORMAT = 1
