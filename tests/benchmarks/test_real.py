@@ -11,6 +11,7 @@ import real_modes
 import skimage.io
 from real_cases import FOLDERS, RIGHT, Case, by_arc, in_folders, jittered, length_of, read, split_of
 
+PERMISSIVE = ("Apache-2.0", "BSD-3-Clause", "CC0", "CC-BY-4.0", "MIT", "public domain")
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
 
 
@@ -78,6 +79,16 @@ def test_cases_at_hand_are_whole():
     assert {"neurites", "retina", "tripod", "whiskers"} <= set(cases)
     for case in cases.values():
         _check(case)
+
+
+def test_committed_cases_are_free_to_use_named_and_small():
+    about = (FOLDERS[0] / "README.md").read_text(encoding="utf-8")
+    for case in in_folders(FOLDERS[:1]):
+        assert case.licence.startswith(PERMISSIVE), (case.name, case.licence)
+        line = f"| {case.name} | {case.kind} | {len(case.references)} | {case.source} |"
+        assert f"{line} {case.licence} |" in about
+    files = [file for file in FOLDERS[0].rglob("*") if file.is_file()]
+    assert sum(file.stat().st_size for file in files) < 8e6
 
 
 def test_generated_cases_are_whole_and_always_the_same():
