@@ -1,6 +1,6 @@
 """How far a curve is from the truth: dynamic time warping, normal distance, end-point error."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,3 +178,78 @@ def _boxes(
     low = np.array([np.min(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
     high = np.array([np.max(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
     return low, high
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How far curves are from the truth, over all frames together.
+
+    Attributes
+    ----------
+    tolerance
+        Largest average DTW of a pair, px.
+    curves, truths, pairs
+        How many there are, and how many could be matched one to one within the tolerance.
+    precision, recall
+        Pairs over curves, pairs over truths.
+    dtw_median, dtw_mean, dtw_p95
+        Average DTW over the pairs, px.
+    normal_distance
+        Mean distance along the normal over the pairs, px.
+    end_error
+        Mean distance between ends over the pairs, px.
+    """
+
+    tolerance: float
+    curves: int
+    truths: int
+    pairs: int
+    precision: float
+    recall: float
+    dtw_median: float | None
+    dtw_mean: float | None
+    dtw_p95: float | None
+    normal_distance: float | None
+    end_error: float | None
+
+
+def compare(
+    frames: Iterable[Sequence[Sequence[Real[np.ndarray, "_ 2"]]]], *, tolerance: float
+) -> Comparison:
+    """Match the curves of each frame one to one with its truths, and measure the pairs.
+
+    Parameters
+    ----------
+    frames
+        Curves and truths of each.
+    tolerance
+        Largest average DTW of a pair, px.
+    """
+    counts, ends = np.zeros(2, int), list[float]()
+    distances, normals = list[float](), list[float]()
+    for curves, truths in frames:
+        counts += len(curves), len(truths)
+        matching = match(curves, truths, tolerance=tolerance)
+        distances.extend(matching.distances)
+        normals.extend(normal_distance(curves[i], truths[j]) for i, j in matching.pairs)
+        ends.extend(end_error(curves[i], truths[j]) for i, j in matching.pairs)
+    ours, theirs = counts.tolist()
+    return Comparison(
+        tolerance,
+        ours,
+        theirs,
+        len(distances),
+        precision=len(distances) / ours if ours else 1.0,
+        recall=len(distances) / theirs if theirs else 1.0,
+        dtw_median=_rounded(np.median, distances),
+        dtw_mean=_rounded(np.mean, distances),
+        dtw_p95=_rounded(lambda values: np.percentile(values, 95), distances),
+        normal_distance=_rounded(np.mean, [value for value in normals if np.isfinite(value)]),
+        end_error=_rounded(np.mean, ends),
+    )
+
+
+def _rounded(
+    statistic: Callable[[Sequence[float]], np.floating], values: Sequence[float]
+) -> float | None:
+    return round(float(statistic(values)), 4) if values else None

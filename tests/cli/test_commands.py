@@ -10,9 +10,10 @@ import tifffile
 
 from napari_splinesketch import __version__, palette
 from napari_splinesketch.cli import main
+from napari_splinesketch.cli.commands import COMMANDS
 from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
-from napari_splinesketch.cli.jobs import COMMANDS, RefineJob
+from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.cli.options import declared
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.format import Format
@@ -209,7 +210,7 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
     with pytest.raises(SystemExit):
         main(["refine", "a.tif", "a.csv", "-o", "b.csv", "--half-width", "-1"])
     assert "--half-width is -1.0; give a number above 0" in capsys.readouterr().err
-    for name, (kind, *_) in COMMANDS.items():
+    for name, (kind, _) in COMMANDS.items():
         with pytest.raises(SystemExit):
             main([name, "--help"])
         told = capsys.readouterr().out

@@ -343,7 +343,7 @@ def test_progress_never_falls_and_reaches_every_frame(folder: Path, engine: Fake
 def test_the_labels_say_where_they_come_from(folder: Path, engine: FakeEngine) -> None:
     import hashlib
 
-    from napari_splinesketch.labels.provenance import checksum
+    from napari_splinesketch.images.frames import checksum
 
     refine("--masks", "m.tif")
     with tifffile.TiffFile("m.tif") as file:

@@ -19,9 +19,8 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import Source
 from napari_splinesketch.cli import main
 from napari_splinesketch.images import zarr_image
-from napari_splinesketch.images.frames import ImageError, SilentServerError, open_frames
+from napari_splinesketch.images.frames import ImageError, SilentServerError, checksum, open_frames
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
-from napari_splinesketch.labels.provenance import checksum
 
 from .fakes import FakeEngine, film
 

@@ -7,9 +7,11 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from napari_splinesketch.batch.partial import Partial
+from napari_splinesketch.batch.reports import FrameReport
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, table, write_labels
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.stream import ByFrame, in_frames
+from napari_splinesketch.labels.types import ByFrame, in_frames
 
 from .samples import FULL, bent, same_keys, same_points
 
@@ -54,16 +56,16 @@ def _refused(folder: Path, text: str, reason: str, line: int) -> None:
 
 
 def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
-    parts = [Labels((label,), FULL.scale, FULL.units) for label in FULL.labels]
-    for number, part in enumerate(parts):
-        table.write(tmp_path / f"{number}.csv", part)
-    names = [tmp_path / f"{number}.csv" for number in range(len(parts))]
-    table.join(tmp_path / "all.csv", names, FULL.scale)
+    kept = Partial(tmp_path / "run.csv", {}, resume=False)
+    for number, label in enumerate(FULL.labels):
+        part = Labels((label,), FULL.scale, FULL.units)
+        kept.save(FrameReport(number, (), None, 0.0), table.text(part), None)
+    kept.join(tmp_path / "all.csv", range(3), FULL.scale, overwrite=False)
     assert (tmp_path / "all.csv").read_text() == table.text(FULL)
-    table.join(tmp_path / "none.csv", [], None)
+    kept.join(tmp_path / "none.csv", [], None, overwrite=False)
     assert read_labels(tmp_path / "none.csv").labels == ()
-    with pytest.raises(LabelsError, match="other columns"):
-        table.join(tmp_path / "mixed.csv", names, None)
+    with pytest.raises(LabelsError, match="not the columns expected"):
+        kept.join(tmp_path / "mixed.csv", range(3), None, overwrite=False)
     assert not (tmp_path / "mixed.csv").exists()
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from napari_splinesketch.files import checksum_of_file, printable
 from napari_splinesketch.labels import LabelsError, read_labels
-from napari_splinesketch.labels.files import checksum_of_file, printable
 from napari_splinesketch.labels.formats import READERS, open_labels
 
 ENDINGS = sorted({ending for reader in READERS for ending in reader.endings})

@@ -31,7 +31,7 @@ def test_another_program_sees_x_and_y_from_the_corner(tmp_path: Path) -> None:
     assert line.length == pytest.approx(FULL.labels[2].arc_length[-1])
     assert feature["geometry"]["plane"] == {"c": -1, "z": 0, "t": 4}
     assert feature["properties"]["objectType"] == "annotation"
-    assert feature["properties"]["classification"]["name"] == "good"
+    assert feature["properties"]["classification"] == {"name": "good", "color": [0, 158, 115]}
     measurements = feature["properties"]["measurements"]
     assert measurements["Half-width px, mean"] == pytest.approx(FULL.labels[2].half_width.mean())
     assert "Half-width px, mean" not in collection["features"][1]["properties"]["measurements"]
@@ -160,13 +160,3 @@ def test_what_is_no_json_is_said(tmp_path: Path, text: str, place: str) -> None:
     with pytest.raises(LabelsError, match="not JSON") as caught:
         read_labels(tmp_path / "bad.geojson")
     assert caught.value.place == place
-
-
-def test_a_value_that_is_too_large_is_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("napari_splinesketch.labels.json_stream.MAX_VALUE", 1000)
-    (tmp_path / "bad.geojson").write_text(f'["{"x" * 900_000}')
-    with pytest.raises(LabelsError, match="a value of more than 1000 characters") as caught:
-        read_labels(tmp_path / "bad.geojson")
-    assert caught.value.place == "line 1, column 2"

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from napari_splinesketch.geometry import edges, width_growth
 from napari_splinesketch.labels import Label
-from napari_splinesketch.labels.geometry import edges, resampled, width_growth
 
 from .samples import bent
 
@@ -31,7 +31,7 @@ def test_half_width_where_points_coincide_is_finite() -> None:
 
 def test_resampling_is_uniform_and_keeps_the_ends() -> None:
     label = bent(points=33)
-    fine = resampled(label, 200)
+    fine = label.resampled(200)
     steps = np.linalg.norm(np.diff(fine.points, axis=0), axis=1)
     assert np.ptp(steps) < 0.02 * steps.mean()
     assert np.allclose(fine.points[[0, -1]], label.points[[0, -1]])
@@ -40,13 +40,13 @@ def test_resampling_is_uniform_and_keeps_the_ends() -> None:
 
 
 def test_resampling_a_point_drawn_twice_is_that_point() -> None:
-    assert np.array_equal(resampled(Label.from_sketch(np.ones((2, 2))), 5).points, np.ones((5, 2)))
+    assert np.array_equal(Label.from_sketch(np.ones((2, 2))).resampled(5).points, np.ones((5, 2)))
 
 
 def test_edges_lie_a_half_width_beside_the_line() -> None:
     label = bent(points=200)
-    for edge in edges(label):
+    for edge in edges(label.points, label.half_width):
         assert np.allclose(np.linalg.norm(edge - label.points, axis=1), label.half_width)
-    left, right = edges(label)
+    left, right = edges(label.points, label.half_width)
     tangent = np.gradient(label.points, axis=0)
     assert np.allclose(((left - right) * tangent).sum(axis=1), 0, atol=1e-9)

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from napari_splinesketch.labels import Label, Labels, write_labels
-from napari_splinesketch.labels.raster import rasterise
+from napari_splinesketch.raster import rasterise
 
 from .samples import FULL, bent, drawn
 
@@ -45,7 +45,7 @@ def brute_force(label: Label, shape: tuple[int, int]) -> np.ndarray:
 def test_a_mask_is_all_within_the_half_width(label: Label) -> None:
     shape = (40, 90)
     mask = np.zeros(shape, bool)
-    patch = rasterise(label, shape)
+    patch = rasterise(label.points, label.half_width, shape)
     assert patch is not None
     mask[patch.place] |= patch.inside
     expected = brute_force(label, shape)
@@ -56,8 +56,8 @@ def test_a_mask_is_all_within_the_half_width(label: Label) -> None:
 
 
 def test_what_has_no_width_or_lies_outside_has_no_mask() -> None:
-    assert rasterise(drawn(), (40, 40)) is None
-    assert rasterise(bar([[-50, 5], [-30, 5]], [3, 3]), (40, 40)) is None
+    for label in (drawn(), bar([[-50, 5], [-30, 5]], [3, 3])):
+        assert rasterise(label.points, label.half_width, (40, 40)) is None
 
 
 CROSS = Labels(

@@ -37,7 +37,8 @@ def test_a_film_round_trips_bit_for_bit_with_all_that_a_table_holds(tmp_path: Pa
     labels = [replace(one, review="accepted", locked=True) for one in FILM.labels]
     film = Labels(tuple(labels), (0.5, 0.25), "µm", provenance={"preset": "fast"})
     losses = write_labels(tmp_path / "a.shapes.csv", film)
-    assert losses == ("CSV has no place for provenance (version, settings, image, date)",)
+    (loss,) = losses
+    assert loss.endswith("CSV: no place for provenance (version, settings, image, date)")
     back = read_labels(tmp_path / "a.shapes.csv")
     assert same_points(film, back)
     assert same_keys(film, back)

@@ -14,10 +14,10 @@ from .samples import FULL, bent
 
 def test_losses_are_said(tmp_path: Path) -> None:
     losses = write_labels(tmp_path / "a.swc", FULL)
-    assert [loss.partition(":")[0] for loss in losses] == [
-        "SWC has no place for standard errors, and is not read back",
-        "SWC has no frames",
-        "SWC has no unknown radius",
+    assert [loss.split(":")[1].strip() for loss in losses] == [
+        "no place for standard errors, and is not read back",
+        "no frames",
+        "no unknown radius",
     ]
     with pytest.raises(LabelsError, match="not a file of labels"):
         read_labels(tmp_path / "a.swc")

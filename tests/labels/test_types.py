@@ -93,8 +93,8 @@ NONSENSE: dict[str, tuple[Callable[[], object], str]] = {
     "twice": (lambda: Labels((Label.from_sketch(POINTS),) * 2), "occurs twice in frame 0"),
     "scale": (lambda: Labels((), (0.0, 1.0)), "two numbers above 0"),
     "infinite width": (lambda: Label(0, 0, POINTS[:2], TWO * np.inf, TWO, "good"), "use NaN"),
-    "units alone": (lambda: Labels((), None, "µm"), "give the size of a pixel"),
-    "no name": (lambda: Labels((), (1.0, 1.0), " "), "name of a unit"),
+    "units alone": (lambda: Labels((), None, "µm"), "give a pixel's size"),
+    "no name": (lambda: Labels((), (1.0, 1.0), " "), "a unit's name"),
     "ids": (lambda: Labels.from_curves([curve()], ids=[1, 2]), "1 curves but 2 ids"),
 }
 

@@ -13,8 +13,9 @@ import tifffile
 from napari.layers import Image
 from napari.layers._source import Source
 
+from napari_splinesketch import raster
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.labels import Label, Labels, masks, read_labels
+from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import files
 
@@ -129,7 +130,7 @@ def test_cancel_ends_an_export_within_a_large_mask(
 ) -> None:
     drawn: list[Any] = []
     shares: list[float] = []
-    real = masks.rasterise
+    real = raster.rasterise
 
     def counted(*given: Any) -> Any:
         drawn.append(given)
@@ -139,7 +140,7 @@ def test_cancel_ends_an_export_within_a_large_mask(
         shares.append(progress.fraction)
         return progress.fraction < 0.6
 
-    monkeypatch.setattr(masks, "rasterise", counted)
+    monkeypatch.setattr(raster, "rasterise", counted)
     labels = Labels((WIDE,), shape=(3072, 3072))
     with pytest.raises(files.CancelledError):
         files.export(tmp_path / "a.masks.tif", labels, False, until_there)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.cli import main
+from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
-from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.training import Split, export_training, read_training
 
 SHAPE = (40, 60)

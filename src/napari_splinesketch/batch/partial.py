@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -13,8 +13,8 @@ import tifffile
 from jaxtyping import Float
 
 from napari_splinesketch.batch.reports import FrameReport
-from napari_splinesketch.labels import Label, table
-from napari_splinesketch.labels.files import atomic
+from napari_splinesketch.files import atomic
+from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
 FRAMES_A_FOLDER = 1000
 
@@ -105,6 +105,24 @@ class Partial:
     def table(self, frame: int) -> Path:
         """Name the table of a finished frame."""
         return self._path(frame, ".csv")
+
+    def join(
+        self,
+        output: Path,
+        frames: Iterable[int],
+        scale: tuple[float, float] | None,
+        *,
+        overwrite: bool,
+    ) -> None:
+        """Write the tables of finished frames as one, without reading them into memory."""
+        header = table.text(Labels(scale=scale)).encode()
+        with atomic(output, overwrite=overwrite) as temporary, temporary.open("xb") as file:
+            file.write(header)
+            for frame in frames:
+                with self.table(frame).open("rb") as part:
+                    if part.readline() != header:
+                        raise LabelsError(self.table(frame), "line 1", "not the columns expected")
+                    shutil.copyfileobj(part, file)
 
     def has_labels(self, frame: int) -> bool:
         """Tell whether a finished frame has labels."""

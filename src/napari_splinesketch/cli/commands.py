@@ -4,7 +4,8 @@ import argparse
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -30,9 +31,10 @@ class _Parser(argparse.ArgumentParser):
             *given, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **more
         )
 
+    text: Callable[[], str] | None = None
+
     def format_help(self) -> str:
-        if callable(self.description):
-            self.description = self.description()
+        self.description = self.text() if self.text else self.description
         return super().format_help()
 
 
@@ -41,9 +43,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser("napari-splinesketch", description=jobs.ABOUT, epilog=jobs.EXIT_CODES)
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (options, summary, text) in jobs.COMMANDS.items():
-        command = commands.add_parser(name, help=summary)
-        command.description = text  # pyright: ignore[reportAttributeAccessIssue]  (or gives one)
+    for name, (options, _) in COMMANDS.items():
+        summary = (options.__doc__ or "").partition(".")[0]
+        command = commands.add_parser(name, help=summary[:1].lower() + summary[1:])
+        command.text = partial(jobs.help_of, options)
         add_options(command, options)
     return parser
 
@@ -54,13 +57,13 @@ def run(arguments: Sequence[str] | None) -> int:
     try:
         parser = make_parser()
         options = parser.parse_args(arguments)
-        name, kind = options.command, jobs.COMMANDS[options.command][0]
+        name, (kind, do) = options.command, COMMANDS[options.command]
         kept = issubclass(kind, jobs.FrameJob)
         try:
             job = given(kind, options)
         except ValueError as error:
             parser.error(str(error))
-        return _COMMANDS[name](job)
+        return do(job)
     except SystemExit:  # of --help and --version, maybe into `| head`
         terminal.tell(())
         raise
@@ -121,14 +124,15 @@ def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -
 def _convert(job: jobs.ConvertJob) -> int:
     from napari_splinesketch.labels import write_labels
     from napari_splinesketch.labels.formats import open_labels
-    from napari_splinesketch.labels.stream import facts_of, scaled
+    from napari_splinesketch.labels.types import ByFrame, facts_of
 
     with _owning(job):
         labels = open_labels(job.source)
         if job.scale:
-            labels = scaled(labels, job.scale, job.units)
+            head = replace(labels.head, scale=job.scale, units=job.units)
+            labels = replace(labels, head=head) if isinstance(labels, ByFrame) else head
         losses = write_labels(job.target, labels, overwrite=job.overwrite)
-    notes = [*labels.notes, *losses]
+    notes = [*labels.head.notes, *losses]
     for note in notes:
         terminal.say(note)
     count = facts_of(labels).count
@@ -144,7 +148,7 @@ def _compare(job: jobs.CompareJob) -> int:
         labels, truth = read_labels(job.labels), read_labels(job.truth)
         result = comparing.compare(labels, truth, tolerance=job.tolerance)
         if job.picture:
-            comparing.draw(job.picture, labels, truth, image=job.image, overwrite=job.overwrite)
+            comparing.draw(job.picture, labels, truth, job.image, job.overwrite)
     for note in (*labels.notes, *truth.notes):
         terminal.say(note)
     return _show(job, asdict(result), comparing.as_text(result))
@@ -182,15 +186,16 @@ def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
     yield f"written to {folder}"
 
 
-_COMMANDS: dict[str, Callable[[Any], int]] = {
-    "demo": _demo,
-    "refine": _frames_of("refining"),
-    "suggest": _frames_of("suggesting"),
-    "track": _frames_of("tracking"),
-    "convert": _convert,
-    "compare": _compare,
-    "export-training": _export_training,
+COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
+    "demo": (jobs.DemoJob, _demo),
+    "refine": (jobs.RefineJob, _frames_of("refining")),
+    "suggest": (jobs.SuggestJob, _frames_of("suggesting")),
+    "track": (jobs.TrackJob, _frames_of("tracking")),
+    "convert": (jobs.ConvertJob, _convert),
+    "compare": (jobs.CompareJob, _compare),
+    "export-training": (jobs.TrainingJob, _export_training),
 }
+"""The options of each command, whose docstrings are its help, and what it does."""
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Every command: its options and its help."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import cleandoc
 from pathlib import Path
 from typing import Literal
 
@@ -132,7 +132,23 @@ class SharedJob(FrameJob):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineJob(SharedJob, SketchedJob):
-    """What `refine` was asked for."""
+    r"""Refine the sketches on an image or film.
+
+    Refine the sketches on every frame that has any. Curves keep the order and the numbers of their
+    sketches; a sketch that cannot be refined comes back as drawn, marked "failed".
+
+    IMAGE is a TIFF (including ImageJ hyperstacks and OME-TIFF), PNG, OME-Zarr, AVI or MP4, a
+    folder with one image per frame, a glob in quotes ("day1/*.png"), or the URL of an OME-Zarr
+    (https://..., s3://...). SKETCHES is any file of lines that can be read: a Shapes layer saved
+    by napari, ImageJ ROIs, the labels of an earlier run, ...
+
+    For example:
+      napari-splinesketch refine worms.tif sketches.csv -o labels.csv
+      napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
+      napari-splinesketch refine film.tif sketches.csv -o labels.csv --jobs 2
+      napari-splinesketch refine worms.png sketches.csv -o labels.csv \
+          --overlay overlay.png --reconstruction model.tif --masks masks.tif
+    """
 
     seed: int = opt("seed of random numbers, where a preset uses any", "N", default=0)
     reconstruction: Path | None = opt(
@@ -148,7 +164,15 @@ class RefineJob(SharedJob, SketchedJob):
 
 @dataclass(frozen=True, kw_only=True)
 class SuggestJob(SharedJob):
-    """What `suggest` was asked for."""
+    """Suggest sketches on an image or film.
+
+    Suggest a sketch for each slender body that stands out, on every frame or on one. The lines
+    are a first draft: check and correct them, then refine. IMAGE is anything that `refine` takes.
+
+    For example:
+      napari-splinesketch suggest worms.tif -o suggested.csv
+      napari-splinesketch suggest film.tif -o suggested.shapes.csv --frame 0 --sensitivity 0.7
+    """
 
     sensitivity: float = opt(
         "0 suggests only what stands out, 1 also what is faint or short (default: {default})",
@@ -162,7 +186,19 @@ class SuggestJob(SharedJob):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackJob(SketchedJob):
-    """What `track` was asked for."""
+    """Follow sketched bodies through a film.
+
+    Refine the sketches of the first frame that has any, and follow the bodies to the last frame,
+    each under its number. Sketches on later frames are refined there: a new number adds a body, a
+    known one corrects it. A body whose curve is not trusted (its length or width jumps, or it lies
+    on another body) is reported as "drift"; one that is not found is "missing", and after three
+    frames "lost". IMAGE and SKETCHES are anything that `refine` takes. Each frame needs the one
+    before it, so one process does all of them; several films can be tracked side by side.
+
+    For example:
+      napari-splinesketch track film.tif film.csv -o labels.csv
+      napari-splinesketch track film.tif film.csv -o labels.csv --preset fast --last 1 --resume
+    """
 
     last: int | None = opt("stop after this frame, from 0", "N", default=None)
     smooth: Literal["on", "off"] = opt(
@@ -173,7 +209,14 @@ class TrackJob(SketchedJob):
 
 @dataclass(frozen=True, kw_only=True)
 class DemoJob(Job):
-    """What `demo` was asked for."""
+    """See it work, on swimming worms.
+
+    Open a window with swimming worms and a few rough lines, ready for Refine. With --output, or
+    where no window can be opened, refine them without one and write labels.csv, overlay.png and
+    reconstruction.tif.
+
+    exit codes: 0 done; 1 some curves could not be refined; 2 nothing was done
+    """
 
     output: Path | None = opt(
         "open no window; write the results into this folder", "FOLDER", short="-o", default=None
@@ -183,7 +226,20 @@ class DemoJob(Job):
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertJob(ScaledJob):
-    """What `convert` was asked for."""
+    """Convert labels to another format.
+
+    Read labels or sketches from one file and write them to another; the ends of their names decide
+    the formats. You are told what the new format has no place for.
+
+    {formats}
+
+    For example:
+      napari-splinesketch convert labels.csv labels.geojson
+      napari-splinesketch convert labels.csv rois.zip
+      napari-splinesketch convert sketches.csv labels.wcon --pixel-size 0.5 --units µm
+
+    exit codes: 0 converted; 2 not converted, and the message says why
+    """
 
     source: Path = opt(metavar="IN", role="read")
     target: Path = opt(metavar="OUT", role="written")
@@ -191,7 +247,17 @@ class ConvertJob(ScaledJob):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareJob(Job):
-    """What `compare` was asked for."""
+    r"""Measure labels against the truth.
+
+    Match the curves of each frame one to one with the truth and measure every pair: average DTW
+    (dynamic time warping), distance along the normal, and distance between the ends, all in px.
+
+    For example:
+      napari-splinesketch compare labels.csv truth.csv --tolerance 2 --image worms.tif \
+          --picture comparison.png
+
+    exit codes: 0 compared; 2 not compared, and the message says why
+    """
 
     labels: Path = opt(metavar="LABELS", role="read")
     truth: Path = opt(metavar="TRUTH", role="read")
@@ -211,7 +277,20 @@ class CompareJob(Job):
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob(ImageJob):
-    """What `export-training` was asked for."""
+    r"""Write a training set.
+
+    Write the frames of a film that have accepted curves as a training set: images, splines, masks,
+    and a split into train, val and test. Curves that nobody accepted count neither as bodies nor as
+    background: each frame has a mask of what to ignore. LABELS is a file that records what was
+    accepted: labels CSV, GeoJSON or WCON, exported from the window.
+
+    For example:
+      napari-splinesketch export-training film.tif labels.csv -o training --keep good
+      napari-splinesketch export-training film.tif labels.csv -o training --keep good \
+          --split 0.7 0.2 0.1 --block 50 --gap 10 --whole-frames
+
+    exit codes: 0 written; 2 not written, and the message says why
+    """
 
     labels: Path = opt(metavar="LABELS", role="read")
     output: Path = opt("folder to write", "FOLDER", short="-o")
@@ -257,112 +336,15 @@ and uncertainties.
 
 Each command has its own help: napari-splinesketch refine --help"""
 
-DEMO = """\
-Open a window with swimming worms and a few rough lines, ready for Refine. With --output, or
-where no window can be opened, refine them without one and write labels.csv, overlay.png and
-reconstruction.tif.
 
-exit codes: 0 done; 1 some curves could not be refined; 2 nothing was done"""
+def help_of(command: type[Job]) -> str:
+    """Give a command's help; the formats are read up only for it, since that takes a moment."""
+    text = cleandoc(command.__doc__ or "").partition("\n\n")[2]
+    if "{formats}" in text:
+        from napari_splinesketch.labels.formats import READERS, WRITERS
 
-REFINE = f"""\
-Refine the sketches on every frame that has any. Curves keep the order and the numbers of their
-sketches; a sketch that cannot be refined comes back as drawn, marked "failed".
-
-IMAGE is a TIFF (including ImageJ hyperstacks and OME-TIFF), PNG, OME-Zarr, AVI or MP4, a folder
-with one image per frame, a glob in quotes ("day1/*.png"), or the URL of an OME-Zarr (https://...,
-s3://...). SKETCHES is any file of lines that can be read: a Shapes layer saved by napari, ImageJ
-ROIs, the labels of an earlier run, ...
-
-examples:
-  napari-splinesketch refine worms.tif sketches.csv -o labels.csv
-  napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
-  napari-splinesketch refine film.tif sketches.csv -o labels.csv --jobs 2
-  napari-splinesketch refine worms.png sketches.csv -o labels.csv \\
-      --overlay overlay.png --reconstruction model.tif --masks masks.tif
-
-{EXIT_CODES}"""
-
-SUGGEST = f"""\
-Suggest a sketch for each slender body that stands out, on every frame or on one. The lines are a
-first draft: check and correct them, then refine. IMAGE is anything that `refine` takes.
-
-examples:
-  napari-splinesketch suggest worms.tif -o suggested.csv
-  napari-splinesketch suggest film.tif -o suggested.shapes.csv --frame 0 --sensitivity 0.7
-
-{EXIT_CODES}"""
-
-TRACK = f"""\
-Refine the sketches of the first frame that has any, and follow the bodies to the last frame, each
-under its number. Sketches on later frames are refined there: a new number adds a body, a known
-one corrects it. A body whose curve is not trusted (its length or width jumps, or it lies on
-another body) is reported as "drift"; one that is not found is "missing", and after three frames
-"lost". IMAGE and SKETCHES are anything that `refine` takes. Each frame needs the one before it,
-so one process does all of them; several films can be tracked side by side.
-
-examples:
-  napari-splinesketch track film.tif film.csv -o labels.csv
-  napari-splinesketch track film.tif film.csv -o labels.csv --preset fast --last 1 --resume
-
-{EXIT_CODES}"""
-
-COMPARE = """\
-Match the curves of each frame one to one with the truth and measure every pair: average DTW
-(dynamic time warping), distance along the normal, and distance between the ends, all in px.
-
-example:
-  napari-splinesketch compare labels.csv truth.csv --tolerance 2 --image worms.tif \\
-      --picture comparison.png
-
-exit codes: 0 compared; 2 not compared, and the message says why"""
-
-TRAINING = """\
-Write the frames of a film that have accepted curves as a training set: images, splines, masks,
-and a split into train, val and test. Curves that nobody accepted count neither as bodies nor as
-background: each frame has a mask of what to ignore. LABELS is a file that records what was
-accepted: labels CSV, GeoJSON or WCON, exported from the window.
-
-examples:
-  napari-splinesketch export-training film.tif labels.csv -o training --keep good
-  napari-splinesketch export-training film.tif labels.csv -o training --keep good \\
-      --split 0.7 0.2 0.1 --block 50 --gap 10 --whole-frames
-
-exit codes: 0 written; 2 not written, and the message says why"""
-
-
-def convert_text() -> str:
-    """Give the help of `convert`, with every format: reading them up takes a moment."""
-    from napari_splinesketch.labels.format import Format
-    from napari_splinesketch.labels.formats import READERS, WRITERS
-
-    def listed(formats: tuple[Format, ...], count: int | None = None) -> str:
-        return "\n".join(f"  {', '.join(form.endings[:count]):18} {form.name}" for form in formats)
-
-    return f"""\
-Read labels or sketches from one file and write them to another; the ends of their names decide
-the formats. You are told what the new format has no place for.
-
-formats written:
-{listed(WRITERS, 1)}
-
-formats read:
-{listed(READERS)}
-
-examples:
-  napari-splinesketch convert labels.csv labels.geojson
-  napari-splinesketch convert labels.csv rois.zip
-  napari-splinesketch convert sketches.csv labels.wcon --pixel-size 0.5 --units µm
-
-exit codes: 0 converted; 2 not converted, and the message says why"""
-
-
-COMMANDS: dict[str, tuple[type[Job], str, str | Callable[[], str]]] = {
-    "demo": (DemoJob, "see it work, on swimming worms", DEMO),
-    "refine": (RefineJob, "refine the sketches on an image or film", REFINE),
-    "suggest": (SuggestJob, "suggest sketches on an image or film", SUGGEST),
-    "track": (TrackJob, "follow sketched bodies through a film", TRACK),
-    "convert": (ConvertJob, "convert labels to another format", convert_text),
-    "compare": (CompareJob, "measure labels against the truth", COMPARE),
-    "export-training": (TrainingJob, "write a training set", TRAINING),
-}
-"""The options, a summary and the help of each command."""
+        written = (f"  {form.suffix:18} {form.name}" for form in WRITERS)
+        read = (f"  {', '.join(form.endings):18} {form.name}" for form in READERS)
+        listed = "\n".join(["formats written:", *written, "", "formats read:", *read])
+        text = text.replace("{formats}", listed)
+    return f"{text}\n\n{EXIT_CODES}" if issubclass(command, FrameJob) else text

@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.stream import ByFrame, in_frames
+from napari_splinesketch.labels.types import ByFrame, in_frames
 
 
 def run(job: RefineJob, report: Report) -> Outcome:
@@ -34,8 +34,8 @@ def run(job: RefineJob, report: Report) -> Outcome:
         outcome, labels = work.write(map(int, sketches.frames), sketches.head.notes)
         if job.masks:
             masks.FORMAT.write_whole(job.masks, labels, overwrite=job.overwrite)
-        if labels.shape is not None:  # a frame could be refined
-            _write_pictures(job, work, outcome.frames, labels.shape)
+        if labels.head.shape is not None:  # a frame could be refined
+            _write_pictures(job, work, outcome.frames, labels.head.shape)
     return outcome
 
 

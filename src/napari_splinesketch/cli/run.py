@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
 from functools import partial as bind
 
 import numpy as np
@@ -27,9 +28,7 @@ from napari_splinesketch.files import checksum_of_file, owned
 from napari_splinesketch.images.frames import Frames, open_frames
 from napari_splinesketch.labels import Labels, table
 from napari_splinesketch.labels.formats import writer_of
-from napari_splinesketch.labels.json_tree import Members
-from napari_splinesketch.labels.provenance import provenance
-from napari_splinesketch.labels.stream import ByFrame
+from napari_splinesketch.labels.types import ByFrame
 
 FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
 FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
@@ -147,26 +146,28 @@ class Run:
         writer = writer_of(output)
         losses: tuple[str, ...] = ()
         if writer is table.FORMAT:  # as the frames are kept: there is nothing to be read
-            tables = (self.partial.table(done.frame) for done in reports)
-            table.join(output, tables, labels.scale, overwrite=overwrite)
+            numbers = (done.frame for done in reports)
+            self.partial.join(output, numbers, labels.head.scale, overwrite=overwrite)
         else:
             losses = writer.write_whole(output, labels, overwrite=overwrite)
         # The reports have the checksums of the frames.
-        source = {key: value for key, value in labels.provenance.items() if key != "image"}
+        source = {key: value for key, value in labels.head.provenance.items() if key != "image"}
         return Outcome(reports, (*notes, *losses), source), labels
 
     def _labels(self, reports: Reports) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
         head = self.head
         if first is not None:
-            source = provenance(
-                image=self.images.name,
-                shape=first.shape,
-                dtype=str(first.dtype),
-                checksums=Members(bind(_checksums, reports)),
-                preset=str(self.settings.get("preset", "")),
-                options={key: self.settings[key] for key in self.settings if key != "preset"},
-            )
+            # The checksums, one a frame, are read when they are written.
+            pixels = {"shape": list(first.shape), "dtype": str(first.dtype)}
+            image = {"name": self.images.name, **pixels, "sha256": bind(_checksums, reports)}
+            source = {
+                "software": f"napari-splinesketch {__version__}",
+                "date": datetime.now(UTC).isoformat(timespec="seconds"),
+                "preset": str(self.settings.get("preset", "")),
+                "options": {key: self.settings[key] for key in self.settings if key != "preset"},
+                "image": image,
+            }
             head = replace(head, shape=first.shape, provenance=source)
         kept = (done.frame for done in reports if self.partial.has_labels(done.frame))
         frames = np.fromiter(kept, dtype=np.int64)

@@ -14,9 +14,8 @@ from napari_splinesketch.cli.jobs import TrackJob
 from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Progress, Refinement
-from napari_splinesketch.images.frames import Frames, ImageError
+from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels, table
-from napari_splinesketch.labels.provenance import checksum
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
 ENTERED = (

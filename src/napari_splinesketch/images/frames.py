@@ -1,5 +1,6 @@
 """Images for the command line: files, folders and films, read one frame at a time."""
 
+import hashlib
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -65,6 +66,12 @@ class Frames:
         if pixels.ndim != 2:
             raise ImageError(f"{self.name}, frame {index}: shape {pixels.shape}; expected (H, W)")
         return pixels
+
+
+def checksum(frame: Real[np.ndarray, "H W"]) -> str:
+    """SHA-256 of a frame's pixels, row by row, little-endian, in hexadecimal digits."""
+    frame = np.ascontiguousarray(frame, dtype=frame.dtype.newbyteorder("<"))
+    return hashlib.sha256(frame.tobytes()).hexdigest()
 
 
 @contextmanager

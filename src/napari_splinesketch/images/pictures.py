@@ -9,9 +9,9 @@ from jaxtyping import Float, Real, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from napari_splinesketch import palette
+from napari_splinesketch.files import atomic
+from napari_splinesketch.geometry import edges
 from napari_splinesketch.labels import Label
-from napari_splinesketch.labels.files import atomic
-from napari_splinesketch.labels.geometry import edges
 
 COLOURS = palette.STATUS | {"sketch": palette.SKETCH}
 SIDE = 2048
@@ -56,7 +56,7 @@ def write_overlay(
         colour = COLOURS[label.status]
         pen.line(_place(label.points, zoom), fill=colour, width=thick)
         if np.all(np.isfinite(label.half_width)):
-            for edge in edges(label):
+            for edge in edges(label.points, label.half_width):
                 pen.line(_place(edge, zoom), fill=colour, width=1)
         corner = _place(label.points[:1], zoom)[0]
         pen.text(corner, str(label.curve), "white", font, stroke_width=2, stroke_fill="black")

@@ -1,6 +1,6 @@
 """Reading and writing curves: plain functions, without Qt, napari or JAX."""
 
-from napari_splinesketch.labels.files import LabelsError
+from napari_splinesketch.labels.format import LabelsError
 from napari_splinesketch.labels.formats import read_labels, write_labels
 from napari_splinesketch.labels.types import Label, Labels
 

@@ -5,14 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.geometry import area, edges
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.geometry import area, evenly_sampled, outline
-from napari_splinesketch.labels.head import head_of, own_members
-from napari_splinesketch.labels.json_tree import write_json
+from napari_splinesketch.labels.json_tree import head_of, own_members, write_json
 from napari_splinesketch.labels.masks import image_shape
-from napari_splinesketch.labels.stream import AnyLabels, facts_of, in_frames
-from napari_splinesketch.labels.types import Label
+from napari_splinesketch.labels.types import AnyLabels, Label, evenly_sampled, in_frames
 
 CORNER = 0.5
 """Boxes and polygons count from the corner of the first pixel, keypoints from its centre, px."""
@@ -29,52 +26,32 @@ def write(path: Path, labels: AnyLabels) -> None:
         for frame in map(int, in_frames(labels).frames)
     )
     size, bodies = evenly_sampled(labels)
+    skeleton = {
+        "keypoints": [f"p{i}" for i in range(size)],
+        "skeleton": [[i, i + 1] for i in range(1, size)],
+    }
     root = {
-        "info": {"description": "napari-splinesketch", **head_of(labels)},
+        "info": {"description": "napari-splinesketch", **head_of(labels.head)},
         "licenses": [],
         "images": images,
-        "categories": [_category(size)],
+        "categories": [{"id": 1, "name": "body", "supercategory": "body", **skeleton}],
         "annotations": (_annotation(i, label) for i, label in enumerate(bodies, 1)),
     }
     write_json(path, root)
 
 
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what COCO has no place for."""
-    lost = []
-    if len(facts_of(labels).sizes) > 1:
-        lost.append(
-            f"COCO wants as many keypoints on every body: curves were resampled to {POINTS} points"
-        )
-    if facts_of(labels).without_width:
-        lost.append("COCO has no lines: where the half-width is not known, there is no outline")
-    if labels.shape is None:
-        lost.append("the size of the image is not known: height and width hold all bodies")
-    return tuple(lost)
-
-
 def image_name(labels: AnyLabels) -> str:
     """Give the name of the image, as far as it is known."""
-    image = labels.provenance.get("image")
+    image = labels.head.provenance.get("image")
     name = image.get("name") if isinstance(image, dict) else None
     return name if isinstance(name, str) else "image"
-
-
-def _category(count: int) -> dict[str, Any]:
-    return {
-        "id": 1,
-        "name": "body",
-        "supercategory": "body",
-        "keypoints": [f"p{i}" for i in range(count)],
-        "skeleton": [[i, i + 1] for i in range(1, count)],
-    }
 
 
 def _annotation(number: int, label: Label) -> dict[str, Any]:
     xy = label.points[:, ::-1]
     keypoints = np.column_stack([xy, np.full(len(xy), VISIBLE)])
-    around = outline(label)
-    polygon = None if around is None else around[:, ::-1]
+    left, right = edges(xy, label.half_width)
+    polygon = np.concatenate([left, right[::-1]]) if np.isfinite(left).all() else None
     box = xy if polygon is None else polygon
     low, size = box.min(axis=0) + CORNER, np.ptp(box, axis=0)
     return {
@@ -92,4 +69,5 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
     }
 
 
-FORMAT = Format("COCO keypoints", (".coco.json",), write=write, losses=losses)
+LOSSES = ("sampling", "width", "shape")
+FORMAT = Format("COCO keypoints", (".coco.json",), write=write, losses=LOSSES)

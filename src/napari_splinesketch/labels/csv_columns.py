@@ -1,58 +1,28 @@
-"""CSV tables, some rows at a time as columns: what is wrong is blamed on its line."""
+"""CSV tables curve by curve, as columns: what is wrong is blamed on its line."""
 
 import csv
-import re
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from io import BytesIO, StringIO, TextIOWrapper
-from itertools import pairwise
+from io import TextIOWrapper
+from itertools import groupby, islice
 from typing import Any, TextIO
 
 import numpy as np
-from jaxtyping import Int, Shaped
 
-from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import open_regular
-from napari_splinesketch.labels.format import Source
+from napari_splinesketch.labels.format import Source, open_regular
+from napari_splinesketch.labels.types import MAX_INTEGER
 
-BLOCK = 2**17
-"""Characters that are parsed at a time."""
 MAX_LINE = 2**16
-MAX_INTEGER = 2**63 - 1
-NAN = ["nan", "NaN"]
-"""What pandas takes as not a number; what else Python does is left to the slower way."""
+WHOLE = "a whole number from 0 to 2^63-1"
+TOGETHER = 1000
+"""Rows that are parsed at a time."""
 Kinds = Mapping[str, type | float]
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Some rows of a table.
-
-    Attributes
-    ----------
-    lines
-        (N,) the number of each row's line, from 1.
-    columns
-        (N,) values of each column that was asked for and is there.
-    """
-
-    lines: Int[Array, " N"]
-    columns: dict[str, Shaped[Array, " N"]]
-
-    def key(self, by: Sequence[str]) -> tuple[int, ...]:
-        """Give whole numbers of the first row, 0 where there is no such column."""
-        return tuple(self.columns[name].item(0) if name in self.columns else 0 for name in by)
-
-    def runs(self, by: Sequence[str]) -> Iterator["Rows"]:
-        """Give the longest stretches in which some columns do not change."""
-        changes = np.zeros(len(self.lines) - 1, bool)
-        for column in (self.columns[name] for name in by if name in self.columns):
-            changes |= column[1:] != column[:-1]
-        for first, end in pairwise([0, *np.flatnonzero(changes) + 1, len(self.lines)]):
-            columns = {name: column[first:end] for name, column in self.columns.items()}
-            yield Rows(self.lines[first:end], columns)
+Rows = tuple[Sequence[int], dict[str, Any]]
+"""Of a curve: the number of each row's line, from 1, and each column that was asked for and is
+there. Of numbers with a fraction, the values; of others the one value along the curve."""
 
 
 def read_curves(
@@ -60,15 +30,13 @@ def read_curves(
     kinds: Kinds,
     required: Sequence[str],
     by: Sequence[str],
-    same: Sequence[str],
+    count: str,
     *,
-    check: Callable[[list[str]], None] = lambda header: None,
-    watch: Callable[[Rows], None] = lambda rows: None,
+    check: Callable[[Sequence[str]], None] = lambda header: None,
 ) -> Iterator[Rows]:
     """Read a table curve by curve; the rows of one follow one another.
 
-    Columns may stand in any order, and there may be further ones. Beside what is given, no more
-    than some rows and one curve are held.
+    Columns may stand in any order, and there may be further ones. No more than one curve is held.
 
     Parameters
     ----------
@@ -81,90 +49,98 @@ def read_curves(
         Those that must be there.
     by
         Those that tell one curve from another: frame and number.
-    same
-        Those that do not change along a curve; the first one counts its rows instead, from 0.
+    count
+        The one that counts the rows of a curve from 0.
     check
         Raises ValueError where it does not like the names of the columns.
-    watch
-        Is given all rows as they are read.
     """
-    rest: list[Rows] = []
-    for rows in _read_rows(source, kinds, required, check):
-        watch(rows)
-        for piece in rows.runs(by):
-            if rest and piece.key(by) != rest[0].key(by):
-                yield _whole(source, rest, by, same)
-                rest = []
-            rest.append(piece)
-    if rest:
-        yield _whole(source, rest, by, same)
-
-
-def _whole(source: Source, pieces: list[Rows], by: Sequence[str], same: Sequence[str]) -> Rows:
-    """Put the rows of a curve together, and blame the first that does not belong there."""
-    lines = np.concatenate([piece.lines for piece in pieces])
-    columns = {n: np.concatenate([piece.columns[n] for piece in pieces]) for n in pieces[0].columns}
-    rows = Rows(lines, columns)
-    source.place = f"line {lines[0]}"
-    source.refuse_again(*rows.key(by))
-    for name in (name for name in same if name in columns):
-        values, counts = columns[name], name == same[0]
-        expected = np.arange(len(lines)) if counts else values[0]
-        for wrong in np.flatnonzero(values != expected)[:1]:
-            source.place = f"line {lines[wrong]}"
-            if counts:
-                raise ValueError(f"{name} is {values[wrong]}; expected {wrong}, counting from 0")
-            raise ValueError(f"{name} differs from {values.item(0)!r} on line {lines[0]}")
-    return rows
-
-
-def _read_rows(
-    source: Source, kinds: Kinds, required: Sequence[str], check: Callable[[list[str]], None]
-) -> Iterator[Rows]:
     with open_regular(source.path) as raw, TextIOWrapper(raw, "utf-8-sig", newline="") as file:
-        line, source.place = 1, "line 1"
-        header: list[str] = []
-        for block in _blocks(source, file):
+        table, source.place = _table(source, file), "line 1"
+        _, header = next(table, (1, ()))
+        _check_header(source, header, required)
+        check(header)
+        places = {name: header.index(name) for name in kinds if name in header}
+        keys = [places[name] for name in by if name in places]
+        for _, rows in groupby(table, lambda row: [row[1][i] for i in keys]):
+            yield _curve(source, rows, kinds, places, by, count)
+
+
+def _curve(
+    source: Source,
+    rows: Iterator[tuple[int, Sequence[str]]],
+    kinds: Kinds,
+    places: dict[str, int],
+    by: Sequence[str],
+    count: str,
+) -> Rows:
+    """Parse the rows of a curve, some at a time."""
+    lines, known, said = array("q"), dict[str, Any](), dict[str, str]()
+    fixed = [name for name in places if kinds[name] in (int, str) and name != count]
+    lists = {name: array("d") for name in places if name not in (*fixed, count)}
+    for some in iter(lambda: list(islice(rows, TOGETHER)), []):
+        across = list(zip(*(fields for _, fields in some), strict=True))
+        texts = {name: across[place] for name, place in places.items()}
+        source.place = f"line {some[0][0]}"
+        if not lines:
+            said = {name: texts[name][0] for name in fixed}
+            known = {name: _value(source, name, said[name], kinds[name]) for name in fixed}
+            source.refuse_again(*(known.get(name, 0) for name in by))
+        numbers = range(len(lines), len(lines) + len(some))
+        usual = all(texts[name].count(said[name]) == len(some) for name in fixed)
+        usual &= texts.get(count) in (None, tuple(map(str, numbers)))
+        try:
+            for name, values in lists.items():
+                values.extend(map(_parser(kinds[name]), texts[name]))
+        except ValueError:
+            usual = False
+        for number, (line, fields) in zip(numbers, () if usual else some, strict=False):
             source.place = f"line {line}"
-            if not header:
-                header, block = _header(source, block, required)
-                check(header)
-                line += 1
-            known = {name: kind for name, kind in kinds.items() if name in header}
-            rows = _fast(block, header, known, line) or _slow(source, block, header, known, line)
-            if len(rows.lines):
-                yield rows
-            line += block.count("\n")
-        if not header:
-            _header(source, "", required)
+            row = {name: fields[place] for name, place in places.items()}
+            for name in fixed:
+                if row[name] != said[name]:
+                    first = lines[0] if lines else some[0][0]
+                    raise ValueError(f"{name} differs from {known[name]!r} on line {first}")
+            for name in lists:
+                _value(source, name, row[name], kinds[name])
+            found = _value(source, count, row.get(count, str(number)), int)
+            if found != number:
+                raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
+        lines.extend(line for line, _ in some)
+    source.place = f"line {lines[0]}"
+    return lines, known | {name: np.array(values) for name, values in lists.items()}
 
 
-def _blocks(source: Source, file: TextIO) -> Iterator[str]:
-    """Give the text in pieces that end with a line."""
-    line = 1
+def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
+    """Give the rows of a table, all of one length, with the numbers of their lines."""
+    table, size = csv.reader(_lines(source, file), strict=True), 0
     try:
-        while block := file.read(BLOCK):
-            while not block.endswith("\n") or block.count('"') % 2:
-                more = file.readline(MAX_LINE)
-                if len(more) == MAX_LINE or len(block) > 2 * BLOCK:
-                    place = f"line {line + block.count(chr(10))}"
-                    raise source.error(f"longer than {MAX_LINE} characters", place)
-                if not more:
-                    break
-                block += more
-            yield block
-            line += block.count("\n")
+        for fields in table:
+            size = size or len(fields)
+            if len(fields) != size:
+                source.place = f"line {table.line_num}"
+                raise source.error(f"{len(fields)} fields; the header has {size}")
+            yield table.line_num, fields
+    except csv.Error as error:
+        source.place = f"line {table.line_num}"
+        raise source.error(f"not a line of a CSV table ({error})") from None
+
+
+def _lines(source: Source, file: TextIO) -> Iterator[str]:
+    """Give the lines of a file; what is wrong with one is blamed on it."""
+    line = 0
+    try:
+        while text := file.readline(MAX_LINE):
+            line += 1
+            if len(text) == MAX_LINE:
+                source.place = f"line {line}"
+                raise source.error(f"longer than {MAX_LINE} characters")
+            yield text
     except UnicodeDecodeError as error:
-        place = f"line {line} or below"
-        raise source.error(f"not a text file in UTF-8 ({error.reason})", place) from None
+        source.place = f"line {line + 1} or below"
+        raise source.error(f"not a text file in UTF-8 ({error.reason})") from None
 
 
-def _header(source: Source, block: str, required: Sequence[str]) -> tuple[list[str], str]:
-    """Split a table's beginning into the names of its columns and the rest."""
-    first, _, rest = block.partition("\n")
-    if "\r" in first.removesuffix("\r"):
-        raise source.error("lines end with CR alone; save it with line ends of Windows or Unix")
-    header = next(csv.reader([first]), [])
+def _check_header(source: Source, header: Sequence[str], required: Sequence[str]) -> None:
     missing = [name for name in required if name not in header]
     if missing:
         raise source.error(
@@ -174,83 +150,25 @@ def _header(source: Source, block: str, required: Sequence[str]) -> tuple[list[s
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise source.error(f"column {', '.join(twice)} occurs twice")
-    return header, rest
-
-
-def _fast(block: str, header: list[str], kinds: Kinds, line: int) -> Rows | None:
-    """Parse plain rows; None where something is unusual, and perhaps wrong."""
-    import pandas as pd
-
-    count = block.count("\n") + (not block.endswith("\n"))
-    if not block or '"' in block or block.count(",") != count * (len(header) - 1):
-        return None
-    types: Any = {name: _type(kind) for name, kind in kinds.items()}
-    try:
-        table = pd.read_csv(
-            BytesIO(block.encode()),
-            header=None,
-            names=header,
-            usecols=list(kinds),
-            index_col=False,
-            dtype=types,
-            keep_default_na=False,
-            na_values={name: NAN for name, kind in kinds.items() if _type(kind) is np.float64},
-            skip_blank_lines=False,
-            **_exactly(),
-        )
-    except (ValueError, OverflowError):  # pandas' own errors are among them
-        return None
-    columns = {name: table[name].to_numpy() for name in kinds}
-    whole = (columns[name] for name, kind in kinds.items() if kind is int)
-    if len(table) != count or any(column.min() < 0 for column in whole):
-        return None
-    return Rows(np.arange(line, line + count), columns)
-
-
-@cache
-def _exactly() -> dict[str, Any]:
-    """Have numbers read bit for bit, which pandas does by itself from 3.1 on."""
-    from pandas import __version__
-
-    release = tuple(map(int, re.findall(r"\d+", __version__)[:2]))
-    return {} if release >= (3, 1) else {"float_precision": "round_trip"}
-
-
-def _slow(source: Source, block: str, header: list[str], kinds: Kinds, line: int) -> Rows:
-    """Parse any rows, field by field, and find what is wrong."""
-    table = csv.reader(StringIO(block, newline=""), strict=True)
-    lines: list[int] = []
-    values: dict[str, list[Any]] = {name: [] for name in kinds}
-    try:
-        for fields in table:
-            source.place = f"line {line + table.line_num - 1}"
-            if len(fields) != len(header):
-                raise source.error(f"{len(fields)} fields; the header has {len(header)}")
-            for name, text in zip(header, fields, strict=True):
-                if name in kinds:
-                    values[name].append(_value(source, name, text, kinds[name]))
-            lines.append(line + table.line_num - 1)
-    except csv.Error as error:
-        place = f"line {line + table.line_num - 1}"
-        raise source.error(f"not a line of a CSV table ({error})", place) from None
-    columns = {name: np.array(values[name], _type(kind)) for name, kind in kinds.items()}
-    return Rows(np.array(lines, np.int64), columns)
-
-
-def _type(kind: type | float) -> Any:
-    return {int: np.int64, str: object}.get(kind, np.float64)
 
 
 def _value(source: Source, name: str, text: str, kind: type | float) -> Any:
-    if kind is int:
-        if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) <= MAX_INTEGER):
-            raise source.error(f"{name} is {text[:40]!r}; expected a whole number from 0 to 2^63-1")
-        return int(text)
-    if kind is str:
-        return text
-    if isinstance(kind, float) and not text:
-        return kind
+    """Parse a field, and say what is wrong with it."""
     try:
-        return float(text)
+        return _parser(kind)(text)
     except ValueError:
-        raise source.error(f"{name} is {text[:40]!r}; expected a number") from None
+        wanted = WHOLE if kind is int else "a number"
+        raise source.error(f"{name} is {text[:40]!r}; expected {wanted}") from None
+
+
+def _parser(kind: type | float) -> Callable[[str], Any]:
+    if isinstance(kind, type):
+        return whole if kind is int else kind
+    return lambda text: float(text) if text else kind
+
+
+def whole(text: str) -> int:
+    """Read a whole number as we write them."""
+    if text.isascii() and text.isdigit() and len(text) < 20 and int(text) <= MAX_INTEGER:
+        return int(text)
+    raise ValueError(f"{text[:40]!r} is not {WHOLE}")

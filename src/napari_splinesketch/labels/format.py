@@ -4,20 +4,62 @@ import os
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
-from napari_splinesketch.labels.files import LabelsError, atomic, printable
-from napari_splinesketch.labels.stream import AnyLabels, ByFrame, facts_of
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.engine.types import POINTS
+from napari_splinesketch.files import atomic, printable, special
+from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels, facts_of
+
+LOSSES = {
+    "scale": "no place for the scale and units",
+    "provenance": "no place for provenance (version, settings, image, date)",
+    "review": "no place for what you accepted, rejected or locked",
+    "sampling": f"every body needs as many points: curves were resampled to {POINTS} points",
+    "width": "{without_width} curves have no known half-width, and therefore no outline",
+    "radius": "no unknown radius: where the half-width is not known, it is 0",
+    "frames": "no frames: other programs see the curves of all frames at once",
+    "shape": "the size of the image is not known: it ends where the bodies do",
+    "empty": "without curves, no place for the scale",
+}
+"""What a format may be unable to keep, which is said only of labels that have it."""
 
 
-class DisorderError(ValueError):
-    """A file whose frames are in no order."""
+class LabelsError(ValueError):
+    """A file that cannot be read as labels: which file, where in it, and why."""
+
+    def __init__(self, path: str | os.PathLike[str], place: str, reason: str) -> None:
+        """Say `place` as "line 3" or "record 2", and give the remedy in `reason`."""
+        where = f", {place}" if place else ""
+        super().__init__(printable(f"{os.fspath(path)}{where}: {reason}"))
+        self.path = os.fspath(path)
+        self.place = place
+        self.reason = reason
+
+
+@contextmanager
+def blamed(
+    error: Callable[[str], LabelsError], kind: type[Exception] = ValueError
+) -> Iterator[None]:
+    """Turn an error of the block, such as the ValueError of `Label`, into one of a reader."""
+    try:
+        yield
+    except LabelsError:
+        raise
+    except kind as reason:
+        raise error(str(reason)) from None
+
+
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file to read its bytes; folders are refused, and pipes and devices without an end."""
+    if kind := special(path):
+        raise LabelsError(path, "", f"{kind}; expected a file, so save it as one first")
+    return Path(path).open("rb")
 
 
 class Source:
@@ -48,28 +90,21 @@ class Source:
         self.by_frame = by_frame
         self._known: set[tuple[int, int]] = set()
 
-    def error(self, reason: str, place: str | None = None) -> LabelsError:
-        """Blame the place where the reader is, or another one."""
-        return LabelsError(self.path, self.place if place is None else place, reason)
+    def error(self, reason: str) -> LabelsError:
+        """Blame the place where the reader is."""
+        return LabelsError(self.path, self.place, reason)
 
     def labels(self, read: "Read") -> Iterator[Label]:
         """Give the labels, no body twice in a frame."""
         latest = -1
-        try:
+        with blamed(self.error):
             for label in read(self):
-                key = label.frame, label.curve
                 if self.by_frame and label.frame != latest:
-                    if label.frame < latest:
-                        raise DisorderError
                     latest = label.frame
                     self._known.clear()
-                self.refuse_again(*key)
-                self._known.add(key)
+                self.refuse_again(label.frame, label.curve)
+                self._known.add((label.frame, label.curve))
                 yield label
-        except (LabelsError, DisorderError):
-            raise
-        except ValueError as error:
-            raise self.error(str(error)) from None
 
     def refuse_again(self, frame: int, curve: int) -> None:
         """Raise ValueError where a curve was given before."""
@@ -80,15 +115,15 @@ class Source:
             )
 
     def frames(self, read: "Read") -> Iterator[tuple[Label, ...]]:
-        """Give the labels of each frame; DisorderError where one comes after a later one."""
+        """Give the labels of each frame, again where it comes again."""
         for _, labels in groupby(self.labels(read), key=lambda label: label.frame):
             yield tuple(labels)
 
     def whole(self, labels: tuple[Label, ...]) -> Labels:
         """Put labels together with what was found beside them."""
         notes = self.notes
-        if self.left_out:
-            counts = ", ".join(f"{n} {what}" for what, n in sorted(self.left_out.items()))
+        if +self.left_out:
+            counts = ", ".join(f"{n} {what}" for what, n in sorted((+self.left_out).items()))
             left_out = f"left out {counts}: only lines of two or more points can be sketches"
             notes = [left_out, *notes]
         return replace(self.head, labels=labels, notes=tuple(map(printable, notes)))
@@ -112,7 +147,7 @@ class Format:
     write
         Writes a file that does not exist yet, or None where that cannot be.
     losses
-        Says what of the labels the format has no place for, one sentence each.
+        What it cannot keep of some labels, keys of `LOSSES`, or of any, in its own words.
     claims
         Whether a file with this ending and these first bytes is surely of this format.
     by_frame
@@ -125,7 +160,7 @@ class Format:
     endings: tuple[str, ...]
     read: Read | None = None
     write: Callable[[Path, AnyLabels], None] | None = None
-    losses: Callable[[AnyLabels], tuple[str, ...]] = lambda labels: ()
+    losses: tuple[str, ...] = ()
     claims: Callable[[str, bytes], bool] = lambda ending, head: True
     by_frame: bool = False
     needs: str = ""
@@ -153,11 +188,12 @@ class Format:
         def frames() -> Iterator[tuple[Label, ...]]:
             return Source(path, by_frame=True).frames(self._reader())
 
-        source, numbers = Source(path, by_frame=True), array("q")
-        with suppress(DisorderError):
-            numbers.extend(labels[0].frame for labels in source.frames(self._reader()))
-            return ByFrame(np.array(numbers), source.whole(()), frames)
-        return self.read_whole(path)
+        source, numbers = Source(path, by_frame=True), array("q", [-1])
+        for labels in source.frames(self._reader()):
+            if labels[0].frame <= numbers[-1]:  # they are in no order
+                return self.read_whole(path)
+            numbers.append(labels[0].frame)
+        return ByFrame(np.array(numbers[1:]), source.whole(()), frames)
 
     def write_whole(
         self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
@@ -167,29 +203,29 @@ class Format:
             raise ValueError(f"{self.name} can be read only")
         with atomic(path, overwrite=overwrite) as temporary:
             self.write(temporary, labels)
-            lost = self.losses(labels)
+            lost = self._lost(labels)
             if isinstance(labels, ByFrame):
                 labels.tell(1.0)
         return lost
+
+    def _lost(self, labels: AnyLabels) -> tuple[str, ...]:
+        """Say what a file of these labels lacks, one sentence each."""
+        head, facts = labels.head, facts_of(labels)
+        lost = {
+            "scale": head.scale,
+            "provenance": head.provenance,
+            "review": facts.reviewed or facts.locked,
+            "sampling": len(facts.sizes) > 1,
+            "width": facts.without_width,
+            "radius": facts.without_radius,
+            "frames": facts.frames > 1,
+            "shape": head.shape is None,
+            "empty": head.scale and not facts.count,
+        }
+        said = (LOSSES.get(each, each) for each in self.losses if lost.get(each, True))
+        return tuple(f"{self.name}: {sentence.format(**vars(facts))}" for sentence in said)
 
     def _reader(self) -> Read:
         if self.read is None:
             raise ValueError(f"{self.name} can be written only")
         return self.read
-
-
-PLACES = {
-    "scale": "the scale and units",
-    "provenance": "provenance (version, settings, image, date)",
-    "review": "what you accepted, rejected or locked",
-}
-
-
-def without_place(name: str, labels: AnyLabels, *what: str) -> tuple[str, ...]:
-    """Say which of some things the labels have and the format has no place for."""
-    given = {
-        "scale": labels.scale is not None,
-        "provenance": bool(labels.provenance),
-        "review": facts_of(labels).reviewed or facts_of(labels).locked,
-    }
-    return tuple(f"{name} has no place for {PLACES[each]}" for each in what if given[each])

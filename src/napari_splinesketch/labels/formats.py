@@ -17,24 +17,14 @@ from napari_splinesketch.labels import (
     table,
     wcon,
 )
-from napari_splinesketch.labels.files import LabelsError, open_regular
-from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Labels
+from napari_splinesketch.labels.format import Format, LabelsError, open_regular
+from napari_splinesketch.labels.types import AnyLabels, Labels
 
 HEAD = 4096
 """First bytes of a file by which formats are told apart."""
 FORMATS: tuple[Format, ...] = (
-    table.FORMAT,
-    shapes_csv.FORMAT,
-    geojson.FORMAT,
-    imagej.FORMAT,
-    wcon.FORMAT,
-    swc.FORMAT,
-    numpy_splines.FORMAT,
-    coco.FORMAT,
-    sleap.FORMAT,
-    masks.FORMAT,
+    *(table.FORMAT, shapes_csv.FORMAT, geojson.FORMAT, imagej.FORMAT, wcon.FORMAT, swc.FORMAT),
+    *(numpy_splines.FORMAT, coco.FORMAT, sleap.FORMAT, masks.FORMAT),
 )
 """The first one is the native format; of two that fit a file, the first one reads it."""
 READERS = tuple(form for form in FORMATS if form.read)
@@ -45,11 +35,8 @@ def claiming(path: str | os.PathLike[str]) -> Format | None:
     """Find the format that an existing file is of by its name and its first bytes, if any is."""
     with open_regular(path) as file:
         head = file.read(HEAD)
-    for form in READERS:
-        ending = form.ending(path)
-        if ending and form.claims(ending, head):
-            return form
-    return None
+    fitting = (form for form in READERS if form.ending(path))
+    return next((form for form in fitting if form.claims(form.ending(path), head)), None)
 
 
 def reader_of(path: str | os.PathLike[str]) -> Format:

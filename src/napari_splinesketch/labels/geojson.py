@@ -8,60 +8,45 @@ from typing import Any
 
 import numpy as np
 
+from napari_splinesketch import palette
+from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.format import Format, Source
-from napari_splinesketch.labels.head import head_of, own_members, read_head, read_own
-from napari_splinesketch.labels.json_stream import read_values
-from napari_splinesketch.labels.json_tree import Node, write_json
-from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label
+from napari_splinesketch.labels.types import AnyLabels, Label
 
 CORNER = 0.5
 """QuPath counts from the corner of the first pixel, we from its centre, px."""
 OURS = "splinesketch"
 ARRAY = "features"
 TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
-MEMBERS = ("type", "geometry", "properties", "coordinates", "plane")
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
 """What is left out; a feature without geometry is left with its own type."""
-COLOURS = {
-    "good": [86, 180, 233],
-    "check": [230, 159, 0],
-    "failed": [213, 94, 0],
-    "sketch": [204, 121, 167],
-}
+COLOURS = {**palette.STATUS, "sketch": palette.SKETCH}
 
 
 def write(path: Path, labels: AnyLabels) -> None:
     """Write a collection of annotations; frame numbers from 0 are QuPath's time points."""
-    features = map(_feature, labels.labels)
-    collection = {"type": "FeatureCollection", "features": features, OURS: head_of(labels)}
-    write_json(path, collection)
+    head, features = json_tree.head_of(labels.head), map(_feature, labels.labels)
+    json_tree.write_json(path, {"type": "FeatureCollection", "features": features, OURS: head})
 
 
 def _feature(label: Label) -> dict[str, Any]:
     coordinates = (label.points[:, ::-1] + CORNER).tolist()
     plane = {"c": -1, "z": 0, "t": label.frame}
-    known = label.half_width[np.isfinite(label.half_width)]
-    sd = label.sd[np.isfinite(label.sd)]
-    measurements = {
-        "Length px": float(label.arc_length[-1]),
-        **({"Half-width px, mean": float(known.mean())} if known.size else {}),
-        **({"Standard error px, mean": float(sd.mean())} if sd.size else {}),
-    }
+    measurements = {"Length px": float(label.arc_length[-1])}
+    for name, values in (("Half-width", label.half_width), ("Standard error", label.sd)):
+        if (known := values[np.isfinite(values)]).size:
+            measurements[f"{name} px, mean"] = float(known.mean())
+    colour = bytes.fromhex(COLOURS[label.status].removeprefix("#"))
     return {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": coordinates, "plane": plane},
         "properties": {
             "objectType": "annotation",
             "name": f"Curve {label.curve}",
-            "classification": {"name": label.status, "color": COLOURS[label.status]},
+            "classification": {"name": label.status, "color": [*colour]},
             "measurements": measurements,
-            OURS: {
-                "frame": label.frame,
-                "curve": label.curve,
-                **own_members(label),
-            },
+            OURS: {"frame": label.frame, "curve": label.curve, **json_tree.own_members(label)},
         },
     }
 
@@ -72,21 +57,22 @@ def read(source: Source) -> Iterator[Label]:
     Coordinates are (x, y) in pixels from the corner of the image's first pixel. Lines that were
     not written by us are sketches, numbered in the order of the file.
     """
-    kept: dict[str, Any] = dict.fromkeys((*MEMBERS, OURS, ARRAY))
+    kept: dict[str, Any] = {}
     count = itertools.count()
-    for feature in read_values(source.path, ARRAY, kept):
+    for feature in json_tree.read_values(source.path, ARRAY, kept):
         yield from _labels(source, feature, count)
-    root = Node(source.path, "", {name: value for name, value in kept.items() if value is not None})
-    if ARRAY not in root and root["type"].text() != "FeatureCollection":
+    root = json_tree.Node(source.path, "", kept)
+    if ARRAY not in root and root["type"].expected(str) != "FeatureCollection":
         yield from _labels(source, root, count)
     elif root[ARRAY].value != []:
         raise root[ARRAY].error("expected an array")
-    source.head = read_head(Node(source.path, OURS, kept[OURS] or {}))
+    if OURS in root:
+        source.head = json_tree.read_head(root[OURS])
 
 
-def _labels(source: Source, feature: Node, count: Iterator[int]) -> Iterator[Label]:
+def _labels(source: Source, feature: json_tree.Node, count: Iterator[int]) -> Iterator[Label]:
     geometry = feature["geometry"] if "geometry" in feature else feature
-    kind = geometry["type"].text()
+    kind = geometry["type"].expected(str)
     if kind in OTHERS:
         source.left_out[kind] += 1
         return
@@ -94,15 +80,15 @@ def _labels(source: Source, feature: Node, count: Iterator[int]) -> Iterator[Lab
         raise geometry["type"].error(f"is {kind[:40]!r}; expected one of GeoJSON's")
     lines = geometry["coordinates"]
     properties = feature["properties"] if "properties" in feature else feature
+    own = properties[OURS] if OURS in properties else None
     for line in [lines] if kind == "LineString" else lines:
         points, number = line.places()[:, ::-1] - CORNER, next(count)
-        if OURS in properties:
-            own = properties[OURS]
+        if own:
             source.place = own.place
-            label = read_own(own, own["frame"].integer(), own["curve"].integer(), points)
+            label = json_tree.read_own(own, own["frame"].integer(), own["curve"].integer(), points)
         else:
-            plane = geometry["plane"] if "plane" in geometry else {}
-            frame = plane["t"].integer() if isinstance(plane, Node) and "t" in plane else 0
+            plane = geometry.member("plane", dict, {})
+            frame = geometry["plane"]["t"].integer() if plane.get("t") is not None else 0
             source.place = line.place
             label = Label.from_sketch(points, frame=frame, identity=number)
         source.place = line.place

@@ -3,18 +3,15 @@
 import struct
 import zipfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, cast
 
 import numpy as np
-from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
-from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, open_regular
-from napari_splinesketch.labels.format import Format, Source, without_place
-from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label, LabelStatus
+from napari_splinesketch.labels.format import Format, Source, blamed, open_regular
+from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
 MAX_BYTES = 2**28
@@ -38,14 +35,6 @@ def write(path: Path, labels: AnyLabels) -> None:
             archive.writestr(zipfile.ZipInfo(name), _roi(label).tobytes())
 
 
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what ROIs have no place for."""
-    return (
-        "ImageJ ROIs hold coordinates as 32-bit floats, about seven digits",
-        *without_place("an ImageJ ROI", labels, "scale", "provenance", "review"),
-    )
-
-
 def _roi(label: Label) -> ImagejRoi:
     if label.frame > MAX_FRAME:
         raise ValueError(f"frame {label.frame} is more than an ImageJ ROI can hold ({MAX_FRAME})")
@@ -54,28 +43,20 @@ def _roi(label: Label) -> ImagejRoi:
     roi.position = roi.t_position = label.frame + 1
     if np.all(np.isfinite(label.half_width)):
         roi.float_stroke_width = 2 * float(np.median(label.half_width))
-    roi.props = "".join(
-        f"{OURS}{name}: {value}\n"
-        for name, value in (
-            ("curve", label.curve),
-            ("status", label.status),
-            ("half_width", _words(label.half_width)),
-            ("sd", _words(label.sd)),
-        )
-    )
+    props = {"curve": label.curve, "status": label.status}
+    for name, values in (("half_width", label.half_width), ("sd", label.sd)):
+        props[name] = " ".join(map(repr, values.tolist()))
+    roi.props = "".join(f"{OURS}{name}: {value}\n" for name, value in props.items())
     return roi
-
-
-def _words(values: Float[Array, " N"]) -> str:
-    return " ".join(map(repr, values.tolist()))
 
 
 def read(source: Source) -> Iterator[Label]:
     """Read lines from a zip of ROIs or from a single one, numbered in the order of the file."""
     number = 0
-    for place, content in _entries(source.path):
-        source.place = place
-        roi = _parse(source, content)
+    for content in _entries(source):
+        with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
+            _require_whole(content)
+            roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
         if roi.roitype in LINES:
             yield _label(roi, number)
             number += 1
@@ -83,44 +64,32 @@ def read(source: Source) -> Iterator[Label]:
             source.left_out[roi.roitype.name.lower()] += 1
 
 
-def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
+def _entries(source: Source) -> Iterator[bytes]:
     """Unpack one after the other what are ROIs by their names, within the limits."""
-    if path.suffix.lower() == ".roi":
-        with open_regular(path) as file:
-            yield path.name, _limited(path, path.name, file, MAX_ENTRY)
-        return
-    room, name = MAX_BYTES, ""
-    try:
-        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
-            for info in archive.infolist():
-                if not info.filename.lower().endswith(".roi"):
-                    continue
-                name = info.filename
+    with open_regular(source.path) as file, ExitStack() as inside:
+        if source.path.suffix.lower() == ".roi":
+            source.place = source.path.name
+            yield _limited(source, file, MAX_ENTRY)
+            return
+        broken = blamed(lambda why: source.error(f"not a zip of ROIs ({why})"), Exception)
+        inside.enter_context(broken)  # zipfile raises anything on a broken archive
+        archive, room = inside.enter_context(zipfile.ZipFile(file)), MAX_BYTES
+        for info in archive.infolist():
+            if info.filename.lower().endswith(".roi"):
+                source.place = info.filename
                 with archive.open(info) as packed:
-                    content = _limited(path, name, packed, min(MAX_ENTRY, room))
+                    content = _limited(source, packed, min(MAX_ENTRY, room))
                 room -= len(content)
-                yield name, content
-    except LabelsError:
-        raise
-    except Exception as error:  # zipfile raises anything on a broken archive
-        raise LabelsError(path, name, f"not a zip of ROIs ({error})") from None
-    if not name:
-        raise LabelsError(path, "", "holds no ImageJ ROI (a file with the ending .roi)")
+                yield content
+        if not source.place:
+            raise source.error("holds no ImageJ ROI (a file with the ending .roi)")
 
 
-def _limited(path: Path, name: str, file: IO[bytes], most: int) -> bytes:
+def _limited(source: Source, file: IO[bytes], most: int) -> bytes:
     content = file.read(most + 1)
     if len(content) > most:
-        raise LabelsError(path, name, "too large when unpacked")
+        raise source.error("too large when unpacked")
     return content
-
-
-def _parse(source: Source, content: bytes) -> ImagejRoi:
-    try:
-        _require_whole(content)
-        return ImagejRoi.frombytes(content)
-    except Exception as error:  # roifile raises anything on broken bytes
-        raise source.error(f"not an ImageJ ROI ({error})") from None
 
 
 def _require_whole(content: bytes) -> None:
@@ -144,15 +113,12 @@ def _label(roi: ImagejRoi, number: int) -> Label:
         return Label.from_sketch(points, frame=frame, identity=number)
     try:
         curve = int(own[f"{OURS}curve"])
-        half_width, sd = (_numbers(own[f"{OURS}{name}"]) for name in ("half_width", "sd"))
+        texts = own[f"{OURS}half_width"], own[f"{OURS}sd"]
+        half_width, sd = (np.array([float(word) for word in text.split()]) for text in texts)
         status = own[f"{OURS}status"]
     except (KeyError, ValueError) as error:
         raise ValueError(f"its properties {OURS}... are damaged ({error})") from None
     return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status))
-
-
-def _numbers(text: str) -> Float[Array, " N"]:
-    return np.array([float(word) for word in text.split()])
 
 
 def claims(ending: str, head: bytes) -> bool:
@@ -168,4 +134,5 @@ def name_in_zip(head: bytes) -> bytes:
     return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
 
 
-FORMAT = Format("ImageJ ROIs", (".zip", ".roi"), read, write, losses, claims)
+LOSSES = ("coordinates are 32-bit floats, about seven digits", "scale", "provenance", "review")
+FORMAT = Format("ImageJ ROIs", (".zip", ".roi"), read, write, LOSSES, claims)

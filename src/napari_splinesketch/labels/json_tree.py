@@ -1,20 +1,28 @@
-"""What JSON files hold: read with the place of every mistake, written strictly."""
+"""JSON files: read with the place of every mistake, written strictly, with what only we know."""
 
 import json
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
+from json.decoder import WHITESPACE  # pyright: ignore[reportAttributeAccessIssue]
 from pathlib import Path
-from typing import Any, NoReturn, TypeGuard
+from typing import Any, NoReturn, TypeVar, cast
+from uuid import uuid4
 
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError
+from napari_splinesketch.labels.format import LabelsError, blamed, open_regular
+from napari_splinesketch.labels.types import Label, Labels
+
+KINDS = {dict: "an object", list: "an array", str: "a string", bool: "true or false"}
+"""Types as JSON calls them."""
+T = TypeVar("T")
 
 
 def _refuse(name: str) -> NoReturn:
@@ -52,47 +60,34 @@ class Node:
 
     def __getitem__(self, key: str) -> "Node":
         """Give a member of an object."""
-        members = self.members()
+        members = self.expected(dict)
         if key not in members:
             raise self.error(f"has no {key!r}")
         return Node(self.path, f"{self.place}.{key}".removeprefix("."), members[key])
 
     def __iter__(self) -> Iterator["Node"]:
         """Give the elements of an array."""
-        if not isinstance(self.value, list):
-            raise self.error(f"expected an array, not {self._kind()}")
-        for i, element in enumerate(self.value):
+        for i, element in enumerate(self.expected(list)):
             yield Node(self.path, f"{self.place}[{i}]", element)
 
-    def members(self) -> dict[str, Any]:
-        """Give an object as it is."""
-        if not isinstance(self.value, dict):
-            raise self.error(f"expected an object, not {self._kind()}")
+    def expected(self, kind: type[T]) -> T:
+        """Give a value as it is, of one of the types of `KINDS`."""
+        if not isinstance(self.value, kind):
+            raise self.error(f"expected {KINDS[kind]}, not {self._kind()}")
         return self.value
 
-    def text(self) -> str:
-        """Give a string."""
-        if not isinstance(self.value, str):
-            raise self.error(f"expected a string, not {self._kind()}")
-        return self.value
-
-    def truth(self) -> bool:
-        """Give true or false."""
-        if not isinstance(self.value, bool):
-            raise self.error(f"expected true or false, not {self._kind()}")
-        return self.value
+    def member(self, key: str, kind: type[T], default: Any) -> Any:
+        """Give a member as it is, and something else where it is not there."""
+        return self[key].expected(kind) if key in self else default
 
     def number(self) -> float:
         """Give a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
             raise self.error(f"expected a number, not {self._kind()}")
-        try:
-            number = float(self.value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            raise self.error("expected a finite number")
-        return number
+        with suppress(OverflowError):
+            if math.isfinite(number := float(self.value)):
+                return number
+        raise self.error("expected a finite number")
 
     def integer(self) -> int:
         """Give a whole number from 0."""
@@ -103,32 +98,21 @@ class Node:
 
     def numbers(self, unknown: float | None = None) -> Float[Array, " N"]:
         """Give an array of numbers; null stands for `unknown`, where that is given."""
-        if not isinstance(self.value, list):
-            raise self.error(f"expected an array, not {self._kind()}")
-        if set(map(type, self.value)) <= {int, float}:
-            with suppress(OverflowError):
-                numbers = np.array(self.value, np.float64)
-                if np.all(np.isfinite(numbers)):
-                    return numbers
+        clean = _clean(self.expected(list), self.value)
+        if clean is not None:
+            return clean
         # The way that finds what is wrong is much slower.
-        return np.array(
-            [
-                unknown if unknown is not None and node.value is None else node.number()
-                for node in self
-            ],
-            dtype=np.float64,
-        )
+        known = unknown is not None
+        each = (unknown if known and node.value is None else node.number() for node in self)
+        return np.array(list(each), dtype=np.float64)
 
     def places(self) -> Float[Array, "N 2"]:
         """Give an array of [x, y, ...], of which further numbers are left out."""
         value = self.value
         if isinstance(value, list) and set(map(type, value)) == {list}:
-            sizes, kinds = set(map(len, value)), set(map(type, chain.from_iterable(value)))
-            if len(sizes) == 1 and min(sizes) >= 2 and kinds <= {int, float}:
-                with suppress(OverflowError):
-                    places = np.array(value, np.float64)[:, :2]
-                    if np.all(np.isfinite(places)):
-                        return places
+            clean = _clean(value, chain.from_iterable(value))
+            if clean is not None and clean.shape[1] >= 2:
+                return clean[:, :2]
         places = [place.numbers() for place in self]
         for place, numbers in zip(self, places, strict=True):
             if len(numbers) < 2:
@@ -136,55 +120,140 @@ class Node:
         return np.array([numbers[:2] for numbers in places]).reshape(-1, 2)
 
     def _kind(self) -> str:
-        kinds = {dict: "an object", list: "an array", str: "a string", type(None): "null"}
-        return kinds.get(type(self.value), "a number")
+        return KINDS.get(type(self.value), "null" if self.value is None else "a number")
 
 
-@dataclass(frozen=True)
-class Members:
-    """An object whose members are more than memory should hold.
+def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | None:
+    """Give an array of nothing but finite numbers, None where one is none."""
+    if set(map(type, numbers)) <= {int, float}:
+        with suppress(OverflowError, ValueError):  # the latter of rows that differ in length
+            clean = np.array(value, np.float64)
+            return clean if np.all(np.isfinite(clean)) else None
+    return None
 
-    Attributes
-    ----------
-    read
-        Gives them, anew each time.
+
+class _Text:
+    """The text of a JSON file, and how far it has been parsed."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path, self._at = path, 0
+        try:
+            with open_regular(path) as file:
+                self._text = file.read().decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            reason = f"not a text file in UTF-8 ({error.reason})"
+            raise LabelsError(path, "", reason) from None
+
+    def coming(self) -> str:
+        """Give the next character that is no white space, nothing at the end."""
+        self._at = WHITESPACE.match(self._text, self._at).end()
+        return self._text[self._at : self._at + 1]
+
+    def skip(self, char: str) -> None:
+        """Go past a character that must come."""
+        if self.coming() != char:
+            raise self.error(f"Expecting {char!r}")
+        self._at += 1
+
+    def value(self) -> Any:
+        """Parse the value that comes."""
+        self.coming()
+        try:
+            value, self._at = DECODER.raw_decode(self._text, self._at)
+        except json.JSONDecodeError as error:
+            self._at = error.pos
+            raise self.error(error.msg) from None
+        except RecursionError:
+            raise self.error("nested too deeply") from None
+        except ValueError as error:
+            raise self.error(str(error)) from None
+        return value
+
+    def between(self, begin: str, end: str) -> Iterator[int]:
+        """Stop before each of the things between brackets, and count them."""
+        self.skip(begin)
+        count = 0
+        while self.coming() != end or count:
+            yield count
+            count += 1
+            if self.coming() != ",":
+                break
+            self.skip(",")
+        self.skip(end)
+
+    def elements(self, place: str) -> Iterator[Node]:
+        """Parse an array, an element at a time."""
+        for i in self.between("[", "]"):
+            yield Node(self.path, f"{place}[{i}]", self.value())
+
+    def error(self, reason: str) -> LabelsError:
+        """Blame the character that comes."""
+        found = json.JSONDecodeError("", self._text, self._at)
+        place = f"line {found.lineno}, column {found.colno}"
+        return LabelsError(self.path, place, f"not JSON ({reason})")
+
+
+def read_values(path: str | os.PathLike[str], array: str, kept: dict[str, Any]) -> Iterator[Node]:
+    """Go through a file whose outermost value is an array, or an object with a long array.
+
+    Beside the text, no more than one element is held. Those of the member `array`, or of an array
+    without a name, are given one by one, where it is an array; `kept` gets the object's other
+    members, and under this name an empty list.
     """
-
-    read: Callable[[], Iterator[tuple[str, object]]]
+    text = _Text(path)
+    if text.coming() == "[":
+        yield from text.elements("")
+        kept[array] = []
+    elif text.coming() != "{":
+        Node(path, "", text.value()).expected(dict)
+    else:
+        for _ in text.between("{", "}"):
+            if text.coming() != '"':
+                raise text.error("Expecting property name enclosed in double quotes")
+            name = text.value()
+            text.skip(":")
+            if name == array and text.coming() == "[":
+                yield from text.elements(name)
+                kept[name] = []
+            else:
+                kept[name] = text.value()
+    if text.coming():
+        raise text.error("Extra data")
 
 
 def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]:
-    """Encode a value as JSON; iterators become arrays, and they and `Members` are not held.
+    """Encode a value as JSON, without holding what is to be read only while it is written.
 
-    A number that is not finite is our mistake.
+    An iterator in it becomes an array; a function that gives pairs of name and value, anew each
+    time, becomes an object. A number that is not finite is our mistake.
     """
-    encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(comma, colon)).encode
-    if not _is_read(value):
-        yield encode(value)
-    elif isinstance(value, Iterator):
-        yield "["
-        for i, element in enumerate(value):
-            yield (comma if i else "") + encode(element)
-        yield "]"
-    else:
-        members = value.read() if isinstance(value, Members) else value.items()
-        yield "{"
-        for i, (name, member) in enumerate(members):
-            yield (comma if i else "") + encode(name) + colon
-            yield from pieces(member, comma, colon)
-        yield "}"
+    strict = {"ensure_ascii": False, "allow_nan": False, "separators": (comma, colon)}
+    encode, mark, streams = json.JSONEncoder(**strict).encode, uuid4().hex, list[Any]()
+
+    def later(stream: Any) -> str:
+        streams.append(stream)
+        return mark
+
+    first, *rest = json.JSONEncoder(**strict, default=later).encode(value).split(f'"{mark}"')
+    yield first
+    for stream, after in zip(streams, rest, strict=True):
+        is_array = isinstance(stream, Iterator)
+        each = map(encode, stream) if is_array else _members(stream(), encode, colon)
+        yield "[" if is_array else "{"
+        for i, piece in enumerate(each):
+            yield (comma if i else "") + piece
+        yield ("]" if is_array else "}") + after
 
 
-def _is_read(value: object) -> TypeGuard[Iterator | Members | dict]:
-    """Tell whether something in a value is to be read while it is written."""
-    if isinstance(value, dict):
-        return any(map(_is_read, value.values()))
-    return isinstance(value, Iterator | Members)
+def _members(
+    pairs: Iterator[tuple[str, object]], encode: Callable[[object], str], colon: str
+) -> Iterator[str]:
+    return (encode(name) + colon + encode(value) for name, value in pairs)
 
 
 def held(value: object) -> Any:
     """Give a value with all that is in it, for libraries that write it themselves."""
-    return json.loads("".join(pieces(value))) if _is_read(value) else value
+    return json.loads("".join(pieces(value)))
 
 
 def write_json(path: Path, value: object) -> None:
@@ -198,3 +267,53 @@ def write_json(path: Path, value: object) -> None:
 def finite_or_null(values: Float[Array, " N"]) -> list[float | None]:
     """Give numbers for JSON, null where they are not finite."""
     return [value if math.isfinite(value) else None for value in values.tolist()]
+
+
+def head_of(head: Labels) -> dict[str, object]:
+    """Give what is known of all labels together."""
+    return {
+        "version": __version__,
+        "scale": head.scale,
+        "units": head.units,
+        "shape": head.shape,
+        "provenance": dict(head.provenance),
+    }
+
+
+def read_head(head: Node) -> Labels:
+    """Give what `head_of` wrote, without labels; members may be missing."""
+    units, provenance = head.member("units", str, None), head.member("provenance", dict, {})
+    shape = _pair(head, "shape")
+    with blamed(head.error):
+        return Labels((), _pair(head, "scale"), units, cast(Any, shape), provenance)
+
+
+def own_members(label: Label, unit: str = "") -> dict[str, object]:
+    """Give what other programs have no members for; review and lock where there is one."""
+    members: dict[str, object] = {
+        "status": label.status,
+        f"half_width{unit}": finite_or_null(label.half_width),
+        f"sd{unit}": finite_or_null(label.sd),
+    }
+    said = {"review": label.review} if label.review != "open" else {}
+    return members | said | ({"locked": True} if label.locked else {})
+
+
+def read_own(
+    own: Node, frame: int, curve: int, points: Float[Array, "N 2"], unit: str = ""
+) -> Label:
+    """Read what `own_members` gave; `Label` checks the words."""
+    half_width = own[f"half_width{unit}"].numbers(unknown=np.nan)
+    sd = own[f"sd{unit}"].numbers(unknown=np.inf)
+    status, review = own["status"].expected(str), own.member("review", str, "open")
+    locked = own.member("locked", bool, False)
+    return Label(frame, curve, points, half_width, sd, cast(Any, status), cast(Any, review), locked)
+
+
+def _pair(head: Node, name: str) -> tuple[float, float] | None:
+    if name not in head:
+        return None
+    values = [node.integer() if name == "shape" else node.number() for node in head[name]]
+    if len(values) != 2:
+        raise head[name].error(f"has {len(values)} numbers; expected 2")
+    return values[0], values[1]

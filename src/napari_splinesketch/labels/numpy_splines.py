@@ -3,7 +3,8 @@
 import math
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import IO
@@ -12,8 +13,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import LabelsError, open_regular
-from napari_splinesketch.labels.format import Format, Source
+from napari_splinesketch.labels.format import Format, LabelsError, Source, blamed, open_regular
 from napari_splinesketch.labels.imagej import name_in_zip
 from napari_splinesketch.labels.types import Label
 
@@ -41,29 +41,29 @@ def read(source: Source) -> Iterator[Label]:
 
 def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2"]]:
     """Read the array of each frame; at most so many numbers in all, and `MOST` at a time."""
-    try:
-        with _opened(path) as file:
-            shape, by_column, dtype = _header(file)
-            _check(path, shape, dtype)
-            *frames, splines, points, _ = shape
-            at_a_time = math.prod(shape) if by_column else splines * points * 2
-            if at_a_time > MOST or math.prod(shape) > most:
-                reason = f"array of shape {shape}: at most {MOST} numbers are read"
-                raise LabelsError(path, "", f"{reason} at a time")
-            if not at_a_time:
-                return
-            if by_column:  # the numbers of a frame do not lie together
-                whole = _numbers(file, at_a_time, dtype).reshape(shape, order="F")
-                yield from whole.reshape(-1, splines, points, 2)
-            else:
-                for _ in range(math.prod(frames)):
-                    yield _numbers(file, at_a_time, dtype).reshape(splines, points, 2)
-            if file.read(1):  # an archive checks its sum here, too
-                raise ValueError("it goes on behind its last number")
-    except LabelsError:
-        raise
-    except Exception as error:  # NumPy and zipfile raise anything on broken files
-        raise LabelsError(path, "", f"not an array of NumPy's ({error})") from None
+    # NumPy and zipfile raise anything on broken files.
+    error = partial(LabelsError, path, "")
+    broken = blamed(lambda why: error(f"not an array of NumPy's ({why})"), Exception)
+    with broken, _opened(path) as file:
+        shape, by_column, dtype = _header(file)
+        if not _is_splines(shape) or min(shape) < 0 or dtype.kind not in "fiu":
+            reason = f"array of shape {shape} and type {dtype}; expected numbers of shape "
+            raise error(f"{reason}(frames, splines, points, 2), (x, y) last")
+        *frames, splines, points, _ = shape
+        at_a_time = math.prod(shape) if by_column else splines * points * 2
+        if at_a_time > MOST or math.prod(shape) > most:
+            reason = f"array of shape {shape}: at most {MOST} numbers are read at a time"
+            raise LabelsError(path, "", reason)
+        if not at_a_time:
+            return
+        if by_column:  # the numbers of a frame do not lie together
+            whole = _numbers(file, at_a_time, dtype).reshape(shape, order="F")
+            yield from whole.reshape(-1, splines, points, 2)
+        else:
+            for _ in range(math.prod(frames)):
+                yield _numbers(file, at_a_time, dtype).reshape(splines, points, 2)
+        if file.read(1):  # an archive checks its sum here, too
+            raise ValueError("it goes on behind its last number")
 
 
 @contextmanager
@@ -95,26 +95,17 @@ def _numbers(file: IO[bytes], count: int, dtype: np.dtype) -> Shaped[Array, " N"
     return np.frombuffer(file.read(count * dtype.itemsize), dtype, count)
 
 
-def _check(path: Path, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """Refuse what is no array of splines, before it takes any memory."""
-    if len(shape) not in (3, 4) or shape[-1] != 2 or min(shape) < 0 or dtype.kind not in "fiu":
-        raise LabelsError(
-            path,
-            "",
-            f"array of shape {shape} and type {dtype}; expected numbers of shape "
-            "(frames, splines, points, 2), (x, y) last",
-        )
+def _is_splines(shape: tuple[int, ...]) -> bool:
+    return len(shape) in (3, 4) and shape[-1] == 2
 
 
 def claims(ending: str, head: bytes) -> bool:
     """Tell an array of points from an image by its shape, and an archive by its first file."""
     if ending == ".npz":
         return name_in_zip(head).endswith(b".npy")
-    try:
-        shape, _, _ = _header(BytesIO(head))
-    except Exception:  # NumPy raises anything on broken headers
-        return False
-    return len(shape) in (3, 4) and shape[-1] == 2
+    with suppress(Exception):  # NumPy raises anything on broken headers
+        return _is_splines(_header(BytesIO(head))[0])
+    return False
 
 
 FORMAT = Format("NumPy splines", (".npy", ".npz"), read, claims=claims, by_frame=True)

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.engine.types import POINTS
 from napari_splinesketch.labels.coco import image_name
-from napari_splinesketch.labels.format import Format, without_place
-from napari_splinesketch.labels.geometry import evenly_sampled
-from napari_splinesketch.labels.head import head_of
-from napari_splinesketch.labels.json_tree import held
-from napari_splinesketch.labels.stream import AnyLabels, facts_of
+from napari_splinesketch.labels.format import Format
+from napari_splinesketch.labels.json_tree import head_of, held
+from napari_splinesketch.labels.types import AnyLabels, evenly_sampled
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -31,19 +28,15 @@ def write(path: Path, labels: AnyLabels) -> None:
     frames: dict[int, list[Any]] = {}
     for label in bodies:
         track = tracks.setdefault(label.curve, sleap_io.Track(str(label.curve)))
-        instance = sleap_io.Instance.from_numpy(
-            label.points[:, ::-1], skeleton=skeleton, track=track
-        )
+        xy = label.points[:, ::-1]
+        instance = sleap_io.Instance.from_numpy(xy, skeleton=skeleton, track=track)
         frames.setdefault(label.frame, []).append(instance)
     made = sleap_io.Labels(
-        [
-            sleap_io.LabeledFrame(video=video, frame_idx=frame, instances=instances)
-            for frame, instances in sorted(frames.items())
-        ],
+        [sleap_io.LabeledFrame(video, *each) for each in sorted(frames.items())],
         videos=[video],
         skeletons=[skeleton],
         tracks=list(tracks.values()),
-        provenance={"napari-splinesketch": held(head_of(labels))},
+        provenance={"napari-splinesketch": held(head_of(labels.head))},
     )
     sleap_io.save_slp(made, str(path), embed=False, verbose=False)
     _name_itself(path, path.name)
@@ -59,14 +52,9 @@ def _name_itself(file: Path, name: str) -> None:
         attributes["json"] = np.bytes_(json.dumps(metadata))
 
 
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what SLEAP has no place for."""
-    lost = ["SLEAP keeps points and identities only: no half-width, standard error or status"]
-    if len(facts_of(labels).sizes) > 1:
-        lost.append(
-            f"SLEAP wants as many nodes on every body: curves were resampled to {POINTS} points"
-        )
-    return (*lost, *without_place("SLEAP", labels, "review"))
-
-
-FORMAT = Format("SLEAP", (".slp",), write=write, losses=losses, needs="sleap-io")
+LOSSES = (
+    "keeps points and identities only: no half-width, standard error or status",
+    "sampling",
+    "review",
+)
+FORMAT = Format("SLEAP", (".slp",), write=write, losses=LOSSES, needs="sleap-io")

@@ -2,10 +2,8 @@
 
 import csv
 import io
-import itertools
-import os
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,12 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.csv_columns import Rows, read_curves
-from napari_splinesketch.labels.files import LabelsError, atomic
-from napari_splinesketch.labels.format import Format, Source, without_place
-from napari_splinesketch.labels.geometry import width_growth
-from napari_splinesketch.labels.stream import AnyLabels, facts_of
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.geometry import width_growth
+from napari_splinesketch.labels.csv_columns import read_curves
+from napari_splinesketch.labels.format import Format, Source
+from napari_splinesketch.labels.types import AnyLabels, Facts, Label, Labels, facts_of
 
 KINDS: dict[str, type | float] = {
     "frame": int,
@@ -38,11 +34,12 @@ KINDS: dict[str, type | float] = {
 """What is read; `arc_length` and `half_width_units` are for people."""
 REQUIRED = ("curve", "row", "col")
 BY = ("frame", "curve")
-SAME = ("point", "status", "review", "locked")
-PIXELS = ("frame", "curve", "point", "row", "col", "half_width", "sd", "arc_length", "status")
-UNITS = ("y", "x", "half_width_units", "units")
-Leading = Callable[[int, Label], Sequence[Iterable[object]]]
+COUNT = "point"
+Columns = dict[str, Iterable[object]]
+Leading = Callable[[int, Label], Columns]
 """Gives further columns to stand before the others: of the label of that number, from 0."""
+ANY = Label.from_sketch(np.zeros((2, 2)))
+"""Has the columns of every label."""
 SCALE_TOLERANCE = 1e-6
 
 
@@ -59,101 +56,58 @@ def text(labels: Labels) -> str:
     return file.getvalue()
 
 
-def join(
-    path: str | os.PathLike[str],
-    tables: Iterable[str | os.PathLike[str]],
-    scale: tuple[float, float] | None,
-    *,
-    overwrite: bool = False,
-) -> None:
-    """Write the rows of many tables as one, without reading them into memory.
-
-    Parameters
-    ----------
-    path
-        The table to write.
-    tables
-        Tables as `write` leaves them, with the same columns and no body twice.
-    scale
-        The scale that all of them were written with.
-    overwrite
-        Replace an existing file.
-    """
-    header = text(Labels(scale=scale)).encode()
-    with atomic(path, overwrite=overwrite) as temporary, temporary.open("xb") as file:
-        file.write(header)
-        for table in tables:
-            with open(table, "rb") as part:
-                if part.readline() != header:
-                    raise LabelsError(table, "line 1", "other columns than expected")
-                shutil.copyfileobj(part, file)
-
-
 def write_rows(
-    file: TextIO,
-    labels: AnyLabels,
-    names: tuple[str, ...] = (),
-    leading: Leading = lambda number, label: (),
+    file: TextIO, labels: AnyLabels, leading: Leading = lambda number, label: {}
 ) -> None:
-    """Write a table, with further columns of these names before all others."""
+    """Write a table, with further columns before all others."""
     table, facts = csv.writer(file, lineterminator="\n"), facts_of(labels)
-    said = ("review",) * facts.reviewed + ("locked",) * facts.locked
-    table.writerow(names + PIXELS + (UNITS if labels.scale else ()) + said)
+    table.writerow([*leading(0, ANY), *_columns(ANY, labels.head, facts)])
     for number, label in enumerate(labels.labels):
-        columns = [*leading(number, label), *_columns(label, labels)]
-        words = {"review": label.review, "locked": int(label.locked)}
-        columns += [itertools.repeat(words[name], len(label.points)) for name in said]
-        table.writerows(zip(*columns, strict=True))
+        columns = leading(number, label).values(), _columns(label, labels.head, facts).values()
+        table.writerows(zip(*list(chain(*columns)), strict=False))  # what is repeated has no end
 
 
-def _columns(label: Label, labels: AnyLabels) -> list[Iterable[object]]:
-    size = len(label.points)
-    columns: list[Iterable[object]] = [
-        itertools.repeat(label.frame, size),
-        itertools.repeat(label.curve, size),
-        range(size),
-        *label.points.T.tolist(),
-        label.half_width.tolist(),
-        label.sd.tolist(),
-        label.arc_length.tolist(),
-        itertools.repeat(label.status, size),
-    ]
-    if labels.scale:
-        columns += (label.points * labels.scale).T.tolist()
-        columns.append((label.half_width * width_growth(label.points, labels.scale)).tolist())
-        columns.append(itertools.repeat(labels.units or "", size))
-    return columns
-
-
-def losses(labels: AnyLabels) -> tuple[str, ...]:
-    """Say what the table has no place for."""
-    lost = without_place("CSV", labels, "provenance")
-    if labels.scale and not any(True for _ in labels.labels):
-        lost += ("a CSV without curves cannot hold the scale",)
-    return lost
+def _columns(label: Label, head: Labels, facts: Facts) -> Columns:
+    columns: Columns = {
+        "frame": repeat(label.frame),
+        "curve": repeat(label.curve),
+        "point": range(len(label.points)),
+        "row": label.points[:, 0].tolist(),
+        "col": label.points[:, 1].tolist(),
+        "half_width": label.half_width.tolist(),
+        "sd": label.sd.tolist(),
+        "arc_length": label.arc_length.tolist(),
+        "status": repeat(label.status),
+    }
+    if head.scale:
+        columns["y"], columns["x"] = (label.points * head.scale).T.tolist()
+        width = label.half_width * width_growth(label.points, head.scale)
+        columns |= {"half_width_units": width.tolist(), "units": repeat(head.units or "")}
+    columns |= {"review": repeat(label.review)} if facts.reviewed else {}
+    return columns | ({"locked": repeat(int(label.locked))} if facts.locked else {})
 
 
 def read(source: Source) -> Iterator[Label]:
     """Read a table back; points are numbered from 0 where they are numbered."""
     scale = _Scale(source)
-    for rows in read_curves(source, KINDS, REQUIRED, BY, SAME, watch=scale.add):
-        yield _label(rows)
+    for lines, columns in read_curves(source, KINDS, REQUIRED, BY, COUNT):
+        scale.add(lines, columns)
+        yield _label(columns)
     source.place = "line 2"
     source.head = scale.head()
 
 
-def _label(rows: Rows) -> Label:
-    columns, (frame, curve) = rows.columns, rows.key(BY)
-    half_width, sd = (
-        columns.get(name, np.full(len(rows.lines), KINDS[name])) for name in ("half_width", "sd")
-    )
-    status: Any = columns["status"].item(0) if "status" in columns else "sketch"
-    review: Any = columns["review"].item(0) if "review" in columns else "open"
-    locked = columns["locked"].item(0) if "locked" in columns else 0
-    if locked > 1:
-        raise ValueError(f"curve {curve} of frame {frame}: locked is {locked}; expected 1 or 0")
-    points = np.column_stack([columns["row"], columns["col"]])
-    return Label(frame, curve, points, half_width, sd, status, review, bool(locked))
+def _label(columns: dict[str, Any]) -> Label:
+    unknown = {name: np.full(len(columns["row"]), KINDS[name]) for name in ("half_width", "sd")}
+    known = {"frame": 0, "status": "sketch", "review": "open", "locked": 0, **unknown}
+    known |= columns
+    if known["locked"] > 1:
+        where = f"curve {known['curve']} of frame {known['frame']}"
+        raise ValueError(f"{where}: locked is {known['locked']}; expected 1 or 0")
+    points = np.column_stack([known["row"], known["col"]])
+    along = points, known["half_width"], known["sd"]
+    words = known["status"], known["review"], bool(known["locked"])
+    return Label(known["frame"], known["curve"], *along, *words)
 
 
 class _Scale:
@@ -164,31 +118,26 @@ class _Scale:
         self._units: str | None = None
         self._sizes: list[float | None] = [None, None]
 
-    def add(self, rows: Rows) -> None:
-        """Take the scale from some rows, or compare them with that of earlier ones."""
-        if not {"y", "x", "units"} <= rows.columns.keys():
+    def add(self, lines: Sequence[int], columns: dict[str, Any]) -> None:
+        """Take the scale from a curve, or compare it with that of earlier ones."""
+        if not {"y", "x", "units"} <= columns.keys():
             return
-        units = rows.columns["units"]
-        self._units = units.item(0) if self._units is None else self._units
-        for other in np.flatnonzero(units != self._units)[:1]:
-            self._source.place = f"line {rows.lines[other]}"
-            raise ValueError(f"units are {units[other]!r} here but {self._units!r} above")
-        frame = rows.columns.get("frame", np.zeros(len(units)))
-        first = frame == frame[0]
+        if self._units is None:
+            self._units = columns["units"]
+        if columns["units"] != self._units:
+            raise ValueError(f"units are {columns['units']!r} here but {self._units!r} above")
         for axis, (name, pixel) in enumerate((("y", "row"), ("x", "col"))):
-            pixels, physical = rows.columns[pixel], rows.columns[name]
-            size = self._sizes[axis]
-            if size is None:
-                size = self._sizes[axis] = _factor(pixels[first], physical[first])
-            if size is None:  # the first frame lies on this axis: later ones tell
+            size = self._sizes[axis] = self._sizes[axis] or _factor(columns[pixel], columns[name])
+            if size is None:  # the curve lies on this axis: later ones tell
                 continue
-            expected = pixels * size
-            agree = np.abs(physical - expected) <= SCALE_TOLERANCE * np.abs(expected) + 1e-300
+            expected = columns[pixel] * size
+            off = np.abs(columns[name] - expected)
+            agree = off <= SCALE_TOLERANCE * np.abs(expected) + 1e-300
             if not (size > 0 and agree.all()):
-                self._source.place = f"line {rows.lines[np.argmin(agree)]}"
+                self._source.place = f"line {lines[int(np.argmin(agree))]}"
                 raise ValueError(
                     f"{name} is not {pixel} times one scale; correct it or remove columns "
-                    f"{', '.join(UNITS)}"
+                    "y, x, half_width_units, units"
                 )
 
     def head(self) -> Labels:
@@ -208,20 +157,16 @@ def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float |
     ratio = float(physical[largest] / pixels[largest])
     if not np.isfinite(ratio):
         return 0.0
-    for digits in range(1, 18):
-        candidate = float(f"{ratio:.{digits}g}")
-        if np.array_equal(pixels * candidate, physical):
-            return candidate
-    for neighbour in (np.nextafter(ratio, 0), np.nextafter(ratio, np.inf)):
-        if np.array_equal(pixels * neighbour, physical):
-            return float(neighbour)
-    return ratio
+    candidates = [float(f"{ratio:.{digits}g}") for digits in range(1, 18)]
+    candidates += [float(np.nextafter(ratio, 0)), float(np.nextafter(ratio, np.inf))]
+    return next((each for each in candidates if np.array_equal(pixels * each, physical)), ratio)
 
 
 def claims(ending: str, head: bytes) -> bool:
     """Tell by its header whether a CSV is one of curves."""
-    header = head.decode("utf-8-sig", errors="replace").partition("\n")[0]
+    header = "".join(head.decode("utf-8-sig", errors="replace").splitlines()[:1])
     return set(REQUIRED) <= {name.strip().strip('"') for name in header.split(",")}
 
 
-FORMAT = Format("labels CSV", (".csv",), read, write, losses, claims, by_frame=True)
+LOSSES = ("provenance", "empty")
+FORMAT = Format("labels CSV", (".csv",), read, write, LOSSES, claims, by_frame=True)

@@ -1,20 +1,23 @@
-"""What the readers give and the writers take: immutable labels, free of any file format."""
+"""What the readers give and the writers take: immutable labels, all at once or frame by frame."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import chain, groupby
 from operator import index
 from types import MappingProxyType
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.types import Array, Curve, Refinement
+from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
 Review = Literal["open", "accepted", "rejected"]
 REVIEWS: tuple[Review, ...] = get_args(Review)
+T = TypeVar("T", int, float)
 MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
@@ -66,30 +69,29 @@ class Label:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        problem = _array_problem(self) or _word_problem("status", self.status, STATUSES)
-        problem = problem or _word_problem("review", self.review, REVIEWS)
-        if problem:
+        if problem := _problem(self):
             raise ValueError(f"curve {self.curve} of frame {self.frame}: {problem}")
 
     @classmethod
-    def from_curve(
-        cls,
-        curve: Curve,
-        *,
-        frame: int = 0,
-        identity: int = 0,
-        review: Review = "open",
-        locked: bool = False,
-    ) -> Self:
-        """Label a refined curve with its frame and identity."""
+    def from_curve(cls, curve: Curve, *, frame: int = 0, identity: int = 0, **said: Any) -> Self:
+        """Label a refined curve with its frame and identity, and `review` and `locked` if given."""
         along = curve.points, curve.half_width, curve.sd
-        return cls(frame, identity, *along, curve.status, review, locked)
+        return cls(frame, identity, *along, curve.status, **said)
 
     @classmethod
     def from_sketch(cls, points: Float[Array, "N 2"], *, frame: int = 0, identity: int = 0) -> Self:
         """Label a line that nobody refined: half-width and standard error are not known."""
         size = len(points)
         return cls(frame, identity, points, np.full(size, np.nan), np.full(size, np.inf), "sketch")
+
+    def resampled(self, count: int) -> "Label":
+        """Give it `count` points, uniform in arc length along its polyline, if it has others."""
+        if len(self.points) == count:
+            return self
+        arc = self.arc_length
+        places, columns = np.linspace(0, arc[-1], count), (*self.points.T, self.half_width, self.sd)
+        row, col, width, sd = (np.interp(places, arc, column) for column in columns)
+        return replace(self, points=np.column_stack([row, col]), half_width=width, sd=sd)
 
     @property
     def arc_length(self) -> Float[Array, " N"]:
@@ -131,11 +133,15 @@ class Labels:
         object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
-            object.__setattr__(self, "scale", _checked_scale(self.scale))
+            scale = _checked("scale", "(y, x)", self.scale, 1 / MAX_SCALE, MAX_SCALE)
+            object.__setattr__(self, "scale", tuple(map(float, scale)))
         if self.shape is not None:
-            object.__setattr__(self, "shape", _checked_shape(self.shape))
-        if self.units is not None:
-            _check_units(self.units, self.scale)
+            shape = _checked("shape", "(H, W) of the image", self.shape, 1, MAX_COORDINATE)
+            object.__setattr__(self, "shape", tuple(map(index, shape)))
+        if self.units is not None and self.scale is None:
+            raise ValueError(f"units are {self.units!r} but scale is None; give a pixel's size too")
+        if self.units is not None and not (self.units.strip() and self.units.isprintable()):
+            raise ValueError(f"units are {self.units!r}; expected a unit's name, such as 'µm'")
         seen = set()
         for label in self.labels:
             if (label.frame, label.curve) in seen:
@@ -152,10 +158,7 @@ class Labels:
         *,
         frame: int = 0,
         ids: Iterable[int] | None = None,
-        scale: tuple[float, float] | None = None,
-        units: str | None = None,
-        shape: tuple[int, int] | None = None,
-        provenance: Mapping[str, object] | None = None,
+        **known: Any,
     ) -> Self:
         """Label the curves of one frame.
 
@@ -167,14 +170,8 @@ class Labels:
             Index of the image in its stack.
         ids
             Identity of each curve; None numbers them from 0.
-        scale
-            (y, x) size of a pixel, or None.
-        units
-            Physical unit of `scale`, or None.
-        shape
-            (H, W) of the image, px, or None.
-        provenance
-            How the curves came about.
+        known
+            Further attributes: scale, units, shape, provenance.
         """
         identities = range(len(curves)) if ids is None else tuple(ids)
         if len(identities) != len(curves):
@@ -183,32 +180,132 @@ class Labels:
             Label.from_curve(curve, frame=frame, identity=identity)
             for curve, identity in zip(curves, identities, strict=True)
         )
-        return cls(labels, scale, units, shape, provenance or {})
+        return cls(labels, **known)
 
     @classmethod
-    def from_refinement(
-        cls,
-        result: Refinement,
-        *,
-        frame: int = 0,
-        ids: Iterable[int] | None = None,
-        scale: tuple[float, float] | None = None,
-        units: str | None = None,
-        provenance: Mapping[str, object] | None = None,
-    ) -> Self:
+    def from_refinement(cls, result: Refinement, **options: Any) -> Self:
         """Label the curves of a refinement; options as in `from_curves`."""
-        return cls.from_curves(
-            result.curves,
-            frame=frame,
-            ids=ids,
-            scale=scale,
-            units=units,
-            shape=result.shape,
-            provenance=provenance,
-        )
+        return cls.from_curves(result.curves, shape=result.shape, **options)
+
+    @property
+    def head(self) -> "Labels":
+        """What is known beside the labels, wherever they are held."""
+        return self
 
 
-def _array_problem(label: Label) -> str | None:
+@dataclass
+class Facts:
+    """What formats ask of all labels together.
+
+    Attributes
+    ----------
+    count
+        How many there are.
+    frames
+        How often another frame begins.
+    sizes
+        The numbers of points that occur.
+    highest
+        The largest identity, 0 where there is none.
+    reach
+        (H, W) of the smallest image from (0, 0) that holds all bodies, px.
+    without_width, without_radius
+        How many have a half-width that is not known somewhere; or is not above 0.
+    reviewed, locked
+        Whether the user has said something of one, and locked one.
+    """
+
+    count: int = 0
+    frames: int = 0
+    sizes: set[int] = field(default_factory=set)
+    highest: int = 0
+    reach: tuple[float, ...] = (1.0, 1.0)
+    without_width: int = 0
+    without_radius: int = 0
+    reviewed: bool = False
+    locked: bool = False
+
+    @classmethod
+    def of(cls, labels: Iterable[Label]) -> "Facts":
+        """Go through labels."""
+        facts, latest = cls(), -1
+        for label in labels:
+            facts.count += 1
+            facts.frames += label.frame != latest
+            facts.sizes.add(len(label.points))
+            facts.highest = max(facts.highest, label.curve)
+            far = label.points.max(axis=0) + np.nan_to_num(label.half_width).max()
+            facts.reach = tuple(np.maximum(facts.reach, np.ceil(far) + 1).tolist())
+            facts.without_width += not np.all(np.isfinite(label.half_width))
+            facts.without_radius += not np.all(label.half_width > 0)
+            facts.reviewed |= label.review != "open"
+            facts.locked |= label.locked
+            latest = label.frame
+        return facts
+
+
+@dataclass(frozen=True, eq=False)
+class ByFrame:
+    """Labels of which no more than a frame's are held; they are read anew each time.
+
+    Attributes
+    ----------
+    frames
+        (F,) the numbers of the frames that have some, rising.
+    head
+        What all share, without the labels themselves.
+    read
+        Gives the labels of each of `frames`.
+    tell
+        Called while they are gone through, with the share that is done where that is known; what
+        it raises ends it.
+    """
+
+    frames: Int[Array, " F"]
+    head: Labels
+    read: Callable[[], Iterator[tuple[Label, ...]]]
+    tell: Callable[[float | None], None] = lambda done: None
+
+    @property
+    def labels(self) -> Iterator[Label]:
+        """Go through all labels."""
+        for label in chain.from_iterable(self.read()):
+            self.tell(None)
+            yield label
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What formats ask of all labels together; goes through them once."""
+        return Facts.of(self.labels)
+
+
+AnyLabels = Labels | ByFrame
+"""What can be written."""
+
+
+def facts_of(labels: AnyLabels) -> Facts:
+    """Give what formats ask of all labels together."""
+    return labels.facts if isinstance(labels, ByFrame) else Facts.of(labels.labels)
+
+
+def evenly_sampled(labels: AnyLabels) -> tuple[int, Iterator[Label]]:
+    """Give all labels the same number of points, and that number: `POINTS` where they differ."""
+    sizes = facts_of(labels).sizes
+    size = min(sizes) if len(sizes) == 1 else POINTS
+    return size, (label.resampled(size) for label in labels.labels)
+
+
+def in_frames(labels: AnyLabels) -> ByFrame:
+    """Give labels frame by frame; those in memory are put in order."""
+    if isinstance(labels, ByFrame):
+        return labels
+    ordered = sorted(labels.labels, key=lambda label: label.frame)
+    groups = [tuple(group) for _, group in groupby(ordered, key=lambda label: label.frame)]
+    frames = np.array([group[0].frame for group in groups], dtype=np.int64)
+    return ByFrame(frames, replace(labels, labels=()), partial(iter, groups))
+
+
+def _problem(label: Label) -> str | None:
     size = len(label.points)
     if label.points.shape != (size, 2) or size < 2:
         return f"points have shape {label.points.shape}; expected (N, 2) with N at least 2"
@@ -222,29 +319,13 @@ def _array_problem(label: Label) -> str | None:
             return f"{name} is negative; expected 0 or more, or NaN where it is not known"
     if np.any(label.half_width > MAX_COORDINATE):
         return f"half_width is over {MAX_COORDINATE:g} px; use NaN where it is not known"
+    for name, allowed in (("status", STATUSES), ("review", REVIEWS)):
+        if (word := getattr(label, name)) not in allowed:
+            return f"{name} is {word!r}; expected one of {', '.join(allowed)}"
     return None
 
 
-def _word_problem(name: str, word: str, allowed: tuple[str, ...]) -> str | None:
-    if word in allowed:
-        return None
-    return f"{name} is {word!r}; expected one of {', '.join(allowed)}"
-
-
-def _checked_scale(scale: tuple[float, float]) -> tuple[float, float]:
-    if len(scale) != 2 or not all(1 / MAX_SCALE <= size <= MAX_SCALE for size in scale):
-        raise ValueError(f"scale is {scale}; expected (y, x), two numbers above 0")
-    return float(scale[0]), float(scale[1])
-
-
-def _checked_shape(shape: tuple[int, ...]) -> tuple[int, int]:
-    if len(shape) != 2 or not all(0 < size <= MAX_COORDINATE for size in shape):
-        raise ValueError(f"shape is {shape}; expected (H, W) of the image, two numbers above 0")
-    return index(shape[0]), index(shape[1])
-
-
-def _check_units(units: str, scale: tuple[float, float] | None) -> None:
-    if scale is None:
-        raise ValueError(f"units are {units!r} but scale is None; give the size of a pixel too")
-    if not units.strip() or not units.isprintable():
-        raise ValueError(f"units are {units!r}; expected the name of a unit, such as 'µm'")
+def _checked(name: str, what: str, pair: Sequence[T], least: float, most: float) -> Sequence[T]:
+    if len(pair) != 2 or not all(least <= each <= most for each in pair):
+        raise ValueError(f"{name} is {pair}; expected {what}, two numbers above 0")
+    return pair

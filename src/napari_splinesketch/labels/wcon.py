@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,10 @@ from jaxtyping import Float
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.files import blamed
-from napari_splinesketch.labels.format import Format, Source
-from napari_splinesketch.labels.head import head_of, own_members, read_head, read_own
-from napari_splinesketch.labels.json_stream import read_values
-from napari_splinesketch.labels.json_tree import Node, write_json
-from napari_splinesketch.labels.stream import AnyLabels
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.labels import json_tree
+from napari_splinesketch.labels.csv_columns import whole
+from napari_splinesketch.labels.format import Format, Source, blamed
+from napari_splinesketch.labels.types import AnyLabels, Label, Labels
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
@@ -30,21 +26,21 @@ def write(path: Path, labels: AnyLabels) -> None:
     x and y are col and row times the scale, in the image's units; in pixels, unit "1", where it
     has none.
     """
-    scale = labels.scale or (1.0, 1.0)
-    unit = "um" if labels.units == "µm" else labels.units or "1"
+    scale = labels.head.scale or (1.0, 1.0)
+    unit = "um" if labels.head.units == "µm" else labels.head.units or "1"
     software = {"name": "napari-splinesketch", "version": __version__, "featureID": OURS}
     root = {
         "units": {"t": "1", "x": unit, "y": unit},
         "metadata": {"software": software},
-        OURS: head_of(labels),
+        OURS: json_tree.head_of(labels.head),
         "data": (_record(label, scale) for label in labels.labels),
     }
-    write_json(path, root)
+    json_tree.write_json(path, root)
 
 
 def _record(label: Label, scale: tuple[float, float]) -> dict[str, Any]:
     y, x = (label.points * scale).T.tolist()
-    own = own_members(label, "_px")
+    own = json_tree.own_members(label, "_px")
     return {"id": str(label.curve), "t": [label.frame], "x": [x], "y": [y], OURS: own}
 
 
@@ -54,43 +50,41 @@ def read(source: Source) -> Iterator[Label]:
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
-    kept: dict[str, Any] = dict.fromkeys(("units", "data", OURS))
-    spines: list[_Spine] = []
-    for record in _records(source.path, kept):
-        for spine in _spines(record):
-            if len(spine.yx) > 1:
-                spines.append(spine)
-            else:
-                source.left_out["animals"] += 1
-    root = Node(source.path, "", kept)
-    if OURS in root:
-        source.head = read_head(root[OURS])
-        numbers = ((spine.frame(), spine.integer_id()) for spine in spines)
-    else:
-        source.head = _foreign_head(source, root)
-        frames = {time: i for i, time in enumerate(sorted({spine.time for spine in spines}))}
-        names: dict[str, int] = {}
-        numbers = (
-            (frames[spine.time], names.setdefault(spine.identity, len(names))) for spine in spines
-        )
-    for spine, (frame, curve) in zip(spines, numbers, strict=True):
-        source.place = spine.record.place
-        yield spine.label(frame, curve, source.head.scale if OURS in root else None)
+    kept: dict[str, Any] = {}
+    spines = [each for record in _records(source.path, kept) for each in _spines(record)]
+    root = json_tree.Node(source.path, "", kept)
+    ours = OURS in root
+    source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
+    scale = (source.head.scale if ours else None) or (1.0, 1.0)
+    lines = [spine for spine in spines if len(spine[2]) > 1]
+    source.left_out["animals"] = len(spines) - len(lines)
+    times = {time: i for i, time in enumerate(sorted({time for _, time, _ in lines}))}
+    names: dict[str, int] = {}
+    for record, time, yx in lines:
+        source.place = record.place
+        if ours:
+            frame = json_tree.Node(source.path, f"{record.place}.t", time).integer()
+            with blamed(record["id"].error):
+                curve = whole(str(record["id"].value))
+        else:
+            frame, curve = times[time], names.setdefault(str(record["id"].value), len(names))
+        if OURS in record:
+            yield json_tree.read_own(record[OURS], frame, curve, yx / scale, "_px")
+        else:
+            yield Label.from_sketch(yx / scale, frame=frame, identity=curve)
 
 
-def _records(path: Path, kept: dict[str, Any]) -> Iterator[Node]:
+def _records(path: Path, kept: dict[str, Any]) -> Iterator[json_tree.Node]:
     """Give the records of a file, of which a single one needs no array."""
-    yield from read_values(path, "data", kept)
-    for name in [name for name, value in kept.items() if value is None]:
-        del kept[name]
-    data = Node(path, "", kept)["data"]
+    yield from json_tree.read_values(path, "data", kept)
+    data = json_tree.Node(path, "", kept)["data"]
     if data.value != []:
         yield data
 
 
-def _foreign_head(source: Source, root: Node) -> Labels:
+def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
     """Take the unit of another program's file, one of which is a pixel."""
-    x, y = (root["units"][axis].text() for axis in "xy")
+    x, y = (root["units"][axis].expected(str) for axis in "xy")
     if x != y:
         raise root["units"].error(f"x is in {x!r} and y in {y!r}; expected one unit")
     if x in ("", "1"):
@@ -101,35 +95,9 @@ def _foreign_head(source: Source, root: Node) -> Labels:
         return Labels((), (1.0, 1.0), units)
 
 
-@dataclass(frozen=True, eq=False)
-class _Spine:
-    """One animal at one time, in the file's units."""
-
-    record: Node
-    identity: str
-    time: float
-    yx: Float[Array, "N 2"]
-
-    def label(self, frame: int, identity: int, scale: tuple[float, float] | None) -> Label:
-        points = self.yx / (scale or (1.0, 1.0))
-        own = self.record[OURS] if OURS in self.record else None
-        if own is None:
-            return Label.from_sketch(points, frame=frame, identity=identity)
-        return read_own(own, frame, identity, points, "_px")
-
-    def frame(self) -> int:
-        return Node(self.record.path, f"{self.record.place}.t", self.time).integer()
-
-    def integer_id(self) -> int:
-        if not (self.identity.isascii() and self.identity.isdigit() and len(self.identity) < 20):
-            raise self.record["id"].error("expected a whole number from 0")
-        return int(self.identity)
-
-
-def _spines(record: Node) -> list[_Spine]:
-    """Give the spines of a record, which may hold one time or several."""
-    identity = str(record["id"].value)
-    times = record["t"]
+def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Float[Array, "N 2"]]]:
+    """Give time and line of a record's animal, at one time or several, in the file's units."""
+    _, times = record["id"], record["t"]
     if not isinstance(times.value, list):
         xs, ys, when = [record["x"]], [record["y"]], [times.number()]
     else:
@@ -137,22 +105,20 @@ def _spines(record: Node) -> list[_Spine]:
     if not len(xs) == len(ys) == len(when):
         raise record.error(f"t, x and y have {len(when)}, {len(xs)} and {len(ys)} elements")
     oy, ox = _origin(record, "y", len(when)), _origin(record, "x", len(when))
-    spines = []
     for i, (time, x, y) in enumerate(zip(when, xs, ys, strict=True)):
         cols, rows = _line(x) + ox[i], _line(y) + oy[i]
         if len(cols) != len(rows):
             raise y.error(f"has {len(rows)} numbers, but x has {len(cols)}")
         yx = np.column_stack([rows, cols])
-        spines.append(_Spine(record, identity, time, yx[np.isfinite(yx).all(axis=1)]))
-    return spines
+        yield record, time, yx[np.isfinite(yx).all(axis=1)]
 
 
-def _line(node: Node) -> Float[Array, " N"]:
+def _line(node: json_tree.Node) -> Float[Array, " N"]:
     """Give the coordinates of a spine, none where the animal is a single point."""
     return node.numbers(unknown=np.nan) if isinstance(node.value, list) else np.empty(0)
 
 
-def _origin(record: Node, axis: str, count: int) -> Float[Array, " T"]:
+def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]:
     """Give what is added to x or y: the origin, or else the centroid, or else nothing."""
     for name in (f"o{axis}", f"c{axis}"):
         if name in record:

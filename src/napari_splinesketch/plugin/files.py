@@ -20,7 +20,7 @@ from napari_splinesketch.labels import (
     write_labels,
 )
 from napari_splinesketch.labels.formats import WRITERS, claiming
-from napari_splinesketch.labels.stream import in_frames
+from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.labels import labels_of_layer, layer_of_labels
 

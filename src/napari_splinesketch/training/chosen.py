@@ -1,17 +1,15 @@
 """Which curves are good enough to learn from, and what of a frame is better not looked at."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, UInt16
 
 from napari_splinesketch.engine.types import POINTS, Array
-from napari_splinesketch.labels.geometry import resampled
-from napari_splinesketch.labels.masks import label_image
-from napari_splinesketch.labels.raster import rasterise
 from napari_splinesketch.labels.types import Label
+from napari_splinesketch.raster import label_image, rasterise
 
 Keep = Literal["accepted", "good"]
 MARGIN = 3.0
@@ -47,12 +45,12 @@ class Chosen:
         """Part the curves of a frame."""
         kept = (label for label in labels if is_kept(label, keep))
         others = tuple(label for label in labels if not is_kept(label, keep))
-        return cls(tuple(map(_sampled, kept)), others)
+        return cls(tuple(label.resampled(POINTS) for label in kept), others)
 
     def mask(self, shape: tuple[int, int]) -> UInt16[Array, "H W"]:
         """Draw the bodies that are kept: the first has the value 1, the next 2, ..."""
-        numbered = [replace(label, curve=i) for i, label in enumerate(self.kept)]
-        return label_image(numbered, shape).astype(np.uint16)
+        kept = [(i, one.points, one.half_width) for i, one in enumerate(self.kept, 1)]
+        return label_image(kept, shape, np.uint16)
 
     def ignored(self, shape: tuple[int, int]) -> Bool[Array, "H W"]:
         """Draw what is neither body nor background: the other curves and a margin around them."""
@@ -63,7 +61,7 @@ class Chosen:
         for label in (*self.others, *(label for label in self.kept if not _is_wide(label))):
             # A line without a width is a rough one: the body may lie beside it.
             reach = label.half_width if _is_wide(label) else np.full(len(label.points), 2 * usual)
-            patch = rasterise(replace(label, half_width=reach + MARGIN), shape)
+            patch = rasterise(label.points, reach + MARGIN, shape)
             if patch is not None:
                 ignored[patch.place] |= patch.inside
         return ignored & (self.mask(shape) == 0)
@@ -71,7 +69,3 @@ class Chosen:
 
 def _is_wide(label: Label) -> bool:
     return bool(np.isfinite(label.half_width).all())
-
-
-def _sampled(label: Label) -> Label:
-    return label if len(label.points) == POINTS else resampled(label, POINTS)

@@ -15,11 +15,10 @@ from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
-from napari_splinesketch.labels.files import checksum_of_file
+from napari_splinesketch.files import checksum_of_file
+from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.provenance import checksum
-from napari_splinesketch.labels.stream import ByFrame, in_frames
-from napari_splinesketch.labels.types import Label, Labels
+from napari_splinesketch.labels.types import ByFrame, Label, Labels, in_frames
 from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
 from napari_splinesketch.training.folder import (
     FOLDERS,

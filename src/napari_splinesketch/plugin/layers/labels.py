@@ -12,7 +12,6 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, Status
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 from napari_splinesketch.labels.formats import claiming
-from napari_splinesketch.labels.geometry import resampled
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES
 from napari_splinesketch.plugin.layers.looks import COLOURS, thinned
 from napari_splinesketch.plugin.layers.slot import OWNER, Known
@@ -166,7 +165,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
 
 
 def _curve_of(label: Label) -> Curve:
-    even = label if len(label.points) == POINTS else resampled(label, POINTS)
+    even = label.resampled(POINTS)
     at = np.linspace(0, POINTS - 1, KNOTS)
     width = np.interp(at, np.arange(POINTS), even.half_width)
     knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])

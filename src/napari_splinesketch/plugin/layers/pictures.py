@@ -19,10 +19,6 @@ from psygnal import Signal
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.labels import Label
-from napari_splinesketch.labels.masks import label_image
-from napari_splinesketch.labels.raster import Patch as Touched
-from napari_splinesketch.labels.raster import rasterise
 from napari_splinesketch.plugin.layers.looks import breadth, ribbon, vectors
 from napari_splinesketch.plugin.layers.pixels import Film, Patch, Planes, block_on
 from napari_splinesketch.plugin.layers.slot import Known, Slot
@@ -33,7 +29,8 @@ from napari_splinesketch.plugin.layers.space import (
     placement_on,
     size_of,
 )
-from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.raster import Body, label_image, rasterise
+from napari_splinesketch.raster import Patch as Touched
 
 Proof = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
@@ -239,14 +236,13 @@ def _ribbon(known: Known) -> Made | None:
 def _masks(known: Known) -> Made | None:
     """Label image of each frame: a pixel's value is the number of its curve."""
     size = size_of(known.image)
-    frames: dict[int, list[Label]] = {}
+    frames: dict[int, list[Body]] = {}
     for record in known.records:
-        frames.setdefault(record.frame, []).append(_label(record))
+        body = record.id, record.curve.points, record.curve.half_width
+        frames.setdefault(record.frame, []).append(body)
 
     def plane(frame: int) -> Integer[np.ndarray, "H W"]:
-        image = label_image(frames.get(frame, []), size)
-        # Files count from 0, and so leave 1 for the first.
-        return np.where(image > 0, image - 1, 0)
+        return label_image(frames.get(frame, []), size, np.int32)
 
     return Made(Labels, Planes((*frame_shape(known.image), *size), np.int32, plane), {}, {})
 
@@ -264,9 +260,10 @@ def _stack(known: Known) -> Made | None:
         number, frame = numbers[index // count], index % count
         mask = np.zeros(size, np.int32)
         record = records.get((number, frame))
-        patch = rasterise(_label(record), size) if record else None
-        if patch is not None:
-            mask[patch.place][patch.inside] = number
+        if record:
+            patch = rasterise(record.curve.points, record.curve.half_width, size)
+            if patch is not None:
+                mask[patch.place][patch.inside] = number
         return mask
 
     planes = Planes((len(numbers), *leading, *size), np.int32, plane)
@@ -284,10 +281,6 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
         "units": ("pixel", *image.units),
         "axis_labels": (BODY, *image.axis_labels),
     }
-
-
-def _label(record: Record) -> Label:
-    return Label.from_curve(record.curve, frame=record.frame, identity=record.id)
 
 
 MAKERS: dict[Proof, Maker] = {
@@ -343,9 +336,5 @@ def _touched(patch: Patch, curve: Curve) -> Touched | None:
     if curve.status == "failed" or not np.isfinite(curve.half_width).all():
         return None
     reach = curve.half_width / patch.grid.size + SOFT
-    label = Label.from_curve(curve)
-    points = patch.grid.to_block(curve.points)
     height, width = patch.pixels.shape
-    return rasterise(
-        Label(label.frame, label.curve, points, reach, label.sd, label.status), (height, width)
-    )
+    return rasterise(patch.grid.to_block(curve.points), reach, (height, width))

@@ -16,7 +16,7 @@ from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.labels.geometry import width_growth
+from napari_splinesketch.geometry import width_growth
 
 Points = Float[np.ndarray, "N D"]
 

@@ -1,14 +1,18 @@
-"""Which pixels a body covers."""
+"""Which pixels bodies cover."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Integer
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.types import Label
 
+Body = tuple[int, Float[Array, "N 2"], Float[Array, " N"]]
+"""What its pixels are to hold, its centreline (row, col) and its half-width, px."""
+STRIP = 2**19
+"""Pixels of a label image that are drawn at a time."""
 TOGETHER = 16
 """Segments of a line that are drawn at a time."""
 TILE = 90
@@ -44,14 +48,19 @@ class Patch:
 
 
 def rasterise(
-    label: Label, shape: tuple[int, int], rows: tuple[int, int] | None = None
+    points: Float[Array, "N 2"],
+    half_width: Float[Array, " N"],
+    shape: tuple[int, int],
+    rows: tuple[int, int] | None = None,
 ) -> Patch | None:
     """Find the pixels of a body: round at its ends, as wide as its half-width says.
 
     Parameters
     ----------
-    label
-        The body.
+    points
+        Its centreline, (row, col), px.
+    half_width
+        Distance from the centreline to the body's edge, px.
     shape
         (H, W) of the image, px; the patch does not reach beyond it. It takes 4 bytes a pixel.
     rows
@@ -61,29 +70,59 @@ def rasterise(
     -------
     Patch, or None where the half-width is not known or the body lies outside the image.
     """
-    if not np.all(np.isfinite(label.half_width)):
+    if not np.all(np.isfinite(half_width)):
         return None
-    low, high = _window(label.points, label.half_width.max(), shape)
+    low, high = _window(points, half_width.max(), shape)
     if rows:
         low[0], high[0] = max(low[0], rows[0]), min(high[0], rows[1])
     if np.any(high <= low):
         return None
-    return Patch((int(low[0]), int(low[1])), _depths(label, low, high))
-
-
-def _depths(label: Label, low: Int[Array, " 2"], high: Int[Array, " 2"]) -> Float[Array, "h w"]:
-    """Draw a body into the window from `low` to `high`, a stretch of it at a time."""
-    depth = np.full(tuple(high - low), -np.inf, np.float32)
-    points = label.points - low
+    # A stretch of the body at a time, and of its surroundings a tile.
+    depth, points = np.full(tuple(high - low), -np.inf, np.float32), points - low
     for i in range(0, len(points) - 1, TOGETHER):
-        line, widths = points[i : i + TOGETHER + 1], label.half_width[i : i + TOGETHER + 1]
+        line, widths = points[i : i + TOGETHER + 1], half_width[i : i + TOGETHER + 1]
         first, last = _window(line, widths.max(), depth.shape)
         for top, left in product(*(range(a, b, TILE) for a, b in zip(first, last, strict=True))):
             end = np.minimum((top + TILE, left + TILE), last)
             tile = slice(top, end[0]), slice(left, end[1])
-            rows, cols = np.mgrid[tile]
-            np.maximum(depth[tile], _depth(rows, cols, line, widths), out=depth[tile])
-    return depth
+            down, right = np.mgrid[tile]
+            np.maximum(depth[tile], _depth(down, right, line, widths), out=depth[tile])
+    return Patch((int(low[0]), int(low[1])), depth)
+
+
+def label_image(
+    bodies: Sequence[Body], shape: tuple[int, int], dtype: type[np.integer] = np.uint32
+) -> Integer[Array, "H W"]:
+    """Draw bodies; 0 is background, and a pixel of two belongs to the one it lies deeper in."""
+    image = np.empty(shape, dtype)
+    for top, strip in strips(bodies, shape, np.dtype(dtype)):
+        image[top : top + len(strip)] = strip
+    return image
+
+
+def strips(
+    bodies: Sequence[Body], shape: tuple[int, int], dtype: np.dtype
+) -> Iterator[tuple[int, Integer[Array, "h W"]]]:
+    """Draw a label image some rows at a time; give the first row of each strip with it."""
+    height = strip_height(shape)
+    for top in range(0, shape[0], height):
+        strip = np.zeros((min(height, shape[0] - top), shape[1]), dtype)
+        deepest = np.full(strip.shape, -1, np.float32)
+        for value, points, half_width in bodies:
+            patch = rasterise(points, half_width, shape, (top, top + height))
+            if patch is None:
+                continue
+            rows, cols = patch.place
+            place = slice(rows.start - top, rows.stop - top), cols
+            ours = patch.inside & (patch.depth > deepest[place])
+            strip[place][ours] = value
+            deepest[place][ours] = patch.depth[ours]
+        yield top, strip
+
+
+def strip_height(shape: tuple[int, int]) -> int:
+    """Give how many rows of an image are drawn at a time."""
+    return min(max(1, STRIP // shape[1]), shape[0])
 
 
 def _window(
