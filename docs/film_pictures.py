@@ -6,20 +6,19 @@ Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/fi
 The settings and the saved work of whoever runs it are left alone.
 """
 
-import argparse
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import window as w
+from napari import Viewer
 from PIL import Image, ImageDraw
 
 from napari_splinesketch import refine
+from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, View, follow
 
-IMAGES = Path(__file__).with_name("images")
 HIDES, SHOWN = 7_004, (-4, -1, 1, 3, 5, 8)
 """The film in which a body hides, and frames of it: from the first in which it is hidden."""
 SWIMS = 3
@@ -67,13 +66,8 @@ def _tile(made: Film, result: Any) -> Image.Image:
 
 def kymograph(path: Path) -> None:
     """Track a film in the window, and take a picture of the panel with a body over the frames."""
-    import napari
-    import window as w
-
-    from napari_splinesketch.plugin.dock import SplinesketchDock
-
     made = film(SWIMS, motion="swim", bodies=2, frames=40)
-    viewer: Any = napari.Viewer()
+    viewer: Any = Viewer()
     viewer.window.resize(1300, 800)
     viewer.add_image(made.images, name="film")
     lines = [np.insert(line[::20], 0, 0, axis=1) for line in made.centrelines[0]]
@@ -98,12 +92,7 @@ def kymograph(path: Path) -> None:
 
 def main() -> None:
     """Make both pictures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", nargs="?", type=Path, default=IMAGES)
-    folder = parser.parse_args().folder
-    # Before napari is imported: it reads its settings then.
-    home = tempfile.mkdtemp(prefix="splinesketch-pictures-")
-    os.environ |= {f"XDG_{name}_HOME": f"{home}/{name}" for name in ("CONFIG", "DATA", "STATE")}
+    folder = w.folder(__doc__)
     kymograph(folder / "kymograph.png")
     hiding(folder / "hiding.jpg")
 

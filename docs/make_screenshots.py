@@ -6,13 +6,15 @@ Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/ma
 The settings and the saved work of whoever runs it are left alone.
 """
 
-import argparse
-import os
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-IMAGES = Path(__file__).with_name("images")
+import window as w
+from napari import Viewer
+from qtpy.QtCore import QPoint, Qt
+
+from napari_splinesketch.plugin.dock import SplinesketchDock
+
 NEAR = (4.2, (0, 118, 96))
 """Zoom and centre that show the upper left worms."""
 BARE = (6.0, (0, 236, 160))
@@ -28,17 +30,9 @@ WIDTH = 900
 MOVE_MS, STEP_MS, LOOK_MS = 120, 700, 1800
 """How long a picture is shown: while something moves, after a step, to look at it."""
 
-if TYPE_CHECKING:
-    from napari import Viewer
-    from window import Movie
 
-    from napari_splinesketch.plugin.dock import SplinesketchDock
-
-
-def stills(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
+def stills(viewer: Viewer, dock: SplinesketchDock, folder: Path) -> None:
     """Go through the demo and take a picture at every step."""
-    import window as w
-
     w.look(viewer, *NEAR)
     w.shoot(viewer, folder / "sketches.png")
     w.refine(dock)
@@ -54,10 +48,8 @@ def stills(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
     w.shoot(viewer, folder / "whole.png")
 
 
-def reviewing(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
+def reviewing(viewer: Viewer, dock: SplinesketchDock, folder: Path) -> None:
     """Open the panel, look at the worst curve, and at what the model leaves unexplained."""
-    import window as w
-
     w.look(viewer, *NEAR)
     w.click(dock.review)
     dock.controller.actions.run("next")
@@ -74,20 +66,15 @@ def reviewing(viewer: "Viewer", dock: "SplinesketchDock", folder: Path) -> None:
     w.wait(0.5)
 
 
-def canvas_point(viewer: "Viewer", row: float, col: float) -> Any:
+def canvas_point(viewer: Viewer, row: float, col: float) -> Any:
     """Give the pixel of the canvas where a pixel of the image is shown."""
-    from qtpy.QtCore import QPoint
-
     scene = viewer.window._qt_viewer.canvas.view.scene
-    x, y, _, w = scene.transform.map([col, row, 0, 1])
-    return QPoint(round(x / w), round(y / w))
+    x, y, _, far = scene.transform.map([col, row, 0, 1])
+    return QPoint(round(x / far), round(y / far))
 
 
-def movie(viewer: "Viewer", dock: "SplinesketchDock", path: Path) -> None:
+def movie(viewer: Viewer, dock: SplinesketchDock, path: Path) -> None:
     """Draw three lines, refine, accept: as one picture that moves."""
-    import window as w
-    from qtpy.QtCore import Qt
-
     made = w.Movie(viewer, WIDTH)
     surface = viewer.window._qt_viewer.canvas.native
     viewer.layers.selection.active = viewer.layers["worms sketches"]
@@ -110,11 +97,8 @@ def movie(viewer: "Viewer", dock: "SplinesketchDock", path: Path) -> None:
     made.save(path)
 
 
-def drag(viewer: "Viewer", made: "Movie", surface: Any, start: Any, end: Any) -> None:
+def drag(viewer: Viewer, made: w.Movie, surface: Any, start: Any, end: Any) -> None:
     """Draw a line with the mouse, and take pictures of it."""
-    import window as w
-    from qtpy.QtCore import Qt
-
     left, free = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
     first, last = (canvas_point(viewer, *place) for place in (start, end))
     w.QTest.mousePress(surface, left, free, first)
@@ -128,20 +112,13 @@ def drag(viewer: "Viewer", made: "Movie", surface: Any, start: Any, end: Any) ->
     made.take(STEP_MS // 2, (surface, last))
 
 
-def _take(made: "Movie") -> None:
+def _take(made: w.Movie) -> None:
     made.take(MOVE_MS)
 
 
 def main() -> None:
     """Make all pictures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", nargs="?", type=Path, default=IMAGES)
-    folder = parser.parse_args().folder
-    # Before napari is imported: it reads its settings then.
-    home = tempfile.mkdtemp(prefix="splinesketch-pictures-")
-    os.environ |= {f"XDG_{name}_HOME": f"{home}/{name}" for name in ("CONFIG", "DATA", "STATE")}
-    import window as w
-
+    folder = w.folder(__doc__)
     viewer, dock = w.open_window()
     stills(viewer, dock, folder)
     reviewing(viewer, dock, folder)

@@ -1,9 +1,17 @@
 """A real window for pictures: a hand that clicks and drags, patience, and a camera."""
+# ruff: noqa: E402
 
+import argparse
+import os
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+# Before napari is imported, which reads them then: settings and saved work stay as they are.
+_HOME = tempfile.mkdtemp(prefix="splinesketch-pictures-")
+os.environ |= {f"XDG_{name}_HOME": f"{_HOME}/{name}" for name in ("CONFIG", "DATA", "STATE")}
 
 import numpy as np
 from napari import Viewer
@@ -16,6 +24,7 @@ from qtpy.QtWidgets import QApplication, QDockWidget, QWidget
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.samples import open_demo
 
+IMAGES = Path(__file__).with_name("images")
 DOCK_WIDTH = 290
 COLOURS = 255
 """Of a picture's palette: a quarter of the bytes, and nobody sees it."""
@@ -27,6 +36,13 @@ RING = 11
 """Radius of the ring around the mouse, px."""
 
 QTest: Any = QtTest.QTest
+
+
+def folder(about: str | None) -> Path:
+    """Give the folder for pictures that the command line names, or that of the documentation."""
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("folder", nargs="?", type=Path, default=IMAGES)
+    return parser.parse_args().folder
 
 
 def live(until: Callable[[], bool], seconds: float = PATIENCE) -> None:
