@@ -1,5 +1,7 @@
+import struct
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +42,54 @@ def test_roifile_sees_polylines_in_x_and_y_with_frames_from_1(tmp_path: Path) ->
     assert roi.float_stroke_width == pytest.approx(2 * np.median(FULL.labels[2].half_width))
     assert roi.properties["splinesketch.status"] == "good"
     assert rois[1].float_stroke_width == 0
+
+
+def seen_by_imagej(roi: bytes) -> dict[str, object]:
+    """What ImageJ's own RoiDecoder takes from a ROI, by the offsets it documents."""
+
+    def number(kind: str, at: int) -> Any:
+        return struct.unpack_from(f">{kind}", roi, at)[0]
+
+    def text(second: int) -> str:
+        offset, length = number("i", second), number("i", second + 4)
+        return roi[offset : offset + 2 * length].decode("utf-16-be")
+
+    count, second = number("H", 16), number("i", 60)
+    whole = np.frombuffer(roi, ">i2", 2 * count, 64).reshape(2, count)
+    exact = np.frombuffer(roi, ">f4", 2 * count, 64 + 4 * count).reshape(2, count)
+    return {
+        "magic": roi[:4],
+        "type": roi[6],
+        "subpixel": bool(number("h", 50) & 128),
+        "whole": np.array([number("h", 10), number("h", 8)]) + whole.T,
+        "xy": exact.T,
+        "position": number("i", 56),
+        "frame": number("i", second + 12),
+        "width": number("f", second + 36),
+        "name": text(second + 16),
+        "properties": dict(line.split(": ") for line in text(second + 40).splitlines()),
+    }
+
+
+def test_imagej_sees_sub_pixel_polylines_where_its_decoder_looks(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.zip", FULL)
+    with zipfile.ZipFile(tmp_path / "a.zip") as file:
+        names = file.namelist()
+        seen = [seen_by_imagej(file.read(name)) for name in names]
+    for roi, label in zip(seen, FULL.labels, strict=True):
+        assert (roi["magic"], roi["type"], roi["subpixel"]) == (b"Iout", 5, True)
+        assert np.array_equal(roi["xy"], label.points[:, ::-1].astype(np.float32))
+        assert np.abs(roi["whole"] - label.points[:, ::-1]).max() <= 1
+        assert (roi["position"], roi["frame"]) == (label.frame + 1, label.frame + 1)
+        known = np.isfinite(label.half_width).all()
+        assert roi["width"] == pytest.approx(2 * np.median(label.half_width) if known else 0)
+        assert roi["name"] == f"{label.frame}-{label.curve}"
+        properties: Any = roi["properties"]
+        assert properties["splinesketch.curve"] == str(label.curve)
+        assert properties["splinesketch.status"] == label.status
+        for name, values in (("half_width", label.half_width), ("sd", label.sd)):
+            told = [float(word) for word in properties[f"splinesketch.{name}"].split()]
+            assert np.array_equal(told, values, equal_nan=True)
 
 
 @pytest.mark.parametrize(

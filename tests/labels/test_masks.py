@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image, ImageSequence
 
 from napari_splinesketch.labels import Label, Labels, write_labels
 from napari_splinesketch.raster import rasterise
@@ -82,6 +83,9 @@ def test_a_label_image_has_the_identity_plus_1_and_a_page_for_each_frame(tmp_pat
     assert image[0, 20, 5] == 7
     assert image[0, 5, 30] == 1
     assert image[0, 20, 30] == 1, "the wider body lies deeper around the crossing"
+    with Image.open(tmp_path / "a.masks.tif") as pages:  # knows nothing of tifffile
+        for number, page in enumerate(ImageSequence.Iterator(pages)):
+            assert np.array_equal(np.asarray(page), image[number])
     with tifffile.TiffFile(tmp_path / "a.masks.tif") as file:
         assert file.series[0].axes == "TYX"
         told = json.loads(file.pages[0].description)  # pyright: ignore

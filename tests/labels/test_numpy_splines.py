@@ -30,6 +30,43 @@ def test_one_frame_and_packed_arrays(tmp_path: Path) -> None:
         assert [(label.frame, label.curve) for label in labels] == [(0, s) for s in range(4)]
 
 
+def as_documented(path: Path) -> dict[tuple[int, int], np.ndarray]:
+    """What `docs/files.md` says of these files, read with NumPy alone."""
+    found = np.load(path, allow_pickle=False)
+    if path.suffix == ".npz":
+        found = found[found.files[0] if len(found.files) == 1 else "splines"]
+    frames = found[None] if found.ndim == 3 else found
+    lines = {
+        (frame, number): spline[np.isfinite(spline).all(axis=1)][:, [1, 0]].astype(float)
+        for frame, splines in enumerate(frames)
+        for number, spline in enumerate(splines)
+    }
+    return {key: line for key, line in lines.items() if len(line) > 1}
+
+
+WRITERS: dict[str, Callable[[Path, np.ndarray], object]] = {
+    "plain.npy": np.save,
+    "by_column.npy": lambda path, array: np.save(path, np.asfortranarray(array)),
+    "big_endian.npy": lambda path, array: np.save(path, array.astype(">f8")),
+    "one_frame.npy": lambda path, array: np.save(path, array[0]),
+    "single.npz": lambda path, array: np.savez(path, whatever=array),
+    "packed.npz": lambda path, array: np.savez_compressed(path, scores=array[0], splines=array),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_reader_that_knows_only_the_documentation_sees_the_same(
+    tmp_path: Path, name: str
+) -> None:
+    splines = SPLINES.copy()
+    splines[0, 2, 4:6], splines[1, 3, 1:] = np.nan, np.inf
+    WRITERS[name](tmp_path / name, splines)
+    ours = {(one.frame, one.curve): one.points for one in read_labels(tmp_path / name).labels}
+    theirs = as_documented(tmp_path / name)
+    assert ours.keys() == theirs.keys()
+    assert all(np.array_equal(ours[key], theirs[key]) for key in ours)
+
+
 def test_points_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
     splines = SPLINES.copy()
     splines[0, 0, 3:5] = np.nan
