@@ -44,7 +44,7 @@ def test_roifile_sees_polylines_in_x_and_y_with_frames_from_1(tmp_path: Path) ->
     assert rois[1].float_stroke_width == 0
 
 
-def seen_by_imagej(roi: bytes) -> dict[str, object]:
+def seen_by_imagej(roi: bytes) -> dict[str, Any]:
     """What ImageJ's own RoiDecoder takes from a ROI, by the offsets it documents."""
 
     def number(kind: str, at: int) -> Any:
@@ -84,7 +84,7 @@ def test_imagej_sees_sub_pixel_polylines_where_its_decoder_looks(tmp_path: Path)
         known = np.isfinite(label.half_width).all()
         assert roi["width"] == pytest.approx(2 * np.median(label.half_width) if known else 0)
         assert roi["name"] == f"{label.frame}-{label.curve}"
-        properties: Any = roi["properties"]
+        properties = roi["properties"]
         assert properties["splinesketch.curve"] == str(label.curve)
         assert properties["splinesketch.status"] == label.status
         for name, values in (("half_width", label.half_width), ("sd", label.sd)):
