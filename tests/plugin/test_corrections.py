@@ -166,7 +166,7 @@ def test_knots_lead_a_curve(
     knots = viewer.layers[name]
     assert viewer.layers.selection.active is knots
     assert knots.data.shape == (10, 3)
-    assert "Drag its knots" in dock.notice.text()
+    assert "Drag the knots" in dock.notice.text()
     assert knots.mode == "select"
     assert dock.refine.text() == "Refine curve 2"
     before = controller.work and controller.work.state

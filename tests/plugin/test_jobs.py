@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine.types import OnProgress, Progress
-from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.engine import Job
 
 from .hand import QTest, until
 

@@ -3,7 +3,10 @@
 from typing import Any
 
 import numpy as np
+import pytest
 
+from napari_splinesketch.plugin.commands import Commands
+from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.drawn import CHUNK
 from napari_splinesketch.plugin.layers.marks import MOST, View, readable
@@ -95,3 +98,26 @@ def test_lines_that_have_curves_step_back(
     assert (lines.edge_color[:, :3] == [0, 0, 1]).all(), "colours are the user's own"
     dock.controller.delete((0, 1))
     until(lambda: np.round(lines.edge_color[:, 3], 2).tolist() == [1.0, 0.3, 1.0], 20)
+
+
+def test_each_part_of_the_dock_listens_to_what_it_shows(
+    viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    viewer.add_image(np.zeros((90, 80), np.float32), name="cells")
+    viewer.add_shapes([[[r, 9], [r, 60]] for r in (10, 30)], shape_type="line")
+    refine(dock)
+    asked: list[str] = []
+    problem, request = Commands.problem, Controller.request
+    monkeypatch.setattr(Commands, "problem", lambda c, n: asked.append(n) or problem(c, n))
+    monkeypatch.setattr(
+        Controller, "request", lambda c, *s: asked.append("request") or request(c, *s)
+    )
+    changes = dock.controller.changes
+    for signal in (changes.progress, changes.said, changes.shown, changes.settings):
+        signal.emit()
+    assert not asked
+    dock.controller.selected = (0, 2)
+    assert asked == list(dock.curve.buttons), "no plan is made for a selection"
+    asked.clear()
+    changes.curves.emit()
+    assert asked.count("refine") == 1, "and each is asked once"

@@ -8,6 +8,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QDockWidget, QScrollArea
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.review.plots import GAP, CurvePlots, Profile, theme_of, titles_of
 
 from .fakes import FakeEngine
 from .hand import QTest, click, refine, until
@@ -42,3 +43,28 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     bottom = legend.mapTo(dock, QPoint(0, legend.height())).y()
     assert legend.isVisible() and bottom <= area.geometry().bottom()
     assert legend.sizeHint().width() <= legend.width(), "and none of it is cut off"
+
+
+@pytest.mark.parametrize("unit", ["px", "µm"])
+def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str) -> None:
+    plots = CurvePlots(theme_of("dark"))
+    nothing = np.zeros(2)
+    titles = titles_of(Profile("curve 1234", unit, nothing, nothing, nothing))
+    room = plots.minimumWidth() / 2 - 2 * GAP
+    assert all(plots.fontMetrics().horizontalAdvance(title) <= room for title in titles)
+
+
+@pytest.mark.window
+def test_buttons_of_a_narrow_panel_are_not_cut(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.window.resize(900, 700)
+    viewer.add_image(np.zeros((90, 120), np.float32), name="cells")
+    viewer.add_shapes([[[20, 20], [20, 60]]], shape_type="line", name="cells sketches")
+    refine(dock)
+    click(dock.review)
+    until(lambda: dock.panel.panel is not None and dock.panel.panel.isVisible(), 10)
+    QTest.qWait(200)
+    assert dock.panel.panel is not None
+    for button in dock.panel.panel.judges.buttons.values():
+        assert button.width() >= button.fontMetrics().horizontalAdvance(button.text())

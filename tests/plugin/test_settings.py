@@ -11,13 +11,14 @@ from npe2 import PluginManifest
 from qtpy.QtCore import QPoint, Qt
 
 from napari_splinesketch.plugin import settings
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.settings import PLUGIN, Settings
 
 from .fakes import FakeEngine
 from .hand import QTest, add_dock, canvas, click, refine, until
 
 HALF_WIDTHS = {
-    "measured": (0.0, "px", "µm", 0.5, None),
+    "measured": (None, "px", "µm", 0.5, None),
     "same unit": (2.0, "µm", "µm", 0.5, 4.0),
     "other unit": (2000.0, "nm", "µm", 0.5, 4.0),
     "px": (3.0, "px", "px", 1.0, 3.0),
@@ -31,7 +32,7 @@ HALF_WIDTHS = {
 def test_half_width_in_px(name: str) -> None:
     value, unit, image_unit, pixel, wanted = HALF_WIDTHS[name]
     chosen = Settings(half_width=value, half_width_unit=unit)
-    found = chosen.half_width_in(image_unit, pixel)
+    found = chosen.half_width_in(Ruler((pixel, pixel), image_unit))
     assert found == (wanted if wanted is None else pytest.approx(wanted))
 
 
@@ -67,8 +68,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     QTest.keyClicks(box.half_width, "1.5")
     QTest.keyClick(box.half_width, Qt.Key.Key_Return)
     assert box.half_width.suffix() == " µm"
-    dock.preset.setCurrentIndex(0)
-    dock.preset.activated.emit(0)
+    dock.preset.native.setCurrentIndex(0)
     refine(dock)
     assert fake.calls[0]["polarity"] == "bright"
     assert fake.calls[0]["half_width"] == pytest.approx(3.0)
@@ -89,12 +89,12 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert "half_width: 1.5" in written.read_text(encoding="utf-8")
     viewer.window.remove_dock_widget(dock)
     again = add_dock(viewer)
-    assert again.preset.currentText() == "Fast"
+    assert again.preset.native.currentText() == "Fast"
     assert again.settings_form.half_width.value() == 1.5
     assert again.controller.actions["next"].key == "H"
     kept_by_napari: Any = get_plugin_settings(PLUGIN)
     kept_by_napari.refining.preset = "thorough"
-    assert again.preset.currentText() == "Thorough"
+    assert again.preset.native.currentText() == "Thorough"
     click(again.settings.title)
     pixels = again.settings_form.widgets["lengths_in_pixels"].native
     QTest.mouseClick(pixels, Qt.MouseButton.LeftButton, pos=QPoint(8, pixels.height() // 2))

@@ -53,7 +53,7 @@ def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: Splinesket
     assert viewer.dims.current_step[0] == 2
     assert not any(record.drawn for record in film.controller.records(2))
     assert viewer.layers["film curves"].nshapes == 4, "it is over when all is in view"
-    assert "To put a curve right, draw a line over it" in film.hint.text()
+    assert "To correct a curve, draw a line over it" in film.hint.text()
     click(film.track.buttons["next_frame"])
     over(film)
     assert keys(film)[-2:] == [(3, 1), (3, 2)]

@@ -89,7 +89,7 @@ def test_the_selection_is_the_same_everywhere(
     refine(dock)
     controller, curves = dock.controller, viewer.layers["cells curves"]
     heard: list[Any] = []
-    controller.selected_changed.connect(lambda: heard.append(controller.selected))
+    controller.changes.selection.connect(lambda: heard.append(controller.selected))
     controller.selected = (0, 2)
     assert curves.selected_data == {1}
     curves.selected_data = {0}

@@ -1,6 +1,7 @@
 """What the dock says."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,6 +71,16 @@ def test_times_are_those_that_the_user_waits() -> None:
 def test_reasons_name_curves_by_their_numbers() -> None:
     said = words.renumbered(["it lies on the same body as curve 1"], [11, 12])
     assert said == ("it lies on the same body as curve 12",)
+
+
+def test_where_work_is_saved_can_be_found() -> None:
+    said = words.saved(Path("/data/a.tif.12ab.splinesketch"), "/data/a.tif", True)
+    assert said == "Saved in a.tif.12ab.splinesketch", "beside the image"
+    home = Path.home() / "share" / "sessions"
+    assert words.saved(home / "a.12ab.splinesketch", None, True).startswith("Saved in ~")
+    assert words.saved(Path("/work/a.tif.12ab.splinesketch"), "/data/a.tif", True).endswith("/work")
+    assert words.saved(None, "/data/a.tif", False) == "Work is not saved"
+    assert words.saved(None, "/data/a.tif", True) == "", "it is not known yet"
 
 
 def test_every_preset_is_explained() -> None:

@@ -1,25 +1,21 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from magicgui.widgets import create_widget
-from napari.layers import Layer
-from qtpy.QtCore import Qt, Signal  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QAction
 from qtpy.QtWidgets import (
     QComboBox,
     QFileDialog,
-    QFormLayout,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QMenu,
     QProgressBar,
-    QPushButton,
     QSizePolicy,
     QSlider,
     QToolButton,
@@ -33,22 +29,23 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof
-from napari_splinesketch.plugin.layers.slot import Role
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
-from napari_splinesketch.plugin.settings import PREFERENCES, Settings
+from napari_splinesketch.plugin.settings import FORM, Settings
 from napari_splinesketch.plugin.widgets import (
     NARROW,
     CommandButton,
     CommandButtons,
     TextLabel,
     button,
+    form,
     grid,
+    stack,
 )
-from napari_splinesketch.plugin.work import Work
 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
+KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 DECIMALS = 3
 """Of half-widths."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
@@ -59,19 +56,14 @@ DEFAULT = WRITERS[0].suffix
 class ProgressBox(QWidget):
     """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
 
-    cancelled = Signal()
-
-    def __init__(self) -> None:
+    def __init__(self, cancel: Callable[[], None]) -> None:
         super().__init__()
         self.bar = QProgressBar()
         self.bar.setRange(0, 100)
-        self.bar.setToolTip("How far it is")
+        self.bar.setToolTip("Progress")
         self.bar.setMinimumWidth(NARROW)
-        self.cancel = button("Cancel", "Stop", self.cancelled.emit)
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.bar, 1)
-        layout.addWidget(self.cancel)
+        self.cancel = button("Cancel", "Stop", cancel)
+        stack(self, (self.bar, self.cancel))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.setSizePolicy(policy)
@@ -97,7 +89,7 @@ class CurveBox(QWidget):
         self.buttons, self._corrections = corrections.buttons, corrections
         for each in self.buttons.values():
             each.setStyleSheet("padding: 3px 1px;")
-        grid(self, (self.title, corrections), 1)
+        stack(self, self.title, corrections)
 
     def show_state(self) -> None:
         """Show what is selected, and what can be done to it."""
@@ -113,40 +105,32 @@ class CurveBox(QWidget):
 class LookBox(QWidget):
     """What the colour of a curve says, and the legend that tells."""
 
-    valueChanged = Signal(str)
-
-    def __init__(self) -> None:
+    def __init__(self, choose: Callable[[str], object]) -> None:
         super().__init__()
         self._seen: object = None
         self.by = QComboBox()
         self.by.addItems([f"Colour by {column.colour}" for column in COLOURED.values()])
         self.by.setMinimumWidth(NARROW)
-        self.by.setToolTip("What the colour of a curve says; its marks always tell its status")
+        self.by.setToolTip("What colours show; the marks beside curves always show the status")
         self.words = TextLabel()
         # A legend that wraps when a scroll bar comes would itself make that necessary.
         self.words.setWordWrap(False)
-        self.ramp = QFrame()
+        ramp = QFrame()
         stops = ", ".join(f"stop: {i / (len(RAMP) - 1)} {c}" for i, c in enumerate(RAMP))
-        self.ramp.setStyleSheet(
+        ramp.setStyleSheet(
             f"QFrame {{ background: qlineargradient(x1: 0, y1: 0, x2: 1, y2: 0, {stops}); }}"
         )
-        self.ramp.setMinimumSize(40, 10)
-        self.low, self.high = QLabel(), QLabel()
-        self.scale = QWidget()
-        row = QHBoxLayout(self.scale)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.low)
-        row.addWidget(self.ramp, 1)
-        row.addWidget(self.high)
-        grid(self, (self.by, self.words, self.scale), 1)
-        self.by.activated.connect(lambda index: self.valueChanged.emit(COLOUR_BY[index]))
+        ramp.setMinimumSize(40, 10)
+        self.low, self.high, self.scale = QLabel(), QLabel(), QWidget()
+        grid(self.scale, (self.low, ramp, self.high), 3, even=False)
+        stack(self, self.by, self.words, self.scale)
+        self.by.activated.connect(lambda index: choose(COLOUR_BY[index]))
 
     def show_look(self, by: str, records: Sequence[Record], ruler: Ruler) -> None:
         """Show what the colours of these curves say."""
-        seen = by, ruler, tuple(id(record.curve) for record in records)
-        if seen == self._seen:
+        if (by, ruler, records) == self._seen:
             return
-        self._seen = seen
+        self._seen = by, ruler, records
         self.by.setCurrentIndex(COLOUR_BY.index(by))
         scale = scale_of(records, (by, ruler))
         self.scale.setVisible(scale is not None)
@@ -160,58 +144,52 @@ class LookBox(QWidget):
 class EyeBox(QWidget):
     """Buttons that show and hide layers, and a menu of more of them; follows the layers' eyes."""
 
-    refused = Signal(str)
-    """There is nothing to show, and why."""
-
-    def __init__(self) -> None:
+    def __init__(self, controller: Controller) -> None:
         super().__init__()
-        self._work: Work | None = None
-        self.buttons: dict[Role | str, QPushButton] = {}
-        for role, (name, tip) in words.EYES.items():
-            self.buttons[role] = made = button(name, tip)
+        self._controller = controller
+        self.buttons = {role: button(name, tip) for role, (name, tip) in words.EYES.items()}
+        for role, made in self.buttons.items():
             made.setCheckable(True)
             made.clicked.connect(partial(self._show, role))
-        self.more = button("More", "Show more: residual, background, uncertainty, masks")
-        self._entries: dict[Proof, Any] = {}
-        menu = QMenu(self.more)
+        more = button("More", "Show more: residual, background, uncertainty, masks")
+        menu = QMenu(more)
         menu.setToolTipsVisible(True)
+        self._entries: dict[Proof, Any] = {}
         for proof, maker in MAKERS.items():
-            if not maker.title:
-                continue
-            self._entries[proof] = entry = QAction(maker.title, menu)
-            entry.setToolTip(maker.tip)
-            entry.setCheckable(True)
-            entry.triggered.connect(partial(self._ask, proof))
-            menu.addAction(entry)
-        self.more.setMenu(menu)
-        grid(self, [*self.buttons.values(), self.more], 3)
+            if maker.title:
+                self._entries[proof] = entry = QAction(maker.title, menu)
+                entry.setToolTip(maker.tip)
+                entry.setCheckable(True)
+                entry.triggered.connect(partial(self._ask, proof))
+                menu.addAction(entry)
+        more.setMenu(menu)
+        grid(self, [*self.buttons.values(), more], 3)
 
     def entry(self, proof: Proof) -> Any:
         """Give an entry of the menu."""
         return self._entries[proof]
 
-    def show_work(self, work: Work | None) -> None:
+    def show_state(self) -> None:
         """Show which layers are visible."""
-        self._work = work
+        work = self._controller.work
         for role, made in self.buttons.items():
-            layer = self._layer(role)
+            layer = work.layer(role) if work else None
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
         for proof, entry in self._entries.items():
             entry.setChecked(work is not None and work.proofs.shown(proof))
 
-    def _layer(self, role: Any) -> Layer | None:
-        return self._work.layer(role) if self._work is not None else None
-
-    def _show(self, role: Role | str, on: bool) -> None:
-        layer = self._layer(role)
+    def _show(self, role: str, on: bool) -> None:
+        work = self._controller.work
+        layer = work.layer(role) if work else None
         if layer is not None:
             layer.visible = on
 
     def _ask(self, proof: Proof, on: bool) -> None:
-        if self._work is not None and not self._work.proofs.ask(proof, on):
+        work = self._controller.work
+        if work is not None and not work.proofs.ask(proof, on):
             self._entries[proof].setChecked(False)
-            self.refused.emit(MAKERS[proof].nothing)
+            self._controller.say(MAKERS[proof].nothing)
 
 
 class RefineMenu(QToolButton):
@@ -239,11 +217,11 @@ class RefineMenu(QToolButton):
         for scope, name in scopes.items():
             request = self._controller.request(scope)
             possible = not request.problem and not self._controller.progress
-            action = self._menu.addAction(words.button(request.plan) if possible else name)
-            if action is not None:
-                action.setEnabled(possible)
-                action.setToolTip(request.problem)
-                action.triggered.connect(partial(self._controller.refine, scope))
+            action = QAction(words.button(request.plan) if possible else name, self._menu)
+            action.setEnabled(possible)
+            action.setToolTip(request.problem)
+            action.triggered.connect(partial(self._controller.refine, scope))
+            self._menu.addAction(action)
 
 
 class SuggestBox(QWidget):
@@ -258,11 +236,10 @@ class SuggestBox(QWidget):
         self.slider.setValue(round(100 * controller.films.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        name = QLabel("Sensitivity")
+        name, ends = QLabel("Sensitivity"), QWidget()
         name.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        ends = QWidget()
         grid(ends, (QLabel("clear only"), name, QLabel("faint too")), 3, even=False)
-        grid(self, (ends, self.slider), 1)
+        stack(self, ends, self.slider)
         self.slider.valueChanged.connect(self._on_slider)
         self._on_slider(self.slider.value())
 
@@ -272,29 +249,20 @@ class SuggestBox(QWidget):
 
 
 class SettingsForm(QWidget):
-    """What the user chooses once and for all, made from the fields of the settings."""
+    """Widgets for the settings in `FORM`, which magicgui makes; the preset's stands elsewhere."""
 
-    valueChanged = Signal(object)
-    """What was changed, by name."""
-
-    def __init__(self) -> None:
+    def __init__(self, choose: Callable[..., object]) -> None:
         super().__init__()
+        self._choose = choose
         self._settings, self._ruler = Settings(), Ruler()
-        self.widgets: dict[str, Any] = {}
-        form = QFormLayout(self)
-        form.setContentsMargins(0, 0, 0, 0)
-        form.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
-        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
-        for each in fields(Settings):
-            if "label" in each.metadata:
-                made = _widget(each.name, **each.metadata)
-                self.widgets[each.name] = made
-                boxed = isinstance(getattr(self._settings, each.name), bool)
-                form.addRow("" if boxed else each.metadata["label"], made.native)
-                made.changed.connect(lambda value, name=each.name: self._take(name, value))
-        form.addRow(button("Change keys…", PREFERENCES, _open_preferences))
-        form.addRow(button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder))
-        form.addRow(button("Save work beside the image", FOLDER_TIP, self._take_beside))
+        self.widgets = {each.name: _widget(each) for each in fields(Settings) if each.name in FORM}
+        for name, made in self.widgets.items():
+            made.changed.connect(partial(self._take, name))
+        rest = form(*(made for name, made in self.widgets.items() if name != "preset"))
+        keys = button("Change keys…", KEYS_TIP, _open_preferences)
+        elsewhere = button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
+        beside = button("Save work beside the image", FOLDER_TIP, partial(self._take_folder, ""))
+        stack(self, rest, keys, elsewhere, beside)
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
@@ -304,37 +272,37 @@ class SettingsForm(QWidget):
         """Show what is chosen, silently; lengths in the unit of the image."""
         self._settings, self._ruler = settings, ruler
         self.half_width.setSuffix(f" {ruler.unit}")
-        width = settings.half_width_in(self._ruler.unit, self._ruler.pixel)
+        width = (settings.half_width_in(ruler) or 0.0) * ruler.pixel
         for name, made in self.widgets.items():
-            value = getattr(settings, name)
-            if name == "half_width":
-                value = round(width * self._ruler.pixel, DECIMALS) if width else 0.0
+            value = round(width, DECIMALS) if name == "half_width" else getattr(settings, name)
             if made.value != value:
                 with made.changed.blocked():
                     made.value = value
 
-    def _ask_for_folder(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self, "Save work in", self._settings.work_folder)
-        if folder:
-            self._take("work_folder", folder)
-
-    def _take_beside(self) -> None:
-        self._take("work_folder", "")
-
     def _take(self, name: str, value: Any) -> None:
         changes = {name: value}
         if name == "half_width":
-            changes["half_width_unit"] = self._ruler.unit
+            changes = {"half_width": value or None, "half_width_unit": self._ruler.unit}
         if replace(self._settings, **changes) != self._settings:
-            self.valueChanged.emit(changes)
+            self._choose(**changes)
+
+    def _take_folder(self, folder: str) -> None:
+        self._take("work_folder", folder)
+
+    def _ask_for_folder(self) -> None:
+        folder = QFileDialog.getExistingDirectory(self, "Save work in", self._settings.work_folder)
+        if folder:
+            self._take_folder(folder)
 
 
-def _widget(name: str, label: str, tip: str, **options: Any) -> Any:
+def _widget(each: Any) -> Any:
     """Make the widget of a setting."""
-    default = getattr(Settings(), name)
-    if isinstance(default, bool):
-        options["text"] = label
-    made = create_widget(default, annotation=type(default), options={"tooltip": tip, **options})
+    how, help_text = dict(FORM[each.name]), each.metadata["help"].partition(" (")[0]
+    options = {"tooltip": help_text[0].upper() + help_text[1:], **how}
+    label = options.pop("label")
+    value = 0.0 if each.default is None else each.default
+    kind = "ComboBox" if "choices" in how else None
+    made = create_widget(value, name=each.name, label=label, widget_type=kind, options=options)
     made.native.setMinimumWidth(NARROW)
     return made
 

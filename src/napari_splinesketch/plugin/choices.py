@@ -1,12 +1,15 @@
-"""Which image and which sketches are worked on, as layers come and go."""
+"""What may change in the window, and which image and sketches are worked on as layers come and go.
 
-from collections.abc import Callable
+napari's own choice of layers would list results as well, and keeps the first one where work goes on
+in the latest: so the choice is made here, and its combo boxes show it.
+"""
+
 from typing import Any, TypeVar
 
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
-from psygnal import Signal
+from psygnal import Signal, SignalGroup
 
 from napari_splinesketch.plugin.layers.slot import is_result
 
@@ -15,29 +18,52 @@ PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
 
 
+class Changes(SignalGroup):
+    """All that may change, a signal for each kind: whoever shows something listens to that."""
+
+    layers = Signal()
+    """There are other layers, or another one is chosen, or one has another name."""
+    edited = Signal()
+    """What the chosen layers hold, or where they lie, or what is in view may have changed."""
+    lines = Signal()
+    """The same, but once for many edits in a row where there are many lines."""
+    drawn = Signal()
+    """The user has finished a line."""
+    curves = Signal()
+    """What is known of the curves, and what can be undone."""
+    selection = Signal()
+    """Which curves are selected."""
+    clicked = Signal(bool)
+    """The user has clicked into the layer of curves; with Shift, or without."""
+    shown = Signal()
+    """Which layers of results are there and in view."""
+    mode = Signal()
+    """Knots are shown or no longer, or were moved; lines are refined as they are drawn or not."""
+    busy = Signal()
+    """Something runs, or no longer, or can no longer be cancelled."""
+    progress = Signal()
+    """Where what runs stands."""
+    said = Signal()
+    """What the user is told."""
+    settings = Signal()
+    """What the user chose."""
+
+
 class Choices:
     """The chosen layers; follows the viewer.
 
     A layer that the user adds is chosen; when the chosen one is removed, the topmost of those left
-    is. Layers of results are no choice: which is why it is not magicgui's choice of layers, that
-    knows no such rule.
+    is. Layers of results are no choice.
     """
 
-    changed = Signal()
-    """There are other layers, or another one is chosen, or one has another name."""
-    edited = Signal()
-    """What the chosen layers hold, or where they lie, or what is in view may have changed."""
-    drawn = Signal()
-    """The user has finished a line."""
-
-    def __init__(self, viewer: ViewerModel):
-        self._viewer = viewer
+    def __init__(self, viewer: ViewerModel, changes: Changes):
+        self._viewer, self._changes = viewer, changes
         self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
         active = viewer.layers.selection.active
         for layer in (*viewer.layers, *([active] if active else [])):
             self._choose(layer)
         layers = viewer.layers.events
-        self._connections: list[tuple[Any, Callable[[Any], None]]] = [
+        self._connections: list[tuple[Any, Any]] = [
             (layers.inserted, self._on_inserted),
             (layers.removed, self._on_removed),
             (layers.reordered, self._on_layers),
@@ -51,8 +77,6 @@ class Choices:
         """Follow the viewer no longer, and choose nothing."""
         for signal, slot in self._connections:
             signal.disconnect(slot)
-        for signal in (self.changed, self.edited, self.drawn):
-            signal.disconnect()
         for kind in self._chosen:
             self._set(kind, None)
 
@@ -101,7 +125,7 @@ class Choices:
                 getattr(layer.events.mode, what)(self._on_edited)
                 getattr(layer.selected_data.events.items_changed, what)(self._on_selected)
         self._chosen[kind] = new
-        self.changed.emit()
+        self._changes.layers.emit()
 
     def _choose(self, layer: Layer) -> None:
         for kind in self._chosen:
@@ -111,22 +135,22 @@ class Choices:
     def _on_inserted(self, event: Any) -> None:
         if not is_result(event.value):
             self._choose(event.value)
-            self.changed.emit()
+            self._changes.layers.emit()
 
     def _on_removed(self, event: Any) -> None:
         for kind, others in ((Image, self.images), (Shapes, self.sketch_layers)):
             if event.value is self._chosen[kind]:
                 self._set(kind, next(iter(others()), None))
-        self.changed.emit()
+        self._changes.layers.emit()
 
     def _on_layers(self, event: Any) -> None:
-        self.changed.emit()
+        self._changes.layers.emit()
 
     def _on_edited(self, event: Any) -> None:
-        self.edited.emit()
+        self._changes.edited.emit()
         added = getattr(event, "action", None) == ActionType.ADDED
         if event.source is self._chosen[Shapes] and added:
-            self.drawn.emit()
+            self._changes.drawn.emit()
 
     def _on_selected(self) -> None:
-        self.edited.emit()
+        self._changes.edited.emit()

@@ -139,16 +139,16 @@ def three_digits(value: float) -> str:
 
 COLUMNS = (
     Column("id", "Curve", "Number of the curve", _said(lambda r: r.id), "number", width="■ 0000"),
-    Column("frame", "Frame", "Frame that it is in", _said(lambda r: r.frame), "number",
+    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number",
            width="0000"),
     Column("reasons", "Reasons", "Why it needs review",
            _said(lambda r: "; ".join(r.curve.reasons)), width="0" * 34),
     Column("status", "Status",
-           "What the refinement says of it; sorted by it, the worst come first:\n"
+           "The result of the refinement; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
            _said(lambda r: str(r.curve.status)), said=_status, order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
-    Column("review", "Reviewed", "What you say of it", _said(lambda r: str(r.review)),
+    Column("review", "Reviewed", "Your verdict", _said(lambda r: str(r.review)),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
     Column("length", "Length (%)", "Arc length of the centreline",
            _measured(lambda c, ruler: ruler.along(c.points)[-1]), "length", colour="length"),

@@ -47,8 +47,8 @@ class Command:
         How many curves have to be selected for its button; None where that does not matter.
     problem
         Says why it cannot be done now, beside that; empty if it can.
-    label
-        What its button says in place of the name.
+    label, about
+        What its button says in place of the name; what its tooltip says at the end.
     meanwhile
         Whether it can be done while something runs.
     """
@@ -62,6 +62,7 @@ class Command:
     curves: range | None = None
     problem: Callable[[Controller], str] = lambda c: ""
     label: Callable[[Controller], str] | None = None
+    about: Callable[[Controller], str] = lambda c: ""
     meanwhile: bool = False
 
 
@@ -124,6 +125,13 @@ def _all_locked(controller: Controller) -> bool:
     return bool(chosen) and all(record.locked for record in chosen)
 
 
+def _refine(controller: Controller) -> str:
+    """Say what Refine would do."""
+    if controller.knots.active and controller.selection:
+        return f"Refine curve {controller.selection[0][1]}"
+    return words.button(controller.request().plan)
+
+
 def _unseen(controller: Controller) -> str:
     return "" if controller.records() else "There are no curves yet: refine first"
 
@@ -162,12 +170,13 @@ def go_to(controller: Controller, key: Key) -> None:
 
 def _go_on(controller: Controller, order: Sequence[Record]) -> None:
     """Go to the first open curve after the selected one, or to the first of all."""
-    now = {key_of(r): r for r in controller.records()}
-    keys = [key_of(r) for r in order if key_of(r) in now]
-    at = max((i for i, key in enumerate(keys) if key in controller.selection), default=-1)
-    ahead = [k for k in (*keys[at + 1 :], *keys[: at + 1]) if now[k].review == "open"]
-    if ahead:
-        go_to(controller, ahead[0])
+    now = controller.work.state.by_key if controller.work else {}
+    keys = [key for key in map(key_of, order) if key in now]
+    chosen = set(controller.selection)
+    at = max((i for i, key in enumerate(keys) if key in chosen), default=-1)
+    ahead = (key for key in (*keys[at + 1 :], *keys[: at + 1]) if now[key].review == "open")
+    if key := next(ahead, None):
+        go_to(controller, key)
 
 
 def _pointed(controller: Controller) -> Record | None:
@@ -218,7 +227,9 @@ COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
             "Draw lines, or go back to selecting curves",
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
-    Command("refine", "Refine", "G", lambda c: c.refine(), "Refine what is new or changed"),
+    Command("refine", "Refine", "G", lambda c: c.refine(),
+            "Fit a smooth curve with width to the body under each line",
+            problem=lambda c: "" if c.knots.active else c.request().problem, label=_refine),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
             "Refine each line as soon as it is drawn, while you draw the next"),
     Command("knots", "Knots", "U", lambda c: c.knots.toggle(),
@@ -242,10 +253,12 @@ COMMANDS = (
             problem=lambda c: "" if c.work and c.work.state.deleted else "No curve is deleted"),
     Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots if c.knots.active else c).undo(),
             "Undo the last step",
-            problem=lambda c: "" if c.steps.done else "There is nothing to undo"),
+            problem=lambda c: "" if c.steps.done else "There is nothing to undo",
+            about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
     Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots if c.knots.active else c).redo(),
             "Redo what was undone",
-            problem=lambda c: "" if c.steps.undone else "There is nothing to redo"),
+            problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
+            about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
             "Accept the curve and go on to the next", "review",
             problem=_unseen, meanwhile=True),
@@ -271,8 +284,8 @@ COMMANDS = (
             "Carry the curves on to the last frame", "film",
             problem=lambda c: c.films.tracking_problem(1)),
     Command("around", "Refit around", "", lambda c: c.films.around(),
-            "Carry the curves that you corrected in this frame, or of these the selected ones, to\n"
-            "the frames before and after it, as far as that changes anything", "film",
+            "Carry the curves that you corrected in this frame, or the selected ones of them,\n"
+            "to the frames before and after it, as far as that changes anything", "film",
             problem=lambda c: c.films.around_problem()),
 )  # fmt: skip
 
@@ -316,16 +329,17 @@ class Commands:
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""
         command = self._commands[name]
-        return f"{command.tip} ({command.key})" if command.key else command.tip
+        key = f" ({command.key})" if command.key else ""
+        return f"{command.tip}{key}{command.about(self._controller)}"
 
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
         command, controller = self._commands[name], self._controller
+        if controller.progress and not command.meanwhile:
+            return "Something is running: wait until it is finished"
         if command.curves and len(controller.selection) not in command.curves:
             return f"Select {words.wanted(command.curves)}"
-        running = "Something is running: wait until it is finished"
-        idle = command.meanwhile or not controller.progress
-        return command.problem(controller) or ("" if idle else running)
+        return command.problem(controller)
 
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""

@@ -17,9 +17,9 @@ from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import same_file
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.commands import Commands, pick, worst_first
+from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export
 from napari_splinesketch.plugin.films import Films
-from napari_splinesketch.plugin.jobs import Job
 from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers.drawn import (
@@ -32,11 +32,11 @@ from napari_splinesketch.plugin.layers.drawn import (
 )
 from napari_splinesketch.plugin.layers.labels import labels_of
 from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.slot import Preview, is_result
+from napari_splinesketch.plugin.layers.slot import OWNER, Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Requests, Scope
-from napari_splinesketch.plugin.work import Work, remove_results
+from napari_splinesketch.plugin.work import Work
 
 SAVING = "Saving"
 KNOWN_AFTER = 2.0
@@ -79,14 +79,14 @@ class Controller(Keeper):
         self.films = Films(self)
         self.actions = Commands(viewer, self, self._is_meant)
         self.actions.rebind(self.settings.keys)
-        self.clicked.connect(lambda shift: pick(self, add=shift))
-        self.choices.changed.connect(self._follow)
+        self.changes.clicked.connect(lambda shift: pick(self, add=shift))
+        self.changes.layers.connect(self._follow)
         # Last: napari goes to the middle of a film when it is told of it.
         viewer.layers.events.inserted.connect(self._on_inserted, position="last")
-        self._soon = qdebounced(lambda: self.changed.emit(), 0)
-        self.choices.edited.connect(self._on_edited)
+        self._soon = qdebounced(self.changes.lines.emit, 0)
+        self.changes.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
-        self.choices.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
+        self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
 
     def request(self, scope: Scope = "new") -> Request:
         """Say what Refine would do now; selected lines go before those that are new."""
@@ -107,12 +107,8 @@ class Controller(Keeper):
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in request.plan.targets)
-        task = engine.Task(
-            block_around(image, request.frame, lines),
-            lines,
-            request.plan.fixed,
-            self.how(image),
-        )
+        block = block_around(image, request.frame, lines)
+        work_out = partial(engine.run, block, lines, request.plan.fixed, self.how(image))
         preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
 
         def see(progress: Progress) -> None:
@@ -121,7 +117,7 @@ class Controller(Keeper):
 
         self._preview = preview
         done = partial(self._on_refined, work, request)
-        self.start(partial(engine.run, task), done, "Refining", see, on=work)
+        self.start(work_out, done, "Refining", see, on=work)
 
     def start(
         self,
@@ -149,7 +145,7 @@ class Controller(Keeper):
         on
             What it is about: it ends when one of its layers is removed.
         """
-        self.progress, self.notice = Progress("starting", 0.0), Notice()
+        self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
         self._job = Job(work)
@@ -158,7 +154,8 @@ class Controller(Keeper):
         self._job.done.connect(partial(self._on_ended, done))
         self._job.failed.connect(partial(self._on_failed, name))
         self._job.start()
-        self.changed.emit()
+        self.tell(Notice())
+        self.changes.busy.emit()
 
     @property
     def cancellable(self) -> bool:
@@ -178,6 +175,7 @@ class Controller(Keeper):
             self._preview.remove()
         self._job = self._preview = self.progress = self._on = None
         self.tell(notice)
+        self.changes.busy.emit()
 
     def cancel(self) -> None:
         """Forget the running refinement; everything stays as it was."""
@@ -194,7 +192,7 @@ class Controller(Keeper):
     def toggle_at_once(self) -> None:
         """Refine each line as soon as it is drawn, or no longer."""
         self.at_once = not self.at_once
-        self.changed.emit()
+        self.changes.mode.emit()
         self._refine_at_once()
 
     def draw(self) -> None:
@@ -249,11 +247,10 @@ class Controller(Keeper):
         self._closed = True
         self.knots.discard()
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
-        self.changed.disconnect()
-        self.finish(Notice())
-        self.actions.close()
         self._soon.cancel()
         super().close()
+        self.finish(Notice())
+        self.actions.close()
 
     def _on_inserted(self, event: Any) -> None:
         """Show a film where work begins: its first frame, or the first with lines."""
@@ -269,7 +266,7 @@ class Controller(Keeper):
     def _on_edited(self) -> None:
         layer = self.choices.sketches
         if layer is None or layer.nshapes < MANY:
-            self.changed.emit()
+            self.changes.lines.emit()
         elif not self.progress:  # at the end of what runs, all is looked at anyway
             self._soon()
 
@@ -282,7 +279,7 @@ class Controller(Keeper):
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
         self.left = time_left(self.waited, progress.fraction)
-        self.changed.emit()
+        self.changes.progress.emit()
 
     def _on_failed(self, name: str, message: str) -> None:
         text = f"{name} failed, nothing was changed. {message}"
@@ -293,7 +290,7 @@ class Controller(Keeper):
     def _on_ended(self, done: Callable[[Any], None], outcome: Any) -> None:
         """What the thread was to do is done: what is left is to show it."""
         self._job = None
-        self.changed.emit()
+        self.changes.busy.emit()
         done(outcome)
 
     def _on_refined(self, work: Work, request: Request, refined: Refined) -> None:
@@ -309,12 +306,11 @@ class Controller(Keeper):
         work.history.apply(what, state.refined(request.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
 
-        def shown() -> None:
-            work.layers.select(self.selection)
+        def over() -> None:
             self.finish(Notice("done", words.done("Refined", len(fresh), "curve", self.waited)))
             self._refine_at_once()
 
-        self.drawing.start(work, work.show(), shown)
+        self.show(work, over)
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""
@@ -325,7 +321,8 @@ class Controller(Keeper):
         """Forget what is known of layers that are gone, and what was said of others."""
         pair = self.choices.image, self.choices.sketches
         if pair != self._pair:
-            self._pair, self.notice = pair, Notice()
+            self._pair = pair
+            self.tell(Notice())
             self.knots.discard()
         there = set(self.viewer.layers)
         gone = [work for work in self._works if not {work.image, work.sketches} <= there]
@@ -334,7 +331,7 @@ class Controller(Keeper):
         for work in gone:
             half = self.drawing.drop(work)  # what is half shown goes with it
             if half:
-                QTimer.singleShot(0, partial(remove_results, self.viewer, work))
+                QTimer.singleShot(0, partial(self._remove_results, work))
             if half or (self.progress and self._on is work):
                 name = (work.sketches if work.image in there else work.image).name
                 said = f"{name!r} was removed: what was running on it ended."
@@ -342,7 +339,11 @@ class Controller(Keeper):
         for work in self._works:
             if work.layers.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))
-        self.changed.emit()
+        self.changes.curves.emit()
+
+    def _remove_results(self, work: Work) -> None:
+        for layer in [layer for layer in self.viewer.layers if layer.metadata.get(OWNER) is work]:
+            self.viewer.layers.remove(layer)
 
 
 def time_left(spent: float, done: float) -> float | None:

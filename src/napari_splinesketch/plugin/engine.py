@@ -1,19 +1,22 @@
-"""The plugin's only door to the engine: JAX is imported behind it, in threads alone."""
+"""The plugin's only door to the engine, and the threads that go through it to JAX."""
 
+import atexit
 import gc
+import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
+from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivateImportUsage]
 
 from napari_splinesketch.engine.settings import PRESETS as PRESETS
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
-from napari_splinesketch.plugin.model import Refined, new_among
+from napari_splinesketch.plugin.model import Line, Refined, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 
 if TYPE_CHECKING:
@@ -21,7 +24,12 @@ if TYPE_CHECKING:
 
 MARGIN = 40
 """Image around the sketches that the engine explains, px, beside half of the longest one."""
+POLL_MS = 50
+"""How often the window looks after a thread: at most 20 updates a second."""
+PATIENCE = 20.0
+"""How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
 
+_log = logging.getLogger(__name__)
 _warm = threading.Event()
 
 
@@ -40,46 +48,51 @@ class How(NamedTuple):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """All that a refinement needs, none of which the user can change while it runs.
+def run(
+    block: Block, lines: Sequence[Line], fixed: Sequence[Curve], how: How, on_progress: OnProgress
+) -> Refined:
+    """Read the pixels and refine; to be called in a thread.
 
-    Sketches, and neighbours that were refined before, are in px of the image.
+    Lines, and neighbours that were refined before, are in px of the image.
     """
-
-    block: Block
-    lines: tuple[Float[np.ndarray, "N 2"], ...]
-    fixed: tuple[Curve, ...]
-    how: How
-
-
-def run(task: Task, on_progress: OnProgress) -> Refined:
-    """Read the pixels and refine; to be called in a thread."""
     on_progress(Progress("reading the image", 0.0))
-    pixels = task.block.read()
-    grid = task.block.grid
-    lines = [grid.to_block(line) for line in task.lines]
+    pixels, grid = block.read(), block.grid
+    lines = [grid.to_block(line) for line in lines]
     low, high = _region(lines)
-    near = [curve for curve in map(grid.curve_to_block, task.fixed) if _within(curve, low, high)]
+    near = [curve for curve in map(grid.curve_to_block, fixed) if _within(curve, low, high)]
     result = refine(
         pixels,
         lines,
-        task.how.preset,
-        **task.how.on(grid.size),
+        how.preset,
+        **how.on(grid.size),
         fixed=near,
-        on_progress=lambda progress: on_progress(_in_image(progress, task.block)),
+        on_progress=lambda progress: on_progress(_in_image(progress, block)),
     )
-    curves = tuple(grid.curve_to_image(curve) for curve in result.curves)
+    return _taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
+
+
+def refined_of(view: View, refinement: Refinement, curves: Sequence[Curve]) -> Refined:
+    """Give a tracked frame's refinement in pixels of the image."""
+    last = np.array(refinement.reconstruction.shape) - 1.0
+    return _taken(refinement, cast(Grid, view.place), curves, np.zeros(2), last)
+
+
+def _taken(
+    result: Refinement,
+    grid: Grid,
+    curves: Sequence[Curve],
+    low: Float[np.ndarray, "2"],
+    high: Float[np.ndarray, "2"],
+) -> Refined:
+    """Take a refinement over, of a region of the pixels that were read."""
     # Half of the bytes, and as good as what is shown.
     pictures = (result.reconstruction, result.background)
     patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
     region = grid.to_image(low), grid.to_image(high)
-    return Refined(curves, patch, result.seconds, result.model.notes, region)
+    return Refined(tuple(curves), patch, result.seconds, result.model.notes, region)
 
 
-def _region(
-    lines: Sequence[Float[np.ndarray, "N 2"]],
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+def _region(lines: Sequence[Line]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Corners of the part of the image that the engine explains: as `engine.refine` has it."""
     longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
     points = np.concatenate(lines)
@@ -92,7 +105,7 @@ def _within(curve: Curve, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "
 
 
 def refine(
-    image: np.ndarray, lines: Sequence[Float[np.ndarray, "N 2"]], preset: PresetName, **options: Any
+    image: np.ndarray, lines: Sequence[Line], preset: PresetName, **options: Any
 ) -> Refinement:
     """Call the engine, importing it when it is first needed."""
     from napari_splinesketch.engine.refine import refine
@@ -105,7 +118,7 @@ class SuggestTask:
     """All that suggesting needs; known lines lie over bodies that need no other, px."""
 
     block: Block
-    known: tuple[Float[np.ndarray, "N 2"], ...]
+    known: tuple[Line, ...]
     sensitivity: float
     how: How
 
@@ -117,15 +130,13 @@ class Prepared:
     found: "Suggestions"
     grid: Grid
 
-    def choose(
-        self, sensitivity: float, known: Sequence[Float[np.ndarray, "N 2"]]
-    ) -> tuple[Float[np.ndarray, "N 2"], ...]:
+    def choose(self, sensitivity: float, known: Sequence[Line]) -> tuple[Line, ...]:
         """Give lines over bodies that stand out and are not known, px of the image."""
         lines = self.found.choose(sensitivity)
         return tuple(new_among([self.grid.to_image(line) for line in lines], known))
 
 
-Found = tuple[Prepared, tuple[Float[np.ndarray, "N 2"], ...]]
+Found = tuple[Prepared, tuple[Line, ...]]
 
 
 def suggest(task: SuggestTask, on_progress: OnProgress) -> Found:
@@ -162,7 +173,7 @@ class TrackTask:
 
     frames: Sequence[int]
     bodies: tuple[Body, ...]
-    block: Callable[[int, Sequence[Float[np.ndarray, "N 2"]]], Block]
+    block: Callable[[int, Sequence[Line]], Block]
     given: Mapping[int, Given]
     how: How
     results: list[Tracked] = field(default_factory=list)
@@ -174,7 +185,7 @@ def track(task: TrackTask, on_progress: OnProgress) -> str:
     """Carry curves from frame to frame; says what went wrong. To be called in a thread."""
     sizes: list[float] = []
 
-    def read(frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> View:
+    def read(frame: int, lines: Sequence[Line]) -> View:
         block = task.block(frame, lines)
         sizes.append(block.grid.size)
         return View(block.read(), block.grid, block.whole)
@@ -196,15 +207,6 @@ def track(task: TrackTask, on_progress: OnProgress) -> str:
     for tracked in following:
         task.results.append(tracked)
     return ""
-
-
-def refined_of(view: View, refinement: Refinement, curves: Sequence[Curve]) -> Refined:
-    """Give a tracked frame's refinement in pixels of the image."""
-    grid = cast(Grid, view.place)
-    pictures = (refinement.reconstruction, refinement.background)
-    patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
-    region = grid.to_image(np.zeros(2)), grid.to_image(np.array(patch.pixels.shape) - 1.0)
-    return Refined(tuple(curves), patch, refinement.seconds, refinement.model.notes, region)
 
 
 def warm_up(_: OnProgress) -> None:
@@ -230,3 +232,98 @@ def _in_image(progress: Progress, block: Block) -> Progress:
         return progress
     lines = tuple(block.grid.to_image(line) for line in progress.centrelines)
     return replace(progress, centrelines=lines)
+
+
+class _Worker:
+    """The thread's side: knows neither Qt nor napari, so that it may end when it likes."""
+
+    def __init__(self, work: Callable[[OnProgress], Any]):
+        self.news: Progress | None = None
+        self.outcome: tuple[Literal["done", "failed"], Any] | None = None
+        self.cancelled = False
+        self._work: Callable[[OnProgress], Any] | None = work
+        self.thread = threading.Thread(target=self._run, name="splinesketch", daemon=True)
+
+    def start(self) -> None:
+        _workers.add(self)
+        self.thread.start()
+
+    def _run(self) -> None:
+        # Whoever still holds the job does not hold the arrays that it worked on.
+        work, self._work = self._work, None
+        assert work is not None
+        try:
+            self.outcome = "done", work(self._report)
+        except Exception as error:
+            if not self.cancelled:
+                _log.exception("Work beside the window failed")
+            self.outcome = "failed", f"{type(error).__name__}: {error}"
+        finally:
+            del work
+            _workers.discard(self)
+
+    def _report(self, progress: Progress) -> bool:
+        self.news = progress
+        return not self.cancelled
+
+
+class Job(QObject):
+    """Work in a thread of its own, of which the window hears through signals.
+
+    The thread leaves its news, and a timer of the window's thread takes them. A job that was
+    cancelled is never heard of again, whatever its thread still does.
+
+    Parameters
+    ----------
+    work
+        Called in the thread with a function to report progress to, which returns False once the
+        job was cancelled.
+    parent
+        The Qt object that the job ends with.
+    """
+
+    progressed = Signal(object)
+    done = Signal(object)
+    failed = Signal(str)
+
+    def __init__(self, work: Callable[[OnProgress], Any], parent: QObject | None = None):
+        super().__init__(parent)
+        self._worker = _Worker(work)
+        self._timer = QTimer(self)
+        self._timer.setInterval(POLL_MS)
+        self._timer.timeout.connect(self._look)
+
+    def start(self) -> None:
+        """Begin."""
+        self._worker.start()
+        self._timer.start()
+
+    def cancel(self) -> None:
+        """Ask the thread to end, and say nothing of it any more."""
+        self._worker.cancelled = True
+        self._timer.stop()
+
+    def wait(self) -> None:
+        """Let the window stand still until it is done, and tell what came of it."""
+        self._worker.thread.join(PATIENCE)
+        self._look()
+
+    def _look(self) -> None:
+        outcome = self._worker.outcome
+        news, self._worker.news = self._worker.news, None
+        if news is not None:
+            self.progressed.emit(news)
+        if outcome is not None and not self._worker.cancelled:
+            self._timer.stop()
+            kind, value = outcome
+            (self.done if kind == "done" else self.failed).emit(value)
+
+
+_workers: set[_Worker] = set()
+
+
+@atexit.register
+def _wait_for_threads() -> None:
+    for worker in tuple(_workers):
+        worker.cancelled = True
+        worker.thread.join(PATIENCE)

@@ -14,7 +14,7 @@ from qtpy.QtCore import QTimer
 from superqt.utils import QSignalDebouncer
 
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import (
     BREATH_MS,

@@ -7,20 +7,26 @@ from typing import Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
-from psygnal import Signal, SignalInstance
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import settings, words
-from napari_splinesketch.plugin.choices import Choices
+from napari_splinesketch.plugin.choices import Changes, Choices
 from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.engine import How
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
+from napari_splinesketch.plugin.layers.slot import OWNER
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
+from napari_splinesketch.plugin.model import (
+    Key,
+    Record,
+    Review,
+    State,
+    key_of,
+)
 from napari_splinesketch.plugin.settings import Settings
-from napari_splinesketch.plugin.work import Drawing, Work, works_in
+from napari_splinesketch.plugin.work import Drawing, Work
 
 BACK = "Undo brings them back."
 
@@ -38,10 +44,12 @@ class Keeper:
 
     Attributes
     ----------
+    changes
+        Tells what has changed.
     choices
         The chosen image and sketches.
     settings
-        What the user chose once and for all.
+        What the user chose, kept for other sessions.
     progress
         Where what runs stands; None when nothing runs.
     notice
@@ -50,24 +58,23 @@ class Keeper:
         Brings the layers in step with what is known.
     """
 
-    changed = Signal()
-    """Whoever shows the state should look again."""
-    selected_changed = Signal()
-    """Other curves are selected."""
-    clicked = Signal(bool)
-    """The user has clicked into the layer of curves; with Shift, or without."""
     actions: Commands
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
-        self.choices = Choices(viewer)
+        self.changes = Changes(instance=self)
+        self.choices = Choices(viewer, self.changes)
         self.settings = settings.load()
         self.progress: Progress | None = None
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
+        self._frame: int | None = None
+        for signal in (self.changes.layers, self.changes.edited):
+            signal.connect(self.forget)
         self._selection: tuple[Key, ...] = ()
         self._soon_marked = qdebounced(self._mark_selected, BREATH_MS)
-        self._works = works_in(viewer)
+        owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
+        self._works = [owner for owner in owners if isinstance(owner, Work)]
         for work in self._works:
             self._attend(work)
         self._end = settings.on_change(lambda: self._take(settings.load()))
@@ -100,12 +107,18 @@ class Keeper:
     def frame(self) -> int:
         """Index of the frame in view."""
         image = self.choices.image
-        return current_frame(self.viewer, image) if image else 0
+        if self._frame is None:
+            self._frame = current_frame(self.viewer, image) if image else 0
+        return self._frame
+
+    def forget(self) -> None:
+        """Look anew which frame is in view."""
+        self._frame = None
 
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
         records = self.work.records if self.work else ()
-        return tuple(r for r in records if frame is None or r.frame == frame)
+        return records if frame is None else tuple(r for r in records if r.frame == frame)
 
     @property
     def selection(self) -> tuple[Key, ...]:
@@ -116,7 +129,8 @@ class Keeper:
     @property
     def selected(self) -> Key | None:
         """(frame, id) of the selected curve; None without one, or with several."""
-        return self.selection[0] if len(self.selection) == 1 else None
+        chosen = self.selection
+        return chosen[0] if len(chosen) == 1 else None
 
     @selected.setter
     def selected(self, key: Key | None) -> None:
@@ -141,8 +155,9 @@ class Keeper:
 
     def tell(self, notice: Notice) -> None:
         """Tell the user what came of something."""
-        self.notice = notice
-        self.changed.emit()
+        if notice != self.notice:
+            self.notice = notice
+            self.changes.said.emit()
 
     def apply(self, what: str, state: State, last: Callable[[], None] = lambda: None) -> None:
         """Put a state in the place of the present one, as a step that can be taken back.
@@ -151,7 +166,7 @@ class Keeper:
         "Accept curve 3"; `last` is called when it is shown.
         """
         if self.work:
-            self.notice = Notice()
+            self.tell(Notice())
             self.work.history.apply(what, state)
             self.show(self.work, last)
 
@@ -168,9 +183,9 @@ class Keeper:
             if work is self.work:
                 self._mark_selected()
             last()
-            self.changed.emit()
+            self.changes.shown.emit()
 
-        self.changed.emit()
+        self.changes.curves.emit()
         self.drawing.start(work, work.show(), shown)
 
     def undo(self) -> None:
@@ -179,7 +194,7 @@ class Keeper:
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._travel("Done again", "redo")
+        self._travel("Redone", "redo")
 
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
@@ -206,12 +221,12 @@ class Keeper:
     @property
     def ruler(self) -> Ruler:
         """What lengths are told in."""
-        return ruler_of(None if self.settings.lengths_in_pixels else self.choices.image)
+        return self._ruler_on(self.choices.image)
 
     def how(self, image: Image) -> How:
         """Say how the user wants the bodies of an image to be found."""
-        chosen, ruler = self.settings, ruler_of(image)
-        return How(chosen.preset, chosen.polarity, chosen.half_width_in(ruler.unit, ruler.pixel))
+        chosen = self.settings
+        return How(chosen.preset, chosen.polarity, chosen.half_width_in(ruler_of(image)))
 
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions."""
@@ -224,31 +239,30 @@ class Keeper:
         self._soon_marked.cancel()
         self.drawing.stop()
         for work in self._works:
-            for signal in _signals(work):
+            for signal in work.signals:
                 signal.disconnect()
         self._works.clear()
+        for name in self.changes:
+            self.changes[name].disconnect()
         self.choices.close()
-        for signal in (self.changed, self.selected_changed, self.clicked):
-            signal.disconnect()
+
+    def _ruler_on(self, image: Image | None) -> Ruler:
+        return ruler_of(None if self.settings.lengths_in_pixels else image)
 
     def _take(self, chosen: Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
-            # A key that was given to a command is taken from the one that had it.
-            given = {k for name, k in chosen.keys.items() if k != before.keys.get(name)} - {""}
-            lost = {n: "" for n, k in chosen.keys.items() if k in given and before.keys.get(n) == k}
-            if lost:
-                self.settings = replace(chosen, keys={**chosen.keys, **lost})
+            self.settings = chosen.without_doubles(before)
+            if self.settings is not chosen:
                 settings.save(self.settings)
             self.actions.rebind(self.settings.keys)
         for work in self._works:
             self._colour(work)
-        self.changed.emit()
+        self.changes.settings.emit()
 
     def _colour(self, work: Work) -> None:
         """Let the colours of curves say what the user wants them to."""
-        ruler = Ruler() if self.settings.lengths_in_pixels else ruler_of(work.image)
-        if work.layers.colour((self.settings.colour_by, ruler)):
+        if work.layers.colour((self.settings.colour_by, self._ruler_on(work.image))):
             self.show(work)
 
     def _change(
@@ -263,14 +277,14 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         """Hear of the user's doings in layers of results."""
-        for signal in _signals(work):
+        for signal in work.signals:
             signal.disconnect()
-        work.layers.toggled.connect(lambda: self.changed.emit())
-        work.proofs.toggled.connect(lambda: self.changed.emit())
+        work.layers.toggled.connect(self.changes.shown.emit)
+        work.proofs.toggled.connect(self.changes.shown.emit)
         # Later: napari is still busy with the edit that it tells of.
         work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
         work.layers.selected.connect(partial(self._on_selected, work))
-        work.layers.clicked.connect(lambda shift: self.clicked.emit(shift))
+        work.layers.clicked.connect(self.changes.clicked.emit)
         self._colour(work)
 
     def _adopt(self, work: Work) -> None:
@@ -279,8 +293,7 @@ class Keeper:
         if gone:
             work.history.apply(f"Delete {words.curves(sorted(gone))}", work.state.without(gone))
         elif not self.progress:
-            said = f"Curves are results: draw and move lines in {work.sketches.name!r}."
-            self.notice = Notice("failed", said)
+            self.say(f"Curves are results: draw and move lines in {work.sketches.name!r}.")
         self.show(work)
 
     def _let_go(self, work: Work) -> None:
@@ -290,7 +303,7 @@ class Keeper:
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
-                self.notice = Notice("done", "The curves are gone with their layer. " + BACK)
+                self.tell(Notice("done", "The curves are gone with their layer. " + BACK))
                 self.show(work)
 
     def _on_selected(self, work: Work) -> None:
@@ -307,8 +320,7 @@ class Keeper:
             self.work.looked_at = self.selected
             for _ in self.work.proofs.show():  # the body of the curve that is looked at
                 pass
-        self.selected_changed.emit()
-        self.changed.emit()
+        self.changes.selection.emit()
 
     def _mark_selected(self) -> None:
         if self.work:
@@ -318,15 +330,10 @@ class Keeper:
         if self.work and not self.progress:
             what = getattr(self.work.history, way)()
             if what:
-                self.notice = Notice("done", f"{said}: {what[0].lower()}{what[1:]}.")
+                self.tell(Notice("done", f"{said}: {what[0].lower()}{what[1:]}."))
                 self.show(self.work)
 
     def _on_not_shown(self, error: Exception) -> None:
         self.progress = None
         self.tell(Notice("failed", f"The results could not be shown. {error}"))
-
-
-def _signals(work: Work) -> tuple[SignalInstance, ...]:
-    """What tells of the user's doings in layers of results: one keeper listens."""
-    layers = work.layers
-    return layers.toggled, work.proofs.toggled, layers.edited, layers.selected, layers.clicked
+        self.changes.busy.emit()

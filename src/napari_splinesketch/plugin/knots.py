@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.layers.space import in_stack
 from napari_splinesketch.plugin.model import History, Record, key_of
 
 FEWEST = 3
-HELP = "Drag its knots; Enter refines from there, Done keeps it so, Esc takes it back."
+HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
 COLOUR, HEAD = palette.MOVING, palette.TRUTH
 """The first knot is the head: it stands out."""
 LOOK = {"size": 3, "canvas_size_limits": (9, 14), "border_width": 0.2, "border_color": "black"}
@@ -81,6 +81,7 @@ class KnotEditing:
         layers.events.removed.connect(self._on_removed)
         self._show()
         keeper.tell(Notice("none", HELP))
+        keeper.changes.mode.emit()
 
     def keep(self) -> None:
         """Put the curve where its knots are, if they were moved."""
@@ -116,6 +117,7 @@ class KnotEditing:
             if self._before in layers:
                 layers.selection.active = self._before
             self._keeper.tell(Notice())
+            self._keeper.changes.mode.emit()
 
     def undo(self) -> None:
         """Put the knots back to where they were before the last move."""
@@ -136,7 +138,7 @@ class KnotEditing:
                 layer.data = in_stack(self._slot.image, self._record.frame, self.steps.value)
                 self._paint()
             self._show()
-            self._keeper.changed.emit()
+            self._keeper.changes.mode.emit()
 
     def _paint(self) -> None:
         layer = self._slot.layer if self._slot else None

@@ -158,13 +158,14 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
     """Mean distance of every line to every other, whichever way they were drawn, px."""
-    others = np.array([_resample(line) for line in b])
+    others = np.array([resampled(line) for line in b])
     both = np.stack([others, others[:, ::-1]])
-    rows = [np.linalg.norm(both - _resample(line), axis=3).mean(axis=2).min(axis=0) for line in a]
+    rows = [np.linalg.norm(both - resampled(line), axis=3).mean(axis=2).min(axis=0) for line in a]
     return np.array(rows)
 
 
-def _resample(line: Line) -> Line:
+def resampled(line: Line) -> Line:
+    """Give `SAMPLES` points along a line, evenly spaced."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     at = np.linspace(0, along[-1], SAMPLES)

@@ -6,12 +6,13 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.metrics import resample
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in, selected_in
-from napari_splinesketch.plugin.layers.space import current_frame, plane_problem
+from napari_splinesketch.plugin.layers.looks import once
+from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import (
     Key,
     Line,
@@ -22,6 +23,7 @@ from napari_splinesketch.plugin.model import (
     length_of,
     print_of_sketch,
     prints_of,
+    resampled,
 )
 
 if TYPE_CHECKING:
@@ -38,8 +40,6 @@ LEAST = 1.5
 BEGIN = "Press Draw lines, then draw a line over each body."
 OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 NOTHING = State()
-SAMPLES = 16
-"""Points of a line that are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,23 +207,30 @@ def _drawn_again(
     known = {record.id for record in here}
     fresh = [i for i, number in enumerate(ids) if number not in known]
     found: dict[int, int] = {}
+    if not (fresh and here):
+        return found
+    low, high = np.swapaxes([_box(record.curve) for record in here], 0, 1)
     for i in fresh:
-        near = [(_apart(lines[i], r), r.id) for r in here if r.id not in found.values()]
-        apart, number = min(near, default=(np.inf, 0))
-        if apart < WITHIN:
-            found[i] = number
+        beside = (lines[i].min(axis=0) <= high) & (lines[i].max(axis=0) >= low)
+        near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
+        apart = {_apart(lines[i], r): r.id for r in near if r.id not in found.values()}
+        if min(apart, default=np.inf) < WITHIN:
+            found[i] = apart[min(apart)]
     return found
+
+
+@once
+def _box(curve: Curve) -> Float[np.ndarray, "2 2"]:
+    """Corners of the rectangle around a curve, px."""
+    return np.stack([curve.points.min(axis=0), curve.points.max(axis=0)])
 
 
 def _apart(line: Line, record: Record) -> float:
     """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
     curve = record.curve
-    low, high = curve.points.min(axis=0), curve.points.max(axis=0)
-    if curve.status == "failed" or (line.min(axis=0) > high).any() or (line.max(0) < low).any():
+    if curve.status == "failed" or not LIKE < length_of(line) / max(curve.length, 1e-9) < 1 / LIKE:
         return np.inf
-    if not LIKE < length_of(line) / max(curve.length, 1e-9) < 1 / LIKE:
-        return np.inf
-    some = resample(line, SAMPLES)
+    some = resampled(line)
     far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
     width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
     return float(far / max(width, LEAST))
@@ -249,8 +256,8 @@ class Requests:
         self._plan = lru_cache(2)(
             lambda drawn, state, *asked: make_plan(state, asked[0], drawn.lines, *asked[1:])
         )
-        controller.choices.changed.connect(self.forget)
-        controller.choices.edited.connect(self.forget)
+        controller.changes.layers.connect(self.forget)
+        controller.changes.edited.connect(self.forget)
 
     def forget(self) -> None:
         """Look at the lines anew the next time."""
@@ -263,7 +270,7 @@ class Requests:
         problem = plane_problem(c.viewer, image) if image is not None else OPEN
         if problem or image is None:
             return Request(problem=problem)
-        frame = current_frame(c.viewer, image)
+        frame = c.frame
         if layer is None:
             return Request(frame, problem=BEGIN)
         if self._drawn is None or self._drawn[0] != frame:

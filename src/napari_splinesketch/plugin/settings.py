@@ -1,95 +1,47 @@
-"""What the user chose, kept across sessions by napari, and shown in its preferences too."""
+"""What the user chose: one frozen class, which the form in the dock, napari and the engine read."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, get_args
 
 import pint
 from napari.settings import get_plugin_settings
 
-from napari_splinesketch.engine.settings import HELP, PRESETS, PresetName
+from napari_splinesketch.engine.settings import PRESETS, Asked
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.plugin.columns import COLOUR_BY
+from napari_splinesketch.plugin.layers.space import Ruler
 
 PLUGIN = "napari-splinesketch"
-PREFERENCES = "Opens napari's preferences: the keys are on the page of Splinesketch"
 GROUPS = "refining", "looking", "saving"
 """The groups of the manifest with settings that are one value each."""
 KEYS = "keys"
 """The group with one key for each action."""
 
 
-def shown(label: str, tip: str, **options: Any) -> dict[str, Any]:
-    """Let the form in the dock show a setting, with options for magicgui."""
-    return {"label": label, "tip": tip, **options}
-
-
-def _tip(name: str) -> str:
-    """Say of an option what the command line says."""
-    return HELP[name][0].upper() + HELP[name][1:]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the user chose.
+@dataclass(frozen=True, kw_only=True)
+class Settings(Asked):
+    """What the user chose: what may be asked of a refinement, and what is told of it.
 
     Attributes
     ----------
-    preset
-        How much work to do.
-    polarity
-        Whether bodies are brighter or darker than what is around them.
-    half_width
-        Rough distance from centreline to edge, in `half_width_unit`; 0 measures it.
     half_width_unit
-        Name of a unit, or "px".
+        Unit of `half_width`: its name, or "px".
     colour_by
         What the colour of a curve says.
-    lengths_in_pixels
-        Whether lengths are told in px although the image has a unit.
-    save_work
-        Whether lines and curves are saved as they are made.
-    work_folder
-        Where; empty for a folder beside the image.
     keys
         Keys of actions, by their ids, as napari writes them; an empty one takes the key away.
     """
 
-    preset: PresetName = "balanced"
-    polarity: Polarity = field(
-        default="auto",
-        metadata=shown(
-            "Bodies are",
-            _tip("polarity"),
-            choices=[
-                ("auto", "auto"),
-                ("brighter than the rest", "bright"),
-                ("darker than the rest", "dark"),
-            ],
-            widget_type="ComboBox",
-        ),
-    )
-    half_width: float = field(
-        default=0.0,
-        metadata=shown(
-            "Half-width",
-            _tip("half_width"),
-            min=0.0,
-            max=1e4,
-            step=0.5,
-        ),
-    )
     half_width_unit: str = "px"
     colour_by: str = "status"
     lengths_in_pixels: bool = field(
-        default=False,
-        metadata=shown("Lengths in pixels", "Give lengths in px although the image has a unit"),
+        default=False, metadata={"help": "give lengths in px although the image has a unit"}
     )
     save_work: bool = field(
-        default=True,
-        metadata=shown("Save work as I go", "Save lines and curves as they are made"),
+        default=True, metadata={"help": "save lines and curves as they are made"}
     )
-    work_folder: str = ""
+    work_folder: str = field(default="", metadata={"help": "empty: a folder beside the image"})
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -101,34 +53,53 @@ class Settings:
         ):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
-        if not 0 <= self.half_width < float("inf"):
-            raise ValueError(f"half_width is {self.half_width}; give a number above 0, or 0.")
+        if self.half_width is not None and not 0 < self.half_width < float("inf"):
+            raise ValueError(f"half_width is {self.half_width}; give a number above 0, or none.")
 
     @property
     def saving(self) -> tuple[bool, str]:
         """Whether, and where."""
         return self.save_work, self.work_folder
 
-    def half_width_in(self, unit: str, pixel: float) -> float | None:
-        """Give the half-width in px; None to measure it.
+    def half_width_in(self, ruler: Ruler) -> float | None:
+        """Give the half-width in px of an image; None to measure it.
 
-        Parameters
-        ----------
-        unit
-            The image's unit, or "px".
-        pixel
-            Size of a pixel in it. A half-width in a unit that says nothing about pixels of this
-            image is left out.
+        One in a unit that says nothing about pixels of this image is left out.
         """
-        if not self.half_width:
+        if self.half_width is None:
             return None
-        if self.half_width_unit == unit:
-            return self.half_width / pixel
-        if "px" in (unit, self.half_width_unit):
+        if self.half_width_unit == ruler.unit:
+            return self.half_width / ruler.pixel
+        if "px" in (ruler.unit, self.half_width_unit):
             return self.half_width if self.half_width_unit == "px" else None
-        registry = pint.get_application_registry()
-        given = registry.Quantity(self.half_width, self.half_width_unit)
-        return float(given.to(unit).magnitude) / pixel if given.is_compatible_with(unit) else None
+        given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
+        if not given.is_compatible_with(ruler.unit):
+            return None
+        return float(given.to(ruler.unit).magnitude) / ruler.pixel
+
+    def without_doubles(self, before: "Settings") -> "Settings":
+        """Take a key that was given to a command from the one that had it."""
+        now, old = self.keys, before.keys
+        given = {key for name, key in now.items() if key != old.get(name)} - {""}
+        lost = {name: "" for name, key in now.items() if key in given and old.get(name) == key}
+        return replace(self, keys={**now, **lost}) if lost else self
+
+
+FORM: dict[str, dict[str, Any]] = {
+    "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in PRESETS]},
+    "polarity": {
+        "label": "Bodies are",
+        "choices": [
+            ("auto", "auto"),
+            ("brighter than the rest", "bright"),
+            ("darker than the rest", "dark"),
+        ],
+    },
+    "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5},
+    "lengths_in_pixels": {"label": "", "text": "Lengths in pixels"},
+    "save_work": {"label": "", "text": "Save work as I go"},
+}
+"""The settings that the dock shows, and how magicgui makes their widgets."""
 
 
 def load() -> Settings:
@@ -138,6 +109,7 @@ def load() -> Settings:
         return Settings()
     values = dict(pair for group in GROUPS for pair in getattr(known, group))
     values = {each.name: values[each.name] for each in fields(Settings) if each.name in values}
+    values["half_width"] = values.get("half_width") or None
     keys = getattr(known, KEYS).model_dump()
     try:
         return Settings(**values, keys=keys)
@@ -150,7 +122,9 @@ def save(settings: Settings) -> None:
     known = _napari()
     if known is None:
         return
-    groups = {group: vars(settings) for group in GROUPS} | {KEYS: settings.keys}
+    # napari's preferences know no number that is not there.
+    chosen = vars(settings) | {"half_width": settings.half_width or 0.0}
+    groups = dict.fromkeys(GROUPS, chosen) | {KEYS: settings.keys}
     for name, values in groups.items():
         group = getattr(known, name)
         for each in set(type(group).model_fields).intersection(values):

@@ -8,6 +8,7 @@ from napari.layers import Layer
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtWidgets import (
     QApplication,
+    QFormLayout,
     QFrame,
     QGridLayout,
     QHBoxLayout,
@@ -44,9 +45,24 @@ def enable(widget: QWidget, problem: str, tip: str) -> None:
     widget.setToolTip(problem or tip)
 
 
-def grid(
-    widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bool = True
-) -> QGridLayout:
+def stack(widget: QWidget, *rows: QWidget | Sequence[QWidget], margin: int = 0) -> QVBoxLayout:
+    """Lay widgets out below each other in a widget; the first one of a row takes what is left."""
+    column = QVBoxLayout(widget)
+    column.setContentsMargins(margin, margin, margin, margin)
+    column.setSpacing(3)
+    for each in rows:
+        if isinstance(each, QWidget):
+            column.addWidget(each)
+            continue
+        row = QHBoxLayout()
+        row.setSpacing(3)
+        for i, one in enumerate(each):
+            row.addWidget(one, not i)
+        column.addLayout(row)
+    return column
+
+
+def grid(widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bool = True) -> None:
     """Lay widgets out in columns, equal ones or each as broad as it needs."""
     layout = QGridLayout(widget)
     layout.setContentsMargins(0, 0, 0, 0)
@@ -55,34 +71,36 @@ def grid(
         layout.addWidget(child, i // columns, i % columns)
     for column in range(columns if even else 0):
         layout.setColumnStretch(column, 1)
-    return layout
 
 
-def row(first: QWidget, *others: QWidget) -> QHBoxLayout:
-    """Lay widgets out beside each other; the first takes what is left."""
-    made = QHBoxLayout()
-    made.setSpacing(3)
-    made.addWidget(first, 1)
-    for other in others:
-        made.addWidget(other)
+def form(*rows: Any) -> QWidget:
+    """Lay magicgui's widgets out below each other, with their labels beside them."""
+    made = QWidget()
+    layout = QFormLayout(made)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(3)
+    layout.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
+    layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    for each in rows:
+        layout.addRow(each.label, each.native)
     return made
 
 
 class CommandButton(QPushButton):
-    """A button that carries out a command, and says why it cannot; keys stay with the canvas."""
+    """A button that carries out a command, and says why it cannot."""
 
     def __init__(self, actions: Commands, name: str):
-        super().__init__(actions[name].name)
+        super().__init__()
         self._actions, self._name = actions, name
         self.setMinimumWidth(30)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.clicked.connect(lambda: actions.run(name))
         self.show_state()
 
-    def show_state(self, more: str = "") -> None:
+    def show_state(self) -> None:
         """Show what the command is called now, and whether it can be carried out."""
         self.setText(self._actions.label(self._name))
-        enable(self, self._actions.problem(self._name), self._actions.tip(self._name) + more)
+        enable(self, self._actions.problem(self._name), self._actions.tip(self._name))
 
 
 class CommandButtons(QWidget):
@@ -128,10 +146,7 @@ class Folded(QWidget):
         self.title.setCheckable(True)
         self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.title, 0, Qt.AlignmentFlag.AlignLeft)
-        layout.addWidget(content)
+        stack(self, self.title, content)
         self.title.toggled.connect(self.unfold)
         self.unfold(False)
 
@@ -162,31 +177,36 @@ class Column(QScrollArea):
         return moved
 
 
-def layer_choice(
-    layers: Callable[[], Sequence[Layer]],
-    pick: Callable[[Any], None],
-    tip: str,
-    new: str = "",
-) -> ComboBox:
-    """Make a choice of layers; `new` names an entry for one more, which picks None."""
+class LayerChoice(ComboBox):
+    """A choice of layers, which calls `pick` when the user makes it.
 
-    def choices(_: object) -> list[tuple[str, Layer | None]]:
-        found: list[tuple[str, Layer | None]] = [(layer.name, layer) for layer in layers()]
-        return [*found, (new, None)] if new and found else found
+    `new` names an entry for one more layer, which picks None.
+    """
 
-    made = ComboBox(choices=choices, tooltip=tip)
-    # Long names are shortened rather than widening the dock.
-    made.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-    made.native.setMinimumWidth(NARROW)
-    made.native.activated.connect(lambda: pick(made.value))
-    return made
+    def __init__(
+        self,
+        label: str,
+        layers: Callable[[], Sequence[Layer]],
+        pick: Callable[[Any], object],
+        tip: str,
+        new: str = "",
+    ):
+        def choices(_: object) -> list[tuple[str, Layer | None]]:
+            found: list[tuple[str, Layer | None]] = [(layer.name, layer) for layer in layers()]
+            return [*found, (new, None)] if new and found else found
 
+        super().__init__(label=label, choices=choices, tooltip=tip)
+        self._tip = tip
+        # Long names are shortened rather than widening the dock.
+        self.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.native.setMinimumWidth(NARROW)
+        self.native.activated.connect(lambda: pick(self.value))
 
-def show_layers(choice: ComboBox, chosen: Layer | None, tip: str) -> None:
-    """Offer the layers that there are now, and show the chosen one."""
-    with choice.changed.blocked(), signals_blocked(choice.native):
-        choice.reset_choices()
-        if chosen in choice.choices:
-            choice.value = chosen
-    choice.enabled = bool(choice.choices)
-    choice.tooltip = "\n".join([tip, *([chosen.name] if chosen else [])])
+    def show_layers(self, chosen: Layer | None) -> None:
+        """Offer the layers that there are now, and show the chosen one."""
+        with self.changed.blocked(), signals_blocked(self.native):
+            self.reset_choices()
+            if chosen in self.choices:
+                self.value = chosen
+        self.enabled = bool(self.choices)
+        self.tooltip = "\n".join([self._tip, *([chosen.name] if chosen else [])])

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from napari_splinesketch.engine.settings import PresetName
@@ -24,7 +25,6 @@ PRESET_TIPS: dict[PresetName, str] = {
 }
 NOTES_TIP = "Which parts of the model this image needed, and why"
 REVIEW_TIP = "Show the table of curves and the plots of the selected one"
-REFINE_TIP = "Fit a smooth curve with width to the body under each line ({})"
 EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
 SUMMARY_TIP = "Curves of this frame: good, to check (?) and failed (!)"
 SENSITIVITY_TIP = "to the left only what stands out,\nto the right also what is faint or short"
@@ -89,7 +89,7 @@ def nothing(plan: "Plan", drawn: Drawn, frame: Literal["all", "empty", "full"], 
         return NO_LINE if drawn.lines else "No curve is selected."
     if not drawn.lines:
         if frame == "full":
-            return "No line in this frame. To put a curve right, draw a line over it and refine."
+            return "No line in this frame. To correct a curve, draw a line over it and refine."
         where = "in this frame " if frame == "empty" else ""
         return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
     if plan.deleted:
@@ -187,6 +187,15 @@ def _duration(seconds: float) -> str:
 def notes(sentences: Sequence[str]) -> str:
     """Say what the scene needed, one sentence a line; rich text."""
     return "<br>".join(f"• {escape(sentence, quote=False)}" for sentence in sentences)
+
+
+def saved(place: Path | None, image: str | None, wanted: bool) -> str:
+    """Say where work is saved: in a folder beside the image's file, or in one that holds others."""
+    if place is None:
+        return "" if wanted else "Work is not saved"
+    if image and place.parent == Path(image).parent:
+        return f"Saved in {place.name}"
+    return f"Saved in {str(place.parent).replace(str(Path.home()), '~', 1)}"
 
 
 def together(sentences: Sequence[str]) -> str:

@@ -7,21 +7,21 @@ from typing import Any
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
+from psygnal import SignalInstance
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin.layers.drawn import SUFFIX, SuggestedLines
 from napari_splinesketch.plugin.layers.pictures import ProofLayers
 from napari_splinesketch.plugin.layers.pixels import Patch
 from napari_splinesketch.plugin.layers.results import ResultLayers
-from napari_splinesketch.plugin.layers.slot import OWNER
 from napari_splinesketch.plugin.model import History, Key, Record, State, bytes_beside
-
-_log = logging.getLogger(__name__)
 
 BREATH_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
 FIRST_MS = 5
 """Before the first one: what has changed the state is still to be seen in the dock."""
+
+_log = logging.getLogger(__name__)
 
 
 class Work:
@@ -87,17 +87,11 @@ class Work:
         yield from self.layers.show()
         self.suggested.fade(self.records)
 
-
-def works_in(viewer: ViewerModel) -> list[Work]:
-    """Find the work that layers of results in a viewer belong to."""
-    owners = {layer.metadata.get(OWNER): None for layer in viewer.layers}
-    return [owner for owner in owners if isinstance(owner, Work)]
-
-
-def remove_results(viewer: ViewerModel, work: Work) -> None:
-    """Remove the layers of results of a work."""
-    for layer in [layer for layer in viewer.layers if layer.metadata.get(OWNER) is work]:
-        viewer.layers.remove(layer)
+    @property
+    def signals(self) -> tuple[SignalInstance, ...]:
+        """What tells of the user's doings in layers of results: one keeper listens."""
+        layers = self.layers
+        return layers.toggled, self.proofs.toggled, layers.edited, layers.selected, layers.clicked
 
 
 class Drawing:

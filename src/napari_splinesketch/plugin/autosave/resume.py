@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from napari.layers import Image
-from qtpy.QtWidgets import QFrame, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QFrame, QWidget
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import BusyError
@@ -24,7 +24,7 @@ from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, lin
 from napari_splinesketch.plugin.layers.labels import read_with, records_of
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.widgets import TextLabel, button, row
+from napari_splinesketch.plugin.widgets import TextLabel, button, stack
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""
@@ -46,15 +46,12 @@ class OfferBox(QFrame):
         self.decline = button("Ignore saved work", tip, saver.decline)
         tip = "Take these curves up as results, as they were judged"
         self.labels = button("", tip, lambda: take_up(controller))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 4, 6, 4)
-        layout.addWidget(self.said)
-        layout.addLayout(row(self.resume, self.decline))
-        layout.addWidget(self.labels)
-        layout.addWidget(self.problem)
+        stack(self, self.said, (self.resume, self.decline), self.labels, self.problem, margin=4)
         saver.found.connect(self.show_offers)
         self.destroyed.connect(lambda: saver.found.disconnect(self.show_offers, missing_ok=True))
-        controller.changed.connect(self._show_running)
+        changes = controller.changes
+        for signal in (changes.layers, changes.curves, changes.busy):
+            signal.connect(self._show_running)
         self.show_offers()
 
     def show_offers(self) -> None:

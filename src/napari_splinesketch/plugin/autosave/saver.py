@@ -25,7 +25,7 @@ from napari_splinesketch.plugin.autosave.folder import (
     summary,
 )
 from napari_splinesketch.plugin.autosave.session import EVERY, Drawn, Head, Session, Shape
-from napari_splinesketch.plugin.jobs import Job
+from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
 from napari_splinesketch.plugin.model import State
@@ -97,11 +97,12 @@ class Saver(QObject):
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(self._save)
-        choices, layers = keeper.choices, keeper.viewer.layers.events
+        changes, layers = keeper.changes, keeper.viewer.layers.events
         self._connections: list[tuple[Any, Callable[..., None]]] = [
-            (choices.changed, self._on_choice),
-            (choices.edited, self._on_edit),
-            (keeper.changed, self._on_change),
+            (changes.layers, self._on_choice),
+            (changes.edited, self._on_edit),
+            (changes.curves, self._on_change),
+            (changes.settings, self._on_change),
             (layers.removing, self._on_removing),
             (layers.removed, self._on_removed),
         ]

@@ -10,8 +10,9 @@ from napari.components import ViewerModel
 from napari.layers import Image, Layer, Points
 from superqt.utils import qthrottled
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.columns import severity
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, normals, reach
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, normals, once, reach
 from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
     current_frame,
@@ -58,16 +59,24 @@ def readable(
 ) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
     """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
     here = [r for r in records if r.frame == view.frame and MARKS[r.curve.status]]
-    boxes: list[tuple[np.ndarray, np.ndarray]] = []
+    if not here:
+        return
+    ends = np.stack([_stands(r.curve)[0] for r in here])
+    near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
+    here = [here[i] for i in np.flatnonzero(near).tolist()]
+    taken, sizes = np.zeros((MOST, 2)), np.zeros((MOST, 2))
+    count = 0
     for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
         size = np.array([LINE, LETTER * len(text_of(record))]) * view.pixel / 2
-        for place in _places(record, view):
-            inside = (place - size > view.low).all() and (place + size < view.high).all()
-            if inside and not any((np.abs(place - p) < size + s).all() for p, s in boxes):
-                boxes.append((place, size))
-                yield record, place
-                break
-        if len(boxes) == MOST:
+        places = _places(record.curve, view)
+        free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
+        over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
+        free &= ~over.all(axis=2).any(axis=-1)
+        if free.any():
+            taken[count], sizes[count] = places[free.argmax()], size
+            yield record, places[free.argmax()]
+            count += 1
+        if count == MOST:
             return
 
 
@@ -76,14 +85,19 @@ def text_of(record: Record) -> str:
     return f"{record.id} {MARKS[record.curve.status]}"
 
 
-def _places(record: Record, view: View) -> Iterator[Float[np.ndarray, "2"]]:
-    points = record.curve.points
-    across = normals(points)
-    away = reach(record.curve) + GAP * float(view.pixel.mean())
-    for share in PLACES:
-        i = round(share * (len(points) - 1))
-        for side in (-1, 1) if across[i, 0] > 0 else (1, -1):  # above the body first
-            yield points[i] + side * away * across[i]
+@once
+def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
+    """Points of a curve beside which its mark may stand, and the way there: above it first."""
+    at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
+    across = normals(curve.points)[at]
+    return curve.points[at], np.where(across[:, :1] > 0, -across, across)
+
+
+def _places(curve: Curve, view: View) -> Float[np.ndarray, "_ 2"]:
+    """Where its mark may stand, the best place first."""
+    points, up = _stands(curve)
+    away = (reach(curve) + GAP * float(view.pixel.mean())) * up
+    return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
 
 
 class Marks(Slot):
@@ -102,7 +116,9 @@ class Marks(Slot):
         self._shown = ()
         self.viewer.scene.camera.events.connect(self._on_move)
         self.viewer.dims.events.current_step.connect(self._on_move)
-        return super().make(kind, *data, **how)
+        made = super().make(kind, *data, **how)
+        made.events.visible.connect(self._on_move)
+        return made
 
     def show(self, records: Sequence[Record]) -> None:
         """Mark these curves, and no others."""
@@ -115,7 +131,7 @@ class Marks(Slot):
 
     def _write(self) -> None:
         layer = self.layer
-        if layer is None or self.image not in self.viewer.layers:
+        if layer is None or not layer.visible or self.image not in self.viewer.layers:
             return
         view = in_view(self.viewer, self.image)
         found = list(readable(self._records, view))

@@ -1,42 +1,38 @@
 """The panel below the canvas: the table of curves and the plots of the selected one."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import Any
 from weakref import ref
 
-import psygnal
 from napari.utils.notifications import show_error
 from qtpy.QtCore import (
     QEvent,
     QSize,
     Qt,
+    QTimer,
     Signal,  # pyright: ignore[reportPrivateImportUsage]
 )
 from qtpy.QtWidgets import (
     QApplication,
     QComboBox,
     QFileDialog,
-    QHBoxLayout,
     QLabel,
     QMenu,
-    QPushButton,
     QSplitter,
-    QVBoxLayout,
     QWidget,
 )
-from superqt.utils import qdebounced
 
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.plots import CurvePlots, profile_of, theme_of
 from napari_splinesketch.plugin.review.table import SHOWN, CurvesModel, CurvesTable
-from napari_splinesketch.plugin.widgets import CommandButtons
+from napari_splinesketch.plugin.widgets import CommandButtons, button, stack
 
 NAME = "Curves"
 LAYOUT_MS = 20
@@ -57,7 +53,6 @@ class ReviewPanel(QWidget):
     def __init__(self, controller: Controller):
         super().__init__()
         self.controller = controller
-        self._known: tuple[tuple[Record, ...], Ruler] | None = None
         self._build()
         self._lay_out()
         self._connect()
@@ -75,61 +70,47 @@ class ReviewPanel(QWidget):
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
-        self.more = QPushButton("Table")
-        self.more.setToolTip("Take the table elsewhere, as it is sorted and filtered")
+        self.more = button("Table", "Copy or save the table as it is sorted and filtered")
         menu = QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)
         self.more.setMenu(menu)
 
     def _lay_out(self) -> None:
-        top = QHBoxLayout()
-        top.addWidget(self.judges)
-        top.addWidget(self.count)
-        top.addStretch(1)
-        top.addWidget(self.shown)
-        top.addWidget(self.more)
-        left = QWidget()
-        column = QVBoxLayout(left)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addLayout(top)
-        column.addWidget(self.table, 1)
+        left, right = QWidget(), QWidget()
+        stack(left, (self.count, self.judges, self.shown, self.more), self.table)
+        stack(right, self.plotted, self.plots).setStretch(1, 1)
         halves = QSplitter(Qt.Orientation.Horizontal)
         halves.addWidget(left)
-        right = QWidget()
-        beside = QVBoxLayout(right)
-        beside.setContentsMargins(0, 0, 0, 0)
-        beside.addWidget(self.plotted)
-        beside.addWidget(self.plots, 1)
         halves.addWidget(right)
         halves.setSizes(SHARES)
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(4, 2, 4, 2)
-        layout.addWidget(halves)
+        stack(self, halves, margin=3)
 
     def _connect(self) -> None:
-        controller = self.controller
-        controller.changed.connect(self.show_state)
-        controller.selected_changed.connect(self.show_selected)
-        controller.viewer.events.theme.connect(self._on_theme)
+        controller, changes = self.controller, self.controller.changes
+        self._listening: list[tuple[Any, Any]] = [
+            (changes.curves, self.show_state),
+            (changes.settings, self.show_state),
+            (changes.busy, self._show_judges),
+            (changes.lines, self._show_frame),
+            (changes.selection, self.show_selected),
+            (controller.viewer.events.theme, self._on_theme),
+        ]
+        for signal, show in self._listening:
+            signal.connect(show)
         controller.order = lambda records: self.visible()
         self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._show_frame)
-        self.plotted.activated.connect(lambda index: self.show_selected())
+        self.plotted.activated.connect(self.show_selected)
 
     def changeEvent(self, a0: QEvent | None) -> None:
         """Let go of the controller when the panel is closed: napari takes it out of its dock."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self._let_go()
+            for signal, show in self._listening:
+                signal.disconnect(show)
+            self.controller.order = worst_first
             self.closed.emit()
-
-    def _let_go(self) -> None:
-        controller = self.controller
-        controller.changed.disconnect(self.show_state)
-        controller.selected_changed.disconnect(self.show_selected)
-        controller.viewer.events.theme.disconnect(self._on_theme)
-        controller.order = worst_first
 
     def sizeHint(self) -> QSize:
         """Ask for little height."""
@@ -142,26 +123,28 @@ class ReviewPanel(QWidget):
     def show_state(self) -> None:
         """Show what is known by now."""
         controller = self.controller
-        records, ruler = controller.work.records if controller.work else (), controller.ruler
+        records = controller.records()
         self._show_frame()
-        for name, button in self.judges.buttons.items():
-            button.show_state()
-            key = controller.actions[name].key
-            button.setText(f"{button.text()} ({key})" if key else button.text())
-        if self._known is None or records is not self._known[0] or ruler != self._known[1]:
-            self._known = records, ruler
-            self.model.show_records(records, ruler)
-            reviewed = sum(record.review != "open" for record in records)
-            self.plotted.setVisible(len({record.frame for record in records}) > 1)
-            self.count.setText(f"{reviewed} of {len(records)} reviewed")
-            self.more.setEnabled(bool(records))
-            self.show_selected()
+        self.model.show_records(records, controller.ruler)
+        reviewed = len(records) - [record.review for record in records].count("open")
+        self.plotted.setVisible(len({record.frame for record in records}) > 1)
+        self.count.setText(f"{reviewed} of {len(records)} reviewed")
+        self.more.setEnabled(bool(records))
+        self._show_judges()
+        self.show_selected()
+
+    def _show_judges(self) -> None:
+        self.judges.show_state()
+        for name, made in self.judges.buttons.items():
+            key = self.controller.actions[name].key
+            made.setText(f"{made.text()} ({key})" if key else made.text())
+            made.setMinimumWidth(made.sizeHint().width())
 
     def show_selected(self) -> None:
         """Show which curve is selected."""
-        controller = self.controller
+        controller, ruler = self.controller, self.model.ruler
         self.table.show_selected(controller.selected)
-        chosen, work, ruler = controller.selected_records(), controller.work, self.model.ruler
+        chosen, work = controller.selected_records(), controller.work
         if work is None or len(chosen) != 1:
             self.plots.show_profile(None)
             return
@@ -193,9 +176,9 @@ class ReviewPanel(QWidget):
         except OSError as error:
             show_error(f"The table was not saved: {error}")
 
-    def _show_frame(self, index: int | None = None) -> None:
+    def _show_frame(self) -> None:
         """Show what the user wants to see, which may depend on the frame in view."""
-        shown = list(SHOWN)[self.shown.currentIndex() if index is None else index]
+        shown = list(SHOWN)[self.shown.currentIndex()]
         self.model.show_only(shown, self.controller.frame if shown == "this frame" else 0)
 
     def _on_theme(self) -> None:
@@ -203,16 +186,14 @@ class ReviewPanel(QWidget):
 
 
 class PanelKeeper:
-    """Shows the panel below the canvas when the user asks for it, and hides it."""
+    """Shows the panel below the canvas when the user asks for it, and hides it.
 
-    toggled = psygnal.Signal(bool)
-    """The panel was shown or hidden."""
+    `toggled` is called with whether it is shown.
+    """
 
-    def __init__(self, controller: Controller):
+    def __init__(self, controller: Controller, toggled: Callable[[bool], object]):
         self.panel: ReviewPanel | None = None
-        self._controller = controller
-        self._waiting: ref[QWidget] | None = None
-        self._soon = qdebounced(self._paint, LAYOUT_MS)
+        self._controller, self._toggled = controller, toggled
 
     def show_or_hide(self) -> None:
         """Show the panel if it is not there, hide it if it is."""
@@ -230,9 +211,11 @@ class PanelKeeper:
             self._window()._qt_window.setCorner(
                 Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
             )
-            added = self._window().add_dock_widget(self.panel, name=NAME, area="bottom")
-            self._paint_later(added.window())
-        self.toggled.emit(True)
+            window = self._window().add_dock_widget(self.panel, name=NAME, area="bottom").window()
+            # It paints once its layout stands: the canvas would be painted at each change.
+            window.setUpdatesEnabled(False)
+            QTimer.singleShot(LAYOUT_MS, partial(_paint, ref(window)))
+        self._toggled(True)
 
     def hide(self) -> None:
         """Take the panel away."""
@@ -243,20 +226,15 @@ class PanelKeeper:
         if self.panel is not None:
             self.panel.deleteLater()
             self.panel = None
-        self.toggled.emit(False)
+        self._toggled(False)
 
     def _window(self) -> Any:
         # Only a viewer with a window has a dock to press the button in.
         return getattr(self._controller.viewer, "window")  # noqa: B009
 
-    def _paint_later(self, window: QWidget) -> None:
-        """Let a window paint once its layout stands: the canvas would be painted at each change."""
-        window.setUpdatesEnabled(False)
-        self._waiting = ref(window)
-        self._soon()
 
-    def _paint(self) -> None:
-        window = self._waiting() if self._waiting else None
-        if window is not None:
-            with suppress(RuntimeError):  # Qt has deleted it
-                window.setUpdatesEnabled(True)
+def _paint(window: ref[QWidget]) -> None:
+    """Let a window paint, if it is still there."""
+    if (there := window()) is not None:
+        with suppress(RuntimeError):  # Qt has deleted it
+            there.setUpdatesEnabled(True)

@@ -30,13 +30,13 @@ LEFT, RIGHT, TOP, BOTTOM = 42, 10, 22, 34
 """Margins around the axes, px."""
 TICK, GAP = 4, 3
 """Length of a tick, and from it to its number, px."""
-PER_TICK = 60, 26
+PER_TICK = 45, 26
 """Room for a number along x and along y, px."""
 BAR = 8, 40
 """Width of the bar of colours beside a picture, and the room that it has with its numbers, px."""
 SWATCH = 14
 """Length of a line in the legend, px."""
-ROOM, LEGEND = 0.08, 0.25
+ROOM, LEGEND = 0.08, 0.35
 """Left free above and below the lines, and for the legend, as a share of what they span."""
 SPACING = 0.5
 """Between the places across a body at which the picture is read, px at most."""
@@ -157,13 +157,13 @@ class CurvePlots(QWidget):
 
 def titles_of(profile: Profile) -> tuple[str, str]:
     """Name the two plots of a curve."""
-    return f"Half-width of {profile.name} ({profile.unit})", "Image − model, mean across"
+    return f"Half-width ({profile.unit})", "Image − model, across"
 
 
 def _draw_width(axes: "Axes", profile: Profile) -> None:
     x, y = profile.distance, profile.half_width
     sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-    lines = [(y, axes.pen(axes.theme.line, 1.6), "curve ± sd")]
+    lines = [(y, axes.pen(axes.theme.line, 1.6), f"{profile.name} ± sd")]
     if profile.mean is not None:
         dashed = axes.pen(axes.theme.other, 1.3, Qt.PenStyle.DashLine)
         lines.append((profile.mean, dashed, "mean of all"))
@@ -254,18 +254,20 @@ class Axes:
     def lines(self, x: Along, lines: Sequence[tuple[Along, QPen, str]]) -> None:
         """Draw lines, each with its pen, broken where it is not known; name those with a name."""
         painter, box = self.painter, self.box
-        at, middle = box.left() + 6, box.top() + 6
+        at, middle = box.left() + 6, box.top()
         painter.setBrush(Qt.BrushStyle.NoBrush)
         for y, pen, name in lines:
             painter.setPen(pen)
             for part in known(x, y):
                 painter.drawPolyline(QPolygonF(self._places(x[part], y[part])))
             if name:
+                high = painter.fontMetrics().height()
+                middle += high / 2
                 painter.drawLine(QPointF(at, middle), QPointF(at + SWATCH, middle))
                 painter.setPen(QColor(self.theme.text))
-                room = painter.fontMetrics().horizontalAdvance(name) + 4
-                painter.drawText(QRectF(at + SWATCH + 4, middle - 8, room, 16), BEGIN, name)
-                at += SWATCH + room + 14
+                place = QRectF(at + SWATCH + 4, middle - high / 2, box.width(), high)
+                painter.drawText(place, BEGIN, name)
+                middle += high / 2
 
     def band(self, x: Along, low: Along, high: Along) -> None:
         """Fill what is between two lines."""
