@@ -23,8 +23,8 @@ from rows import FOLDER
 from runner import pin_to_one_core, run
 
 CELLS = {"table": table_cells, "lines": line_cells, "sweep": sweep_cells}
-PARTS = (*CELLS, "bound", "scaling", "solvers", "models", "report")
-FRAMES = {"table": 48, "lines": 48, "sweep": 16, "bound": 24, "solvers": 12, "models": 12}
+PARTS = (*CELLS, "bound", "scaling", "solvers", "report")
+FRAMES = {"table": 48, "lines": 48, "sweep": 16, "bound": 24, "solvers": 12}
 QUICK_FRAMES = 4
 LARGEST, QUICK_LARGEST = 1000, 30
 
@@ -56,10 +56,6 @@ def main() -> None:
         import compare_solvers
 
         compare_solvers.run(QUICK_FRAMES if options.quick else FRAMES["solvers"])
-    if "models" in options.parts:
-        import compare_models
-
-        compare_models.run(QUICK_FRAMES if options.quick else FRAMES["models"])
     if "report" in options.parts:
         import report
 

@@ -22,7 +22,7 @@ from rows import FOLDER
 
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit import bands, fitting, solver
+from napari_splinesketch.engine.fit import bands, fitting, profile, solver
 from napari_splinesketch.engine.fit.tube import brightness
 from napari_splinesketch.engine.look import scene
 
@@ -44,19 +44,16 @@ class Problem:
         """Set up the first level of a fit."""
         made = synthetic.scene(seed, bodies=1)
         ((_, seen),) = scene.read_scenes(made.image, made.centrelines, "auto", None)
-        priors = bands.default_priors(1, seen.half_width)
         line = synthetic.displace(made.centrelines[0], 2, np.random.default_rng(seed))
-        theta = bands.start_values(spline.fit_knots(line, KNOTS), priors.mean[0])[None]
-        pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid, 1)]
-        one, _, begin = bands.make_bands(
-            seen.normal, pixels, np.zeros(1, int), theta, seen.half_width, priors, np.zeros(1, bool)
-        )
+        theta, priors = bands.begin([(line, seen.half_width, 1.0)], KNOTS, seen)
+        pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid)]
+        free = np.zeros((1, 2 * KNOTS))
+        one, _, begin = bands.make_bands(seen.normal, pixels, theta, seen.half_width, priors, free)
         edge = np.full(2 * KNOTS, 1e6)
         level = solver.Level(
             np.concatenate([-edge, priors.low]).astype(np.float32),
             np.concatenate([edge, priors.high]).astype(np.float32),
             np.float32(seen.noise),
-            np.float32(0),
         )
         return Problem(jax.device_put(one), jax.device_put(level), begin)
 
@@ -67,10 +64,10 @@ def residuals(theta, problem):
     one, level, bend = problem
     g = 2 * KNOTS
     basis = jax.tree.map(jnp.asarray, bands.spline_basis(KNOTS)[0])
-    own, _ = brightness(theta, one.pixels, basis, level.blur)
+    own, _ = brightness(theta, one.pixels, basis)
     slopes = one.pixels / solver.SLOPE_UNIT
     overlap, offset, *slope = theta[-4:]
-    model = solver.blend(overlap, own, 0.0, 0.0) + offset + slope[0] * slopes[0]
+    model = profile.blend(overlap, own, 0.0, 0.0) + offset + slope[0] * slopes[0]
     rest = (one.values - model - slope[1] * slopes[1]) / level.noise
     robust = jnp.sqrt(one.weight * solver._huber(rest) + 1e-12)
     stiff = jnp.sqrt(one.bending) * (theta[:g].reshape(2, KNOTS) @ bend).ravel()

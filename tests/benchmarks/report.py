@@ -7,7 +7,6 @@ from pathlib import Path
 
 import active_contour
 import charts
-import compare_models
 import compare_solvers
 import filaments
 import methods
@@ -53,7 +52,6 @@ def write() -> None:
         times=tables.times(results),
         scaling=_scaling([p for p in points if p.what in ("count", "side")]),
         solvers=compare_solvers.table(),
-        models=compare_models.table(),
         first_calls=_first_calls([p for p in points if p.what not in ("count", "side")]),
     )
     PAGE.write_text(page, encoding="utf-8")

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.metrics import average_dtw, normal_distance
@@ -40,3 +42,26 @@ def test_the_error_across_falls_with_the_noise():
             errors.append(np.mean(normal_distance(found.curves[0].points, made.centrelines[0])))
         after.append(np.median(errors))
     assert after[1] < 0.5 * after[0]
+
+
+def test_a_body_2000_px_long_that_waves_is_followed():
+    x = np.linspace(0, 1, 4000)
+    wave = 70 + 40 * np.sin(6 * np.pi * x + 1) + 12 * np.sin(21 * np.pi * x)
+    truth = np.column_stack([wave, 30 + 1840 * x])
+    grid = np.moveaxis(np.indices((140, 1900)), 0, -1).reshape(-1, 2)
+    apart = KDTree(truth).query(grid, distance_upper_bound=9)[0].reshape(140, 1900)
+    image = gaussian_filter(np.clip(3.5 - apart, 0, 1), 0.8)
+    image += np.random.default_rng(0).normal(0, 0.1, image.shape)
+    curve = refine(image, [synthetic.resample(truth, 60)]).curves[0]
+    assert KDTree(truth).query(curve.points)[0].mean() < 0.3
+    assert len(curve.knots) >= 48
+
+
+def test_a_wide_body_is_as_wide_as_it_is():
+    """It begins at 0.4 of its width more, and far from how it looks."""
+    made = synthetic.scene(1, bodies=1, length=1500, half_width=18, bend=0.5, shape=(1500, 1500))
+    (truth,) = made.centrelines
+    curve = refine(made.image, [synthetic.rotate(truth, 5)[::9]]).curves[0]
+    assert np.mean(normal_distance(curve.points, truth)) < 0.3
+    width = np.median(made.half_widths[0])
+    assert np.median(curve.half_width) == pytest.approx(width, rel=0.1)

@@ -1,5 +1,8 @@
 """What is compiled once serves every later click; doubles that are on elsewhere change nothing."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -8,6 +11,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine import compile_cache
 
 from .scenes import frame, refined, sketches_of
 
@@ -63,7 +67,35 @@ def test_doubles_elsewhere_change_nothing():
         assert a.status == b.status
 
 
-def test_nothing_is_left_behind_in_jax():
+GUEST = """
+import sys, pathlib, jax, numpy as np, platformdirs
+platformdirs.user_cache_path = lambda *_: pathlib.Path(sys.argv[1])
+before = dict(jax.config.values)
+from napari_splinesketch.engine import compile_cache, refine
+assert dict(jax.config.values) == before, "changed by the import"
+inside = []
+def look(progress):
+    inside.append(jax.config.values["jax_compilation_cache_dir"])
+rng = np.random.default_rng(0)
+image = rng.normal(0, 0.05, (40, 60))
+image[18:22, 8:52] += 1
+refine.refine(image, [[(20, 10), (20, 50)]], on_progress=look)
+assert dict(jax.config.values) == before, "changed by a refinement"
+assert any(inside)
+"""
+
+
+def test_nothing_is_changed_in_jax_and_programs_are_kept(tmp_path):
+    """In another process: this one has imported the engine long ago."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    subprocess.run([sys.executable, "-c", GUEST, str(tmp_path)], check=True, env=plain)
+    assert any((tmp_path / "jax").iterdir())
+
+
+def test_settings_return_when_the_last_of_several_calls_is_over():
     before = dict(jax.config.values)
-    refine(frame(0).image, sketches_of(frame(0)))
+    with compile_cache.kept():
+        with compile_cache.kept():
+            pass
+        assert jax.config.values["jax_compilation_cache_dir"] is not None
     assert dict(jax.config.values) == before

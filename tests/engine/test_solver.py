@@ -8,25 +8,18 @@ import pytest
 
 from napari_splinesketch import metrics, synthetic
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit import bands, fitting, solver
+from napari_splinesketch.engine.fit import bands, fitting, profile, solver
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.settings import LevelSettings
 
 KNOTS = 8
 SHAPE = (110, 128)
-LEVEL = LevelSettings(0.0, (6, 6, 6, 6, 6, 6))
+SWEEPS = (6,) * 6
 
 
 def seen_of(frame: synthetic.Scene) -> scene.Scene:
     ((_, seen),) = scene.read_scenes(frame.image, frame.centrelines, "auto", 3.0)
     return seen
-
-
-def begin(lines, priors: bands.Priors) -> np.ndarray:
-    return np.array(
-        [bands.start_values(spline.fit_knots(line, KNOTS), priors.mean[0]) for line in lines]
-    )
 
 
 class Problem:
@@ -35,13 +28,10 @@ class Problem:
     def __init__(self):
         self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, length=80)
         self.seen = seen_of(self.frame)
-        self.priors = bands.default_priors(2, 3.0)
-        self.theta = begin(
-            [synthetic.displace(c, 2, 40) for c in self.frame.centrelines], self.priors
-        )
+        beside = [(synthetic.displace(c, 2, 40), 3.0, 1.0) for c in self.frame.centrelines]
+        self.theta, self.priors = bands.begin(beside, KNOTS, self.seen)
         self.pixels = [
-            bands.band_pixels(line, 8.0, self.seen.valid, 1)
-            for line in fitting.lines_of(self.theta)
+            bands.band_pixels(line, 8.0, self.seen.valid) for line in fitting.lines_of(self.theta)
         ]
         self.basis, self.bend = bands.spline_basis(KNOTS)
         edge = np.full(2 * KNOTS, 1e6)
@@ -49,15 +39,16 @@ class Problem:
             np.concatenate([-edge, self.priors.low]).astype(np.float32),
             np.concatenate([edge, self.priors.high]).astype(np.float32),
             np.float32(self.seen.noise),
-            np.float32(0),
         )
 
     def bands(self, count: int = 2):
-        return bands.make_bands(
-            self.seen.normal, self.pixels[:count], np.zeros(count, int), self.theta[:count], 3.0,
-            replace(self.priors, mean=self.priors.mean[:count], sd=self.priors.sd[:count]),
-            np.zeros(count, dtype=bool),
-        )  # fmt: skip
+        theta = self.theta[:count]
+        priors = replace(self.priors, mean=self.priors.mean[:count], sd=self.priors.sd[:count])
+        free = np.zeros((count, 2 * KNOTS))
+        return bands.make_bands(self.seen.normal, self.pixels[:count], theta, 3.0, priors, free)
+
+    def fitted(self, **options) -> list[fitting.Body]:
+        return fitting.fit_curves(self.seen, self.theta, self.priors, SWEEPS, **options)
 
     def sweep(self, made: solver.Bands, fit: solver.Fit, order, steps: int) -> solver.Fit:
         padded = np.zeros(len(fit.theta), np.int32)
@@ -142,28 +133,11 @@ def test_parameters_stay_within_their_bounds(problem):
 
 
 def test_two_crossing_bodies_are_both_recovered(problem):
-    bodies = fitting.fit_level(
-        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL
-    )
-    for body, truth in zip(bodies, problem.frame.centrelines, strict=True):
+    for body, truth in zip(problem.fitted(), problem.frame.centrelines, strict=True):
         before = metrics.average_dtw(synthetic.displace(truth, 2, 40), truth)
         assert metrics.average_dtw(body.points(), truth) < 0.7 < before
         assert body.settled
         assert 0 <= body["overlap"] <= 1
-
-
-def test_curves_of_another_replica_are_not_seen(problem):
-    """Twice the same scene, side by side as replicas, comes out as the scene alone."""
-    lines = np.concatenate([problem.theta, problem.theta])
-    both = fitting.fit_level(
-        problem.seen.normal, problem.seen, lines, bands.default_priors(4, 3.0), LEVEL,
-        replica=np.array([0, 0, 1, 1]),
-    )  # fmt: skip
-    alone = fitting.fit_level(
-        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL
-    )
-    for i, body in enumerate(both):
-        np.testing.assert_allclose(body.theta, alone[i % 2].theta, atol=2e-3)
 
 
 def _knots(theta):
@@ -171,22 +145,17 @@ def _knots(theta):
 
 
 def test_of_curves_that_do_not_move_the_look_is_fitted(problem):
-    held = fitting.fit_level(
-        problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, moving=1
-    )
+    held = problem.fitted(moving=1)
     assert np.abs(held[0].theta - problem.theta[0]).max() > 0.5
     np.testing.assert_allclose(held[1].knots, _knots(problem.theta[1]), atol=0.01)
     assert held[1].own.max() > 0.5
 
 
-def test_an_anchor_holds_the_knots_as_much_as_it_weighs(problem):
+def test_knots_are_held_as_much_as_the_hold_weighs(problem):
     knots = problem.theta[:, : 2 * KNOTS]
     moved = []
     for weight in (0.0, 1.0, 1e6):
-        anchor = bands.Anchor(knots, np.full_like(knots, weight))
-        found = fitting.fit_level(
-            problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, anchor=anchor
-        )
+        found = problem.fitted(hold=np.full_like(knots, weight))
         ends = np.array([body.theta[: 2 * KNOTS] for body in found])
         moved.append(np.abs(ends - knots).max())
     assert moved[0] > moved[1] > 0.1 > moved[2]
@@ -201,9 +170,7 @@ def test_the_report_rises_and_its_exception_stops():
             raise fitting.Stopped
 
     with pytest.raises(fitting.Stopped):
-        fitting.fit_level(
-            problem.seen.normal, problem.seen, problem.theta, problem.priors, LEVEL, report=report
-        )
+        problem.fitted(report=report)
     assert len(shares) == 3
     assert shares == sorted(shares)
 
@@ -232,7 +199,7 @@ def test_sum_and_maximum_of_the_others_by_brute_force():
 @pytest.mark.parametrize(("overlap", "expected"), [(1.0, 0.7), (0.0, 1.4), (0.5, 1.05)])
 def test_blend_is_between_maximum_and_sum(overlap, expected):
     one, total, most = (np.float32(x) for x in (0.6, 0.8, 0.7))
-    assert solver.blend(np.float32(overlap), one, total, most) == pytest.approx(expected)
+    assert profile.blend(np.float32(overlap), one, total, most) == pytest.approx(expected)
 
 
 def test_huber_is_quadratic_then_linear_and_smooth():
@@ -285,12 +252,10 @@ def test_more_curves_than_the_largest_size_holds(monkeypatch):
     monkeypatch.setattr(bands, "CURVES", (2, 4))
     priors = bands.default_priors(9, 3.0)
     lines = [np.linspace([5, 5 + 4 * i], [40, 5 + 4 * i], KNOTS) for i in range(9)]
-    theta = np.stack([bands.start_values(line, priors.mean[0]) for line in lines])
-    pixels = [bands.band_pixels(line, 6.0, np.ones((50, 60), bool), 1) for line in lines]
-    none = np.zeros(9, dtype=int)
-    made, _, begin = bands.make_bands(
-        np.ones((50, 60)), pixels, none, theta, 3.0, priors, none.astype(bool)
-    )
+    theta = np.stack([np.r_[line.T.ravel(), priors.mean[0]] for line in lines])
+    pixels = [bands.band_pixels(line, 6.0, np.ones((50, 60), bool)) for line in lines]
+    free = np.zeros((9, 2 * KNOTS))
+    made, _, begin = bands.make_bands(np.ones((50, 60)), pixels, theta, 3.0, priors, free)
     assert len(begin) == 12
     assert (made.weight.sum(1)[:9] == [len(own) for own in pixels]).all()
     assert not made.weight[9:].any()
@@ -298,7 +263,7 @@ def test_more_curves_than_the_largest_size_holds(monkeypatch):
 
 def test_a_band_of_too_many_pixels_is_thinned():
     line = np.array([[30.0, 30.0], [370.0, 370.0]])
-    found = bands.band_pixels(line, 60.0, np.ones((400, 400), dtype=bool), 1)
+    found = bands.band_pixels(line, 60.0, np.ones((400, 400), dtype=bool))
     assert bands.PIXELS[-1] / 2 < len(found) <= bands.PIXELS[-1]
 
 
@@ -306,7 +271,7 @@ def test_band_pixels_are_those_near_the_curve(problem):
     valid = np.ones(SHAPE, bool)
     valid[40:50, 30:90] = False
     line = problem.frame.centrelines[0]
-    found = bands.band_pixels(line, 6.0, valid, 1)
+    found = bands.band_pixels(line, 6.0, valid)
     assert len(np.unique(found)) == len(found)
     rows, cols = np.divmod(found, SHAPE[1])
     assert valid[rows, cols].all()
@@ -317,21 +282,23 @@ def test_band_pixels_are_those_near_the_curve(problem):
     assert apart[found].max() < 9
 
 
-def test_sparse_bands_of_all_curves_lie_on_one_lattice(problem):
-    valid = np.ones(SHAPE, bool)
-    for line in problem.frame.centrelines:
-        rows, cols = np.divmod(bands.band_pixels(line, 6.0, valid, 2), SHAPE[1])
-        assert len(rows) > 50
-        assert (rows % 2 == 0).all()
-        assert (cols % 2 == 0).all()
+def test_bodies_begin_as_they_are_told(problem):
+    line = np.arange(16.0).reshape(8, 2)
+    theta, priors = bands.begin([(line, 3.0, 2.5)], 8, problem.seen)
+    np.testing.assert_allclose(theta[0, :16].reshape(2, 8).T, line, atol=1e-3)
+    for found in (theta[0, 16:], priors.mean[0]):
+        assert found[INDEX["contrast"]] == 2.5
+        assert found[INDEX["log_width_0"]] == pytest.approx(np.log(3))
+    assert theta.shape == (1, 16 + len(GLOBALS))
 
 
-def test_start_values_by_name():
-    mean = bands.default_priors(1, 3.0).mean[0]
-    knots = np.arange(16.0).reshape(8, 2)
-    theta = bands.start_values(knots, mean, contrast=2.5)
-    np.testing.assert_array_equal(theta[:16].reshape(2, 8).T, knots)
-    assert theta[16 + INDEX["contrast"]] == 2.5
-    assert theta[16 + INDEX["log_width_0"]] == pytest.approx(np.log(3))
-    assert len(theta) == 16 + len(GLOBALS)
-    assert mean[INDEX["contrast"]] == 1
+def test_a_parameter_at_its_bound_does_not_stop_the_others(problem):
+    """A step that is only clipped need not go downhill."""
+    at_bound = replace(problem.priors, high=problem.priors.high.copy())
+    at_bound.high[INDEX["shade"]] = 0.05
+    theta = problem.theta.copy()
+    theta[:, 2 * KNOTS + INDEX["shade"]] = 0.05
+    theta[:, 2 * KNOTS + INDEX["log_width_0"]] += 0.5
+    for body in fitting.fit_curves(problem.seen, theta, at_bound, SWEEPS):
+        assert body["shade"] <= 0.05 + 1e-6
+        assert np.exp(body["log_width_0"]) == pytest.approx(3.0, rel=0.2)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from qtpy.QtCore import Qt
 
-from napari_splinesketch.engine import islands
-from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
@@ -104,7 +102,3 @@ def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     layer.add([[26, 20], [26, 60]], shape_type="line")
     refine(dock)
     assert len(dock.controller.records()) == 3, "a body beside it, not the same"
-
-
-def test_the_part_that_the_engine_explains_is_known() -> None:
-    assert engine.MARGIN == islands.MARGIN

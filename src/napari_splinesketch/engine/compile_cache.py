@@ -1,13 +1,46 @@
 """Compiled programs are kept between sessions, in the user's cache directory."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
 import jax
+from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from platformdirs import user_cache_path
 
+_lock = threading.Lock()
+_calls: list[int] = []
+_before: dict[str, Any] = {}
 
-def use_cache() -> None:
-    """Turn on JAX's persistent compilation cache, unless the user has chosen one."""
-    if jax.config.values["jax_compilation_cache_dir"] is None:
-        folder = user_cache_path("napari-splinesketch") / "jax"
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+@contextmanager
+def kept() -> Iterator[None]:
+    """Keep what is compiled inside, unless the user has JAX keep it elsewhere.
+
+    JAX's settings hold for all that runs in the process, so they are as before afterwards.
+    """
+    folder = str(user_cache_path("napari-splinesketch") / "jax")
+    with _lock:
+        if not _calls and jax.config.values["jax_compilation_cache_dir"] is None:
+            _before.update(_set(jax_compilation_cache_dir=folder,
+                                jax_persistent_cache_min_compile_time_secs=0,
+                                jax_persistent_cache_min_entry_size_bytes=-1))  # fmt: skip
+        _calls.append(threading.get_ident())
+    try:
+        yield
+    finally:
+        with _lock:
+            _calls.pop()
+            if not _calls and _before:
+                _set(**_before)
+                _before.clear()
+
+
+def _set(**settings: Any) -> dict[str, Any]:
+    """Change settings of JAX; gives what they were."""
+    before = {name: jax.config.values[name] for name in settings}
+    for name, value in settings.items():
+        jax.config.update(name, value)
+    reset_cache()
+    return before

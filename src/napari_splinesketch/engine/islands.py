@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look.band import band
+from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.types import Array, Curve
 
-MARGIN = 40
-"""Image kept around a sketch, px, beside half of its length."""
 NEAREST, FARTHEST = 20.0, 200.0
 """Bodies are expected within half of a sketch's length of it: at least, and at most, px."""
 
@@ -64,38 +64,34 @@ class Island:
 def split(
     lines: Sequence[Line], usable: Sequence[int], fixed: Sequence[Curve], shape: tuple[int, ...]
 ) -> list[Island]:
-    """The islands of the usable sketches, the largest first; their windows do not overlap."""
-    boxes = [_surroundings(lines[i], shape) for i in usable]
-    groups = [[i] for i in usable]
-    joined = True
-    while joined:
-        joined = False
-        for a in range(len(boxes)):
-            touching = [b for b in range(a + 1, len(boxes)) if _overlap(boxes[a], boxes[b])]
-            for b in reversed(touching):
-                other, joined = boxes.pop(b), True
-                groups[a] += groups.pop(b)
-                boxes[a] = (np.minimum(boxes[a][0], other[0]), np.maximum(boxes[a][1], other[1]))
-            if touching:
-                break
+    """The islands of the usable sketches, the largest first; their windows do not overlap.
+
+    Sketches of an island are in the order of `usable`.
+    """
+    groups, around = [[i] for i in usable], {i: _surroundings(lines[i], shape) for i in usable}
+    while True:
+        boxes = [np.array([around[i] for i in group]) for group in groups]
+        low = np.array([box[:, 0].min(0) for box in boxes]).reshape(-1, 2)
+        high = np.array([box[:, 1].max(0) for box in boxes]).reshape(-1, 2)
+        below = (low[:, None] < high[None]).all(2)
+        count, label = connected_components(below & below.T, directed=False)
+        if count == len(groups):
+            break
+        together = [{i for g, k in zip(groups, label, strict=True) if k == n for i in g}
+                    for n in range(count)]  # fmt: skip
+        groups = [[i for i in usable if i in group] for group in together]
     found = []
-    for (low, high), members in zip(boxes, groups, strict=True):
-        members = tuple(sorted(members))
-        beside = [c for c in fixed if _within(c, low, high)]
-        window = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-        found.append(Island(members, [lines[i] - low for i in members], beside, window))
+    for members, top, bottom in zip(groups, low, high, strict=True):
+        beside = [c for c in fixed if _within(c, top, bottom)]
+        window = slice(int(top[0]), int(bottom[0])), slice(int(top[1]), int(bottom[1]))
+        found.append(Island(tuple(members), [lines[i] - top for i in members], beside, window))
     return sorted(found, key=lambda island: -len(island.members))
 
 
-def _surroundings(line: Line, shape: tuple[int, ...]):
+def _surroundings(line: Line, shape: tuple[int, ...]) -> Int[Array, "2 2"]:
     margin = MARGIN + spline.arc_length(line)[-1] / 2
-    low = np.clip(np.floor(line.min(0) - margin), 0, np.array(shape) - 1).astype(int)
-    high = np.clip(np.ceil(line.max(0) + margin), low + 1, shape).astype(int)
-    return low, high
-
-
-def _overlap(a, b) -> bool:
-    return bool((a[0] < b[1]).all() and (b[0] < a[1]).all())
+    low = np.clip(np.floor(line.min(0) - margin), 0, np.array(shape) - 1)
+    return np.array([low, np.clip(np.ceil(line.max(0) + margin), low + 1, shape)]).astype(int)
 
 
 def _within(curve: Curve, low: Int[Array, "2"], high: Int[Array, "2"]) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Real
 
-from napari_splinesketch.engine import checks, islands
+from napari_splinesketch.engine import checks, compile_cache, islands
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
@@ -72,13 +72,17 @@ def refine(
         (N, 2), an unknown preset or polarity, a half-width that no body of the image can have.
     """
     began = time.perf_counter()
-    image, lines = checks.checked_image(image), checks.checked_sketches(sketches)
+    image, drawn = checks.checked_image(image), checks.checked_sketches(sketches)
     if isinstance(preset, str) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_options(image.shape, polarity, half_width)
-    faults = [checks.fault(line, image.shape) for line in lines]
+    faults = [checks.fault(line, image.shape) for line in drawn]
+    # From here on neither the order of the sketches nor the end they begin at makes a difference.
+    turned = [tuple(line[0]) > tuple(line[-1]) for line in drawn]
+    lines = [line[::-1] if turn else line for line, turn in zip(drawn, turned, strict=True)]
     usable = [i for i, fault in enumerate(faults) if not fault]
-    fixed = [c for c in fixed if c.status != "failed"]
+    usable.sort(key=lambda i: lines[i].tolist())
+    fixed = sorted((c for c in fixed if c.status != "failed"), key=lambda c: c.points.tolist())
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
     try:
@@ -91,11 +95,12 @@ def refine(
                 continue
             for members, seen in scene.read_scenes(pixels, island.sketches, polarity, half_width):
                 mine = island.of(members)
-                parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
+                with compile_cache.kept():
+                    parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
                 progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
-    return assemble.assemble(image, lines, faults, parts, began)
+    return assemble.assemble(image, drawn, turned, faults, parts, began)
 
 
 def _fitted(

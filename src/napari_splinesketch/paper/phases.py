@@ -12,7 +12,6 @@ import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from napari_splinesketch.engine.compile_cache import use_cache
 from napari_splinesketch.paper.blobs import (
     Blobs,
     Canvas,
@@ -52,8 +51,6 @@ _STAGE: dict[PhaseName, str] = {
 _PIECE_SECONDS = 0.1
 _FEWEST_STEPS = 512
 _DEFAULT = PaperSettings()
-
-use_cache()
 
 
 class State(NamedTuple):

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivateImportUsage]
 
+from napari_splinesketch.engine.settings import MARGIN, PresetName
 from napari_splinesketch.engine.settings import PRESETS as PRESETS
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
 from napari_splinesketch.plugin.model import Line, Refined, new_among
@@ -22,8 +22,6 @@ from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, Vi
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
 
-MARGIN = 40
-"""Image around the sketches that the engine explains, px, beside half of the longest one."""
 POLL_MS = 50
 """How often the window looks after a thread: at most 20 updates a second."""
 PATIENCE = 20.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from napari_splinesketch.engine.settings import SETTINGS, PresetName, Settings
+from napari_splinesketch.engine.settings import MARGIN, SETTINGS, PresetName, Settings
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import (
     CANCELLED,
@@ -36,10 +36,6 @@ LEAST, MOST = 0.5, 0.8
 INFERRED = "inferred from the frames around it"
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
-
-
-MARGIN = 40
-"""Image around lines that the engine explains, px, beside half of the longest one."""
 
 
 class Cancelled(Exception):

@@ -1,6 +1,7 @@
 """Between NumPy and the solver: bands of pixels, priors and start values, padded to few sizes."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -8,17 +9,18 @@ from jaxtyping import Bool, Float, Int
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.solver import TILE, Bands
-from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, Basis
+from napari_splinesketch.engine.fit.tube import FINER, GLOBALS, INDEX, Basis
 from napari_splinesketch.engine.look.band import band
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
-SAMPLES = 64
+SAMPLES, PER_KNOT = 64, 2.6
+"""Samples of a curve that pixels are told the nearest of: at least, and for each knot."""
 CURVES = (16, 128, 1024, 8192)
 PIXELS = tuple(TILE * n for n in (4, 16, 64))
-PIN = 0.003
-"""Standard deviation of the knots of a pinned curve, px."""
-KNOTS = (6, 8, 12, 16, 24)
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
+FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
+"""Standard deviations of a curve's local background where the scene's own is simple."""
 
 
 def padded(count: int, sizes: tuple[int, ...]) -> int:
@@ -28,8 +30,9 @@ def padded(count: int, sizes: tuple[int, ...]) -> int:
 
 @cache
 def spline_basis(knots: int) -> tuple[Basis, Float[Array, "K K"]]:
-    """The basis at SAMPLES points and the bending matrix, float32."""
-    u = np.linspace(0, 1, SAMPLES)
+    """The basis at the samples of a curve and the bending matrix, float32."""
+    coarse = 2 ** int(np.ceil(np.log2(max(SAMPLES, PER_KNOT * knots))))
+    u = np.linspace(0, 1, FINER * (coarse - 1) + 1)
     values = (spline.basis(knots, u, d).astype(np.float32) for d in range(3))
     return Basis(*values), spline.bending_matrix(knots).astype(np.float32)
 
@@ -50,26 +53,6 @@ class Priors:
     sd: Float[Array, "n G"]
     low: Float[Array, " G"]
     high: Float[Array, " G"]
-
-    def of(self, curves: list[int]) -> "Priors":
-        """The priors of some of the curves."""
-        return replace(self, mean=self.mean[curves], sd=self.sd[curves])
-
-
-@dataclass(frozen=True, eq=False)
-class Anchor:
-    """Where the knots of curves are expected.
-
-    Attributes
-    ----------
-    mean
-        (n, 2K) rows and columns of the knots, px.
-    weight
-        (n, 2K) 1 / variance of each, px⁻²; 0 where nothing is known.
-    """
-
-    mean: Float[Array, "n 2K"]
-    weight: Float[Array, "n 2K"]
 
 
 def default_priors(count: int, half_width: float) -> Priors:
@@ -96,20 +79,28 @@ def default_priors(count: int, half_width: float) -> Priors:
     return Priors(mean, sd, columns[2], columns[3])
 
 
+def begin(
+    bodies: Sequence[tuple[Float[Array, "N 2"], float, float]], knots: int, seen: Scene
+) -> tuple[Float[Array, "n D"], Priors]:
+    """Parameters to start from, and priors, of bodies: their lines, half-widths and contrasts."""
+    priors = default_priors(len(bodies), seen.half_width)
+    if seen.background_kind != "textured":
+        priors.sd[:, [INDEX[name] for name in FLAT_BACKGROUND]] = list(FLAT_BACKGROUND.values())
+    for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
+        mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
+    lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]
+    return np.concatenate([np.reshape(lines, (-1, 2 * knots)), priors.mean], axis=1), priors
+
+
 def band_pixels(
-    points: Float[Array, "P 2"], radius: float, valid: Bool[Array, "H W"], stride: int
+    points: Float[Array, "P 2"], radius: float, valid: Bool[Array, "H W"]
 ) -> Int[Array, " M"]:
-    """Flat indices of the valid pixels of a band; every `stride`-th row and column.
+    """Flat indices of the valid pixels of a band.
 
     Of a band of more pixels than the largest of `PIXELS`, every second, third, … pixel.
     """
     rows, columns, mask = band(points, radius, valid.shape)
-    mask = mask & valid[rows, columns]
-    if stride > 1:
-        lattice = np.zeros_like(mask)
-        lattice[-rows.start % stride :: stride, -columns.start % stride :: stride] = True
-        mask &= lattice
-    r, c = np.nonzero(mask)
+    r, c = np.nonzero(mask & valid[rows, columns])
     every = max(1, -(-len(r) // PIXELS[-1]))
     return ((r + rows.start) * valid.shape[1] + c + columns.start)[::every]
 
@@ -117,17 +108,14 @@ def band_pixels(
 def make_bands(
     image: Float[Array, "H W"],
     pixels: list[Int[Array, " m"]],
-    replica: Int[Array, " n"],
     theta: Float[Array, "n D"],
     half_width: float,
     priors: Priors,
-    pinned: Bool[Array, " n"],
-    anchor: Anchor | None = None,
+    hold: Float[Array, "n 2K"],
 ) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
     """Pad everything, and move every curve to its own centre.
 
-    Curves see each other when they are of the same `replica` of the scene; `pinned` ones stay
-    where they are; an `anchor` says where the knots are expected.
+    `hold` is 1 / variance of the knots around where they start, px⁻².
 
     Returns
     -------
@@ -144,9 +132,8 @@ def make_bands(
         index[i, : len(own)] = own
         weight[i, : len(own)] = 1
     there = weight > 0
-    apart = index + np.pad(replica, (0, n - count))[:, None] * image.size
     slots = np.full((n, m), n * m - 1, dtype=np.int32)
-    slots[there] = np.unique(apart[there], return_inverse=True)[1]
+    slots[there] = np.unique(index[there], return_inverse=True)[1]
 
     centre = theta[:, : 2 * knots].reshape(count, 2, knots).mean(2)
     shift = np.zeros((count, d))
@@ -165,11 +152,7 @@ def make_bands(
     mean[:count, 2 * knots :] = priors.mean
     precision[:count, 2 * knots :] = priors.sd**-2.0
     mean[:count, : 2 * knots] = begin[:count, : 2 * knots]
-    if anchor is not None:
-        mean[:count, : 2 * knots] = anchor.mean - shift[:, : 2 * knots]
-        precision[:count, : 2 * knots] = anchor.weight
-    mean[:count][pinned, : 2 * knots] = begin[:count][pinned, : 2 * knots]
-    precision[:count][pinned, : 2 * knots] = PIN**-2.0
+    precision[:count, : 2 * knots] = hold
     bands = Bands(
         position,
         image.ravel()[index].astype(np.float32),
@@ -182,13 +165,3 @@ def make_bands(
         ((knots - 1) / (0.1 * length)).astype(np.float32) ** 2,
     )
     return bands, shift, begin
-
-
-def start_values(
-    knots: Float[Array, "K 2"], mean: Float[Array, " G"], **overrides: float
-) -> Float[Array, " D"]:
-    """A curve's parameter vector: rows and columns of its knots, then `tube.GLOBALS`."""
-    g = mean.copy()
-    for name, value in overrides.items():
-        g[INDEX[name]] = value
-    return np.concatenate([knots.T.ravel(), g])

@@ -1,8 +1,7 @@
 """All bodies of a scene: find their paths, choose the model, polish."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -11,26 +10,24 @@ from jaxtyping import Float
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Start
-from napari_splinesketch.engine.fit import bands, fitting, model, pairs
+from napari_splinesketch.engine.fit import bands, fitting, pairs
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.settings import LevelSettings, Settings
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array, Curve
 
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
-MOST_WEIGHED = 60
-"""So many bodies tell which parts of the model pay."""
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """What is held in place is held within so many px: sketches without a body, and for so many more
 sweeps the ends beyond which a body goes on."""
 GROWS, GROWS_PX = 1.5, 1.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
-LOOSE_FIT = 0.1
-"""Half-widths, at least LOOSE_FIT_PX, that knots may miss a traced path by (rms)."""
-LOOSE_FIT_PX = 0.15
+THINNEST_FIXED = 0.5
+"""Fixed curves are drawn with at least this half-width, px."""
+LOOSE_FIT, LOOSE_FIT_PX = 0.1, (0.15, 0.3)
+"""Half-widths that knots may miss a traced path by (rms), and px at least and at most."""
 
 
 class Reporter(Protocol):
@@ -55,15 +52,12 @@ class SceneFit:
         Bodies that did not move.
     starts
         Where the fit of each sketch began.
-    parts
-        Which parts of the model pay.
     """
 
     seen: Scene
     bodies: list[Body]
     fixed: list[Body]
     starts: list[Start]
-    parts: dict[str, model.Part]
 
 
 def fit_scene(
@@ -90,10 +84,10 @@ def fit_scene(
         Progress.
     """
     report("tracing bodies", 0.02)
-    still = [spline.resample(c.points, 100) - corner for c in fixed]
+    still = [(spline.resample(c.points, 100) - corner, _width_of(c), 1.0) for c in fixed]
     if settings.hold is None:
         found = finding.find(
-            seen, sketches, still, settings,
+            seen, sketches, [line for line, *_ in still], settings,
             lambda share: report("tracing bodies", 0.02 + 0.3 * share),
         )  # fmt: skip
     else:
@@ -103,110 +97,73 @@ def fit_scene(
     groups: dict[int, list[int]] = {}
     for members in found.clusters:
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
-    flat = seen.background_kind != "textured" and not settings.everything
-    priors = bands.default_priors(len(starts) + len(fixed), seen.half_width)
-    for mean, start in zip(priors.mean, starts, strict=False):
-        mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(start.half_width), start.contrast
-    priors = model.restrict(priors, {}, flat)
+    done: dict[int, Body] = {}
+    others: list[Body] = []
+    for knots, members in sorted(groups.items()):
 
-    def on_polish(share: float, lines: Centrelines) -> None:
-        report("polishing", 0.4 + 0.6 * share, lines)
+        def on_fit(share, current, members=members):
+            def lines():
+                now = {**done, **dict(zip(members, current(), strict=False))}
+                return [now[i].points() if i in now else s.line for i, s in enumerate(starts)]
 
-    bodies, others = _polish(seen, starts, groups, fixed, corner, settings, priors, on_polish)
-    weighed = range(min(len(bodies), MOST_WEIGHED))
-    parts = model.weigh([bodies[i] for i in weighed], priors.of([*weighed]), 1.0)
+            finished = (len(done) + share * len(members)) / len(starts)
+            report("polishing", 0.4 + 0.6 * finished, lines)
+
+        mine = [starts[i] for i in members]
+        fitted = _fit_group(seen, mine, still, knots, settings, on_fit)
+        done.update(zip(members, fitted, strict=False))
+        others = fitted[len(members) :]
+    bodies = [done[i] for i in range(len(starts))]
     if settings.hold is None:
-        again = partial(_polish_again, seen, settings.polish, settings.knots[0])
-        bodies = pairs.settle_pairs(seen, sketches, bodies, others, again)
-    return SceneFit(seen, bodies, others, starts, parts)
+        bodies = pairs.settle_pairs(seen, sketches, bodies, others, settings.sweeps)
+    return SceneFit(seen, bodies, others, starts)
 
 
-def _polish_again(
-    seen: Scene,
-    level: LevelSettings,
-    knots: int,
-    lines: list[Line],
-    widths: list[float],
-    rest: list[Body],
-) -> list[Body]:
-    """Fit lines with half-widths of their own beside bodies that stay."""
-    knots = max([knots, *(len(b.knots) for b in rest)])
-    priors = bands.default_priors(len(lines) + len(rest), seen.half_width)
-    start = [
-        bands.start_values(spline.fit_knots(x, knots), priors.mean[0], log_width_0=np.log(w))
-        for x, w in zip(lines, widths, strict=True)
-    ]
-    still = [bands.start_values(spline.fit_knots(b.points(64), knots), b.parameters) for b in rest]
-    theta = np.array([*start, *still])
-    return fitting.fit_level(seen.normal, seen, theta, priors, level, moving=len(lines))[
-        : len(lines)
-    ]
+def _width_of(curve: Curve) -> float:
+    return max(float(np.nanmedian(curve.half_width)), THINNEST_FIXED)
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
     """The fewest knots whose spline follows a traced path as closely as a trace is worth."""
-    loose = max(LOOSE_FIT * half_width, LOOSE_FIT_PX)
-    dense = spline.resample(line, 64)
+    loose = np.clip(LOOSE_FIT * half_width, *LOOSE_FIT_PX)
+    points = max(64, int(spline.arc_length(line)[-1] / 4))
+    dense = spline.resample(line, points)
     for count in allowed:
-        fitted = spline.resample(spline.sample(spline.fit_knots(line, count), 100), 64)
+        fitted = spline.sample(spline.fit_knots(line, count), points)
         if np.sqrt(((fitted - dense) ** 2).sum(1).mean()) < loose:
             return count
     return allowed[-1]
 
 
-def _polish(seen, starts, groups, fixed, corner, settings: Settings, priors, report):
-    """Full resolution, group by group: bodies of a group have the same number of knots."""
-    bodies: list[Body] = [None] * len(starts)  # type: ignore[list-item]
-    others: list[Body] = []
-    done = 0
-    for knots, members in sorted(groups.items()):
-        count = len(members)
-        mine = priors.of([*members, *range(len(starts), len(starts) + len(fixed))])
-        theta = np.array(
-            [
-                bands.start_values(spline.fit_knots(starts[i].line, knots), priors.mean[i])
-                for i in members
-            ]
-        )
-        if fixed:
-            theta = np.concatenate([theta, _still(fixed, corner, knots, priors)])
+def _fit_group(
+    seen: Scene,
+    starts: list[Start],
+    still: list[tuple[Line, float, float]],
+    knots: int,
+    settings: Settings,
+    report: fitting.Report,
+) -> list[Body]:
+    """Fit bodies with the same number of knots, and the look of those that stay still.
 
-        def on_level(share, current, members=members, done=done, count=count):
-            def lines():
-                now = dict(zip(members, (b.points() for b in current()[:count]), strict=True))
-                known = {i: b.points() for i, b in enumerate(bodies) if b is not None}
-                return [{**known, **now}.get(i, s.line) for i, s in enumerate(starts)]
-
-            report((done + share * count) / len(starts), lines)
-
-        found = fitting.fit_level(
-            seen.normal, seen, theta, mine, settings.polish, moving=count, report=on_level,
-            anchor=_anchor(theta, knots, [starts[i] for i in members], settings.hold),
-        )  # fmt: skip
-        cut = [
-            _ended(b, starts[i]) if starts[i].found else None
-            for b, i in zip(found, members, strict=False)
-        ]
-        if settings.hold is None and any(c is not None for c in cut):
-            stay = [not starts[i].found for i in members]
-            found = _held(seen, found, cut, stay, mine, settings.polish)
-        for i, body in zip(members, found, strict=False):
-            bodies[i] = body
-        others = found[count:]
-        done += count
-    return bodies, others
-
-
-def _anchor(
-    theta: Float[Array, "n D"], knots: int, starts: list[Start], sd: float | None
-) -> bands.Anchor | None:
-    """Holds curves to where they begin: all of them, or those whose bodies were not found."""
-    if sd is None and all(start.found for start in starts):
-        return None
-    mean = theta[:, : 2 * knots]
-    weight = np.full(mean.shape, 0.0 if sd is None else sd**-2.0)
-    weight[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
-    return bands.Anchor(mean, weight)
+    A second fit holds the ends beyond which a curve grew though nothing is seen there.
+    """
+    moving = [(s.line, s.half_width, s.contrast) for s in starts]
+    theta, priors = bands.begin([*moving, *still], knots, seen)
+    hold = np.zeros((len(theta), 2 * knots))
+    if settings.hold is not None:
+        hold[:] = settings.hold**-2.0
+    hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
+    count, sweeps = len(starts), settings.sweeps
+    found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
+    theta, cut = np.array([body.theta for body in found]), False
+    for row, start in enumerate(starts) if settings.hold is None else ():
+        ended = _ended(found[row], start) if start.found else None
+        if ended is not None:
+            cut, theta[row, : 2 * knots] = True, ended.T.ravel()
+            hold[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
+    if not cut:
+        return found
+    return fitting.fit_curves(seen, theta, priors, sweeps[:HOLDING], moving=count, hold=hold)
 
 
 def _ended(body: Body, start: Start) -> Line | None:
@@ -224,41 +181,3 @@ def _ended(body: Body, start: Start) -> Line | None:
         return None
     inside = (s >= cuts[0]) & (s <= cuts[1])
     return spline.fit_knots(line[inside], len(body.knots)) if inside.sum() > half / 2 else None
-
-
-def _held(
-    seen: Scene,
-    bodies: list[Body],
-    ended: list[Line | None],
-    stay: list[bool],
-    priors: bands.Priors,
-    level: LevelSettings,
-) -> list[Body]:
-    """Fit bodies once more with the ends of some of them, and all of those that stay, held."""
-    theta = np.array([b.theta for b in bodies])
-    knots = len(bodies[0].knots)
-    mean, weight = theta[:, : 2 * knots].copy(), np.zeros((len(bodies), 2 * knots))
-    weight[np.flatnonzero(stay)] = HELD**-2.0
-    for row, cut in enumerate(ended):
-        if cut is not None:
-            mean[row] = theta[row, : 2 * knots] = cut.T.ravel()
-            weight[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
-    level = replace(level, steps=level.steps[:HOLDING])
-    anchor = bands.Anchor(mean, weight)
-    return fitting.fit_level(
-        seen.normal, seen, theta, priors, level, moving=len(ended), anchor=anchor
-    )
-
-
-def _still(fixed: Sequence[Curve], corner, knots: int, priors: bands.Priors):
-    """Parameters of fixed curves."""
-    return np.array(
-        [
-            bands.start_values(
-                spline.fit_knots(c.points - corner, knots),
-                priors.mean[0],
-                log_width_0=float(np.log(max(np.nanmedian(c.half_width), 0.5))),
-            )
-            for c in fixed
-        ]
-    )

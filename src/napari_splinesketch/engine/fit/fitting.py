@@ -1,4 +1,4 @@
-"""Fit a list of curves to a normalised image at one level of blur."""
+"""Fit a list of curves to a normalised image."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,15 +11,21 @@ from jaxtyping import Bool, Float, Int
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands as pad
 from napari_splinesketch.engine.fit import solver
+from napari_splinesketch.engine.fit.profile import blend
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.settings import LevelSettings
 from napari_splinesketch.engine.types import Array
 
 GAIN = 1.0
 """A curve that improved its χ² by less in a visit is not visited again ..."""
 RESTLESS = 500.0
-"""... and one that improved it by more in its last has not settled."""
+"""... and one that improved it by more in its last has not settled: it is visited again ..."""
+MORE = 24
+"""... in so many more sweeps at most."""
+PIN = 0.003
+"""Standard deviation of the knots of a curve that does not move, px."""
+MARGIN, MARGIN_PX = 0.5, 4.0
+"""Background on either side of a body in its band, half-widths, and px at least."""
 CHUNK = 128
 """Curves between two chances to cancel."""
 
@@ -84,59 +90,51 @@ Report = Callable[[float, Callable[[], list[Body]]], None]
 """Called with the share done and a way to see the curves as they are; may raise `Stopped`."""
 
 
-def fit_level(
-    image: Float[Array, "H W"],
+def fit_curves(
     seen: Scene,
     theta: Float[Array, "n D"],
     priors: pad.Priors,
-    level: LevelSettings,
+    sweeps: Sequence[int],
     *,
-    replica: Int[Array, " n"] | None = None,
     moving: int | None = None,
+    hold: Float[Array, "n 2K"] | None = None,
     report: Report | None = None,
-    anchor: pad.Anchor | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves.
 
     Parameters
     ----------
-    image
-        (H, W) normalised and already blurred for the level.
     seen
-        What is known of the image.
+        The image.
     theta
         (n, D) where to start.
     priors
         Of the n curves.
-    level
-        How to fit.
-    replica
-        (n,) curves see each other only within the same replica of the scene.
+    sweeps
+        Evaluations of each curve in each sweep.
     moving
         The first so many curves move; of the others only the look is fitted.
+    hold
+        (n, 2K) 1 / variance of the knots around where they start, px⁻²; None for no hold.
     report
         See `Report`.
-    anchor
-        Where the knots of the n curves are expected; None where nothing is known.
     """
     n, d = theta.shape
     k = (d - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)
-    replica = np.zeros(n, int) if replica is None else replica
-    blur, stride = level.blur * seen.half_width, level.stride(seen.half_width)
+    hold = np.zeros((n, 2 * k)) if hold is None else hold.copy()
+    hold[pinned] = PIN**-2.0
+    margin = max(MARGIN * seen.half_width, MARGIN_PX)
     pixels = [
-        pad.band_pixels(line, width + level.margin + 2 * blur, seen.valid, stride)
+        pad.band_pixels(line, width + margin, seen.valid)
         for line, width in zip(lines_of(theta), _widths(theta, seen.half_width), strict=True)
     ]
-    bands, shift, begin = pad.make_bands(
-        image, pixels, replica, theta, seen.half_width, priors, pinned, anchor
-    )
+    bands, shift, begin = pad.make_bands(seen.normal, pixels, theta, seen.half_width, priors, hold)
     basis, bend = pad.spline_basis(k)
     shared = solver.Level(
         np.concatenate([np.full(2 * k, -1e6), priors.low]).astype(np.float32),
         np.concatenate([np.full(2 * k, 1e6), priors.high]).astype(np.float32),
         np.float32(seen.noise),
-        np.float32(blur),
     )
     fit = solver.start(begin, bands.values.shape[1])
     bands, fit, shared, basis, bend = jax.device_put((bands, fit, shared, basis, bend))
@@ -150,10 +148,10 @@ def fit_level(
             for i, p in enumerate(pixels)
         ]
 
-    meets = _meeting(theta, pixels, image.shape[1], replica)
+    meets = _meeting(pixels, seen.valid.shape[1])
     free = ~pinned | (meets & ~pinned).any(1)
     pending: Sequence[int] = np.flatnonzero(meets.any(1) | pinned).tolist()
-    for turn, steps in enumerate((1, *level.steps)):
+    for turn, steps in enumerate((1, *sweeps, *[sweeps[-1]] * MORE)):
         visited = 0
         for now in _apart(pending, meets) if turn else _chunks(pending):
             order = np.zeros(len(begin), np.int32)
@@ -163,8 +161,8 @@ def fit_level(
                 fit = solver.sweep(bands, shared, fit, basis, bend, order, *numbers)
             visited += len(now)
             if report:
-                report((turn + visited / len(pending)) / (1 + len(level.steps)), bodies)
-        moved = np.asarray(fit.gain)[:n] > GAIN
+                report(min((turn + visited / len(pending)) / (1 + len(sweeps)), 1.0), bodies)
+        moved = np.asarray(fit.gain)[:n] > (GAIN if turn < len(sweeps) else RESTLESS)
         pending = _unsettled(moved, pending, meets, free) if turn else np.flatnonzero(free).tolist()
         if not pending:
             break
@@ -202,12 +200,11 @@ def _unsettled(moved, visited: Sequence[int], meets, free) -> list[int]:
     return np.flatnonzero(again & free).tolist()
 
 
-def _meeting(theta, pixels, width: int, replica) -> Bool[Array, "n n"]:
+def _meeting(pixels: list[Int[Array, " m"]], width: int) -> Bool[Array, "n n"]:
     """Which curves' bands touch, by their bounding boxes."""
     low = np.array([(p.min() // width, (p % width).min()) if len(p) else (0, 0) for p in pixels])
     high = np.array([(p.max() // width, (p % width).max()) if len(p) else (-1, -1) for p in pixels])
-    meets = (low[:, None] <= high[None]).all(2) & (high[:, None] >= low[None]).all(2)
-    meets &= replica[:, None] == replica[None]
+    meets = np.all((low[:, None] <= high[None]) & (high[:, None] >= low[None]), axis=2)
     np.fill_diagonal(meets, False)
     return meets
 
@@ -225,11 +222,11 @@ def _widths(theta: Float[Array, "n D"], half_width: float) -> Float[Array, " n"]
 
 
 def render_at(pixels: Int[Array, " P"], bodies: Sequence[Body]) -> Float[Array, " P"]:
-    """Bodies at some pixels (sorted flat indices): α·max + (1 - α)·sum, share of the contrast."""
+    """Bodies at some pixels (sorted flat indices), as a share of the contrast."""
     total, most = np.zeros(len(pixels)), np.zeros(len(pixels))
     for body in bodies:
         at = np.searchsorted(pixels, body.pixels)
         total[at] += body.own
         most[at] = np.maximum(most[at], body.own)
     overlap = float(np.median([body["overlap"] for body in bodies]))
-    return overlap * most + (1 - overlap) * total
+    return blend(overlap, 0.0, total, most, np)

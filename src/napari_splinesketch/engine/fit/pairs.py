@@ -1,6 +1,6 @@
 """Two bodies side by side that look like one thick one: their traces run into each other."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
-from napari_splinesketch.engine.fit import fitting
+from napari_splinesketch.engine.fit import bands, fitting
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
@@ -33,12 +33,14 @@ ACROSS = 5.0
 """Half-widths on either side in which the edges of the two bodies together are looked for."""
 
 Line = Float[Array, "N 2"]
-Polish = Callable[[list[Line], list[float], list[Body]], list[Body]]
-"""Fits lines with half-widths to start from, beside bodies that stay."""
 
 
 def settle_pairs(
-    seen: Scene, sketches: list[Line], bodies: list[Body], others: list[Body], polish: Polish
+    seen: Scene,
+    sketches: list[Line],
+    bodies: list[Body],
+    others: list[Body],
+    sweeps: Sequence[int],
 ) -> list[Body]:
     """Lay the two curves of a pair side by side where that is likelier, each on its own side.
 
@@ -50,8 +52,8 @@ def settle_pairs(
         What was drawn, and what was fitted.
     others
         Bodies without a sketch of this call.
-    polish
-        How to fit.
+    sweeps
+        See `fitting.fit_curves`.
     """
     lines = [b.points(100) for b in bodies]
     next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
@@ -61,12 +63,25 @@ def settle_pairs(
         rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
         rest = [b for b in rest if _meet(b, *one)]
         if _misfit(seen, one, one, rest) > UNEXPLAINED or _cross(*one):
-            lines, width = _beside(seen, one)
-            pair = polish(lines, [width, width], rest)
+            pair = _fit_beside(seen, one, rest, sweeps)
             if _likelier(seen, pair, one, rest, drawn):
                 one = pair
         found[i], found[j] = _each_its_side(one, drawn)
     return found
+
+
+def _fit_beside(
+    seen: Scene, one: list[Body], rest: list[Body], sweeps: Sequence[int]
+) -> list[Body]:
+    """Two bodies side by side where a pair is, fitted beside bodies that stay."""
+    lines, width = _beside(seen, one)
+    contrast = float(np.mean([b["contrast"] for b in one]))
+    still = [(b.points(64), float(np.exp(b["log_width_0"])), b["contrast"]) for b in rest]
+    knots = max(len(b.knots) for b in (*one, *rest))
+    theta, priors = bands.begin([*[(x, width, contrast) for x in lines], *still], knots, seen)
+    for row, body in zip(theta[2:], rest, strict=True):
+        row[2 * knots :] = body.parameters
+    return fitting.fit_curves(seen, theta, priors, sweeps, moving=2)[:2]
 
 
 def _likelier(

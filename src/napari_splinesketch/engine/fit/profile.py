@@ -58,6 +58,11 @@ def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
     return xp.exp(log_width) * rounded ** xp.exp(log_power)
 
 
+def blend(overlap, own, others_sum, others_max, xp=jnp):
+    """Overlapping bodies: α·max + (1 - α)·sum (paper, section 2.1)."""
+    return overlap * xp.maximum(own, others_max) + (1 - overlap) * (own + others_sum)
+
+
 def modes(u, xp=jnp):
     """Legendre polynomials of 2u - 1 below degree WIDTH_MODES, and their derivatives by u.
 

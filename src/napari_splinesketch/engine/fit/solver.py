@@ -1,8 +1,8 @@
-"""Levenberg–Marquardt on all curves of a scene at one level of blur.
+"""Levenberg–Marquardt on all curves of a scene.
 
 Each curve has its own parameters, damping and band of pixels; it sees the others as the sum and
 the maximum of their brightness, frozen while it takes its steps. One compiled program serves
-every scene: counts, blur, priors and numbers of steps are data, and shapes come in few sizes.
+every scene: counts, priors and numbers of steps are data, and shapes come in few sizes.
 """
 
 from functools import partial
@@ -13,11 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.compile_cache import use_cache
+from napari_splinesketch.engine.fit.profile import blend
 from napari_splinesketch.engine.fit.tube import INDEX, Basis, brightness
 from napari_splinesketch.engine.types import AnyArray as Array
-
-use_cache()
 
 SLOPE_UNIT = 50.0
 """Background slopes are per this many px."""
@@ -32,6 +30,9 @@ HUBER = 4.0
 TILE = 704
 """Pixels worked on at a time: a curve costs what its band needs, whatever it is padded to, and
 the Jacobian stays in the cache."""
+
+STIFF = 1e6
+"""Damping of a parameter that is held at its bound."""
 
 SETTLED = 0.05
 """Improvement of χ² below which a curve has arrived."""
@@ -59,13 +60,11 @@ class Bands(NamedTuple):
 
 
 class Level(NamedTuple):
-    """What the curves of a level share."""
+    """What all curves share."""
 
     lower: Float[Array, " D"]
     upper: Float[Array, " D"]
     noise: Float[Array, ""]
-    blur: Float[Array, ""]
-    """Blur that the image was given, px."""
 
 
 class Fit(NamedTuple):
@@ -196,11 +195,6 @@ def others_of(
     return maps.total[slots] - own, jnp.where(own >= most, maps.second[slots], most)
 
 
-def blend(overlap, own, others_sum, others_max):
-    """Overlapping bodies: α·max + (1 - α)·sum (paper, section 2.1)."""
-    return overlap * jnp.maximum(own, others_max) + (1 - overlap) * (own + others_sum)
-
-
 def _visit(
     one: Bands, level: Level, theta, damping, others_sum, others_max, basis, bend, limit
 ) -> _Step:
@@ -232,8 +226,10 @@ def _visit(
         )
         first = jnp.minimum(now.first, jnp.where(now.taken == 0, cost, jnp.inf))
         damping = jnp.clip(now.damping * jnp.where(better, 0.2, 5.0), 1e-6, 1e6)
-        damped = hessian + (damping * jnp.diagonal(hessian) + 1e-3) * jnp.eye(d)
-        factor = jax.scipy.linalg.cho_factor(damped)
+        # Parameters that would leave their bounds stay, or the clipped step might not go downhill.
+        stay = (theta <= level.lower) & (gradient < 0) | (theta >= level.upper) & (gradient > 0)
+        scale = jnp.where(stay, STIFF, damping) * jnp.diagonal(hessian)
+        factor = jax.scipy.linalg.cho_factor(hessian + (scale + 1e-3) * jnp.eye(d))
         move = jax.scipy.linalg.cho_solve(factor, gradient)
         longest = jnp.abs(move[: 2 * len(bend)]).max()
         move = move * jnp.minimum(1.0, MAX_MOVE / (longest + 1e-9))
@@ -276,7 +272,7 @@ def _linearise(one: Bands, level: Level, theta, others_sum, others_max, basis, b
 def _tile(level: Level, theta, basis, pixels, values, weight, others_sum, others_max):
     """Brightness in some pixels, and their share of the normal matrix (last: residual) and χ²."""
     g = 2 * basis.value.shape[1]
-    own, jacobian = brightness(theta, pixels, basis, level.blur)
+    own, jacobian = brightness(theta, pixels, basis)
     overlap = theta[g + INDEX["overlap"]]
     model = blend(overlap, own, others_sum, others_max)
     slopes = pixels / SLOPE_UNIT

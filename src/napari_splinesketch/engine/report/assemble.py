@@ -69,9 +69,15 @@ def in_image(curve: Curve, island: Island) -> Curve:
     return replace(curve, knots=curve.knots + np.append(corner, 0), points=curve.points + corner)
 
 
+def _turned(curve: Curve) -> Curve:
+    along = ("knots", "points", "half_width", "sd")
+    return replace(curve, **{name: getattr(curve, name)[::-1] for name in along})
+
+
 def assemble(
     image: Real[Array, "H W"],
     sketches: list[Float[Array, "N 2"]],
+    turned: list[bool],
     faults: list[str],
     parts: list[Part],
     began: float,
@@ -82,6 +88,8 @@ def assemble(
     ----------
     image, sketches
         As given to `refine`.
+    turned
+        Whether each sketch was fitted from its other end.
     faults
         Why each sketch could not be refined, or nothing.
     parts
@@ -91,8 +99,8 @@ def assemble(
     """
     made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
     curves = tuple(
-        assess.as_drawn(line, fault) if fault else made[i]
-        for i, (line, fault) in enumerate(zip(sketches, faults, strict=True))
+        assess.as_drawn(line, fault) if fault else _turned(made[i]) if turn else made[i]
+        for i, (line, turn, fault) in enumerate(zip(sketches, turned, faults, strict=True))
     )
     model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
     drawn = [(part.window, part.drawn) for part in parts]

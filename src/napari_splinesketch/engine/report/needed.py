@@ -7,11 +7,20 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.engine.fit.bands import default_priors
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array, SceneModel
 
+PARTS = {
+    "width": ("log_width_1", "log_width_2", "log_width_3"),
+    "brightness": ("brightness_1", "brightness_2"),
+}
+"""Parameters that let half-width and brightness change along a body."""
+MOST_WEIGHED = 60
+"""So many bodies tell which of them pay."""
 NOTHING = SceneModel(
     polarity="bright",
     knots=(),
@@ -66,8 +75,9 @@ def model(seen: Scene, fit: SceneFit, rests: list[Float[Array, " m"]]) -> SceneM
         return float(np.median([b[name] for b in fit.bodies]))
 
     def along(part: str) -> Literal["constant", "profile"]:
-        return "constant" if part in fit.parts and not fit.parts[part].on else "profile"
+        return "profile" if parts[part] else "constant"
 
+    parts = {part: _pays(fit.bodies[:MOST_WEIGHED], names) for part, names in PARTS.items()}
     contrast = abs(seen.contrast)
     overlap = typical("overlap") if _overlapping(fit.bodies) else None
     return SceneModel(
@@ -81,7 +91,7 @@ def model(seen: Scene, fit: SceneFit, rests: list[Float[Array, " m"]]) -> SceneM
         contrast=contrast * typical("contrast"),
         noise=contrast * float(np.sqrt(np.mean(np.concatenate(rests) ** 2))),
         blur=float(np.exp(typical("log_blur"))),
-        notes=_notes(seen, fit, overlap),
+        notes=_notes(seen, fit, parts, overlap),
     )
 
 
@@ -92,7 +102,26 @@ def _overlapping(bodies: list[Body]) -> bool:
     return bool((count > 1).any())
 
 
-def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]:
+def _pays(bodies: list[Body], names: tuple[str, ...]) -> bool:
+    """Whether some parameters, 0 by their priors, improve χ² by more than their number.
+
+    By how much the data alone say so: the Wald statistic, without the priors' share.
+    """
+    at = [INDEX[name] for name in names]
+    prior = np.diag(default_priors(1, 1.0).sd[0, at] ** -2.0)
+    gain = 0.0
+    for body in bodies:
+        rows = len(body.theta) - len(GLOBALS) + np.array(at)
+        information = np.linalg.inv(body.covariance[np.ix_(rows, rows)])
+        if np.linalg.eigvalsh(information - prior).min() > 0:
+            pull = information @ body.parameters[at]
+            gain += float(pull @ np.linalg.solve(information - prior, pull))
+    return gain > len(names) * len(bodies)
+
+
+def _notes(
+    seen: Scene, fit: SceneFit, parts: dict[str, bool], overlap: float | None
+) -> tuple[str, ...]:
     """What was chosen and why, in words for the user."""
     background = {
         "constant": "The background is the same everywhere.",
@@ -106,8 +135,8 @@ def _notes(seen: Scene, fit: SceneFit, overlap: float | None) -> tuple[str, ...]
             f" {seen.half_width:.1f} px."
         )
     words = {"width": "half-width", "brightness": "brightness"}
-    for part, weighed in fit.parts.items():
-        if weighed.on:
+    for part, pays in parts.items():
+        if pays:
             notes.append(f"The bodies' {words[part]} changes along them, so it has a profile.")
         else:
             notes.append(f"One {words[part]} for each body is enough (apart from its ends).")

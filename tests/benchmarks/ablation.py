@@ -1,0 +1,231 @@
+"""What each mechanism of the engine is for: the same bodies refined without it.
+
+    python tests/benchmarks/ablation.py [--without NAME ...] [--frames 2] [--page]
+
+Every row runs in a process of its own, since compiled programs hold what they were compiled with.
+Frames of two and three generated bodies, one trial of each stability case, and the images of
+tests/data/real; none of them was used to fit anything. Rows go to docs/benchmarks/ablation.csv; a
+row without a loss means that the mechanism should go.
+"""
+
+import argparse
+import csv
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import real_cases
+from frames import Cell, frame
+from insert import insert
+from real_judge import shares, verdict
+from result_tables import markdown
+from rows import FOLDER
+from stability_cases import CASES
+from stability_rows import FAR
+
+from napari_splinesketch import refine
+from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip
+from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs, solver
+from napari_splinesketch.engine.fit.tube import INDEX
+from napari_splinesketch.engine.judge import doubt
+from napari_splinesketch.engine.look import background, ridges, scene
+from napari_splinesketch.metrics import average_dtw
+
+PATH = FOLDER / "ablation.csv"
+PAGE = FOLDER.parent / "how_it_works.md"
+CELLS = [Cell(n, kind, strength) for n in (2, 3)
+         for kind, strength in (("rotation", 20.0), ("pca", 2.0), ("chord", 0.0))]  # fmt: skip
+UNSEEN = 40_000
+"""Frames and trials from this number on were never used for anything else."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of the bodies of one set without one mechanism.
+
+    Attributes
+    ----------
+    without
+        The mechanism; empty for the engine as it is.
+    where
+        "generated", "stability" or "real".
+    bodies, lost, silent
+        How many; lost ones; lost ones that are not marked. Real bodies are lost where less than
+        90 % of curve and reference lie on each other.
+    dtw
+        Mean average DTW of those not lost, px; of real ones NaN.
+    """
+
+    without: str
+    where: str
+    bodies: int
+    lost: int
+    silent: int
+    dtw: float
+
+
+def _set(module: Any, **values: Any) -> Callable[[], None]:
+    def patch() -> None:
+        for name, value in values.items():
+            setattr(module, name, value)
+
+    return patch
+
+
+def _held(*names: str) -> Callable[[], None]:
+    """Hold parameters of the model at the means of their priors."""
+
+    def patch() -> None:
+        begin = bands.begin
+
+        def without(*given: Any):
+            theta, priors = begin(*given)
+            sd = priors.sd.copy()
+            sd[:, [INDEX[name] for name in names]] = 1e-4
+            return theta, replace(priors, sd=sd)
+
+        bands.begin = without
+
+    return patch
+
+
+def _no_weight(field: str) -> Callable[[], None]:
+    def patch() -> None:
+        make = bands.make_bands
+
+        def without(*given: Any):
+            made, shift, begin = make(*given)
+            return made._replace(**{field: 0 * getattr(made, field)}), shift, begin
+
+        bands.make_bands = without
+
+    return patch
+
+
+def _everybody_alike() -> None:
+    rungs = scene._rungs
+
+    def without(around: Any, told: float | None):
+        own, contradicted = rungs(around, told)
+        return (int(np.median(own)),) * len(own), contradicted
+
+    scene._rungs = without
+
+
+MECHANISMS: dict[str, Callable[[], None]] = {
+    "": lambda: None,
+    "polarity of each sketch": _set(scene, ALONE=2.0),
+    "half-width of each sketch": _everybody_alike,
+    "background that varies": _set(background, TOLERANCE=1e6),
+    "slopes count against ridges": _set(ridges, SLOPE=0.0),
+    "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
+    "paths in the sketch's order": _set(strip, ordered_path=lambda _, sketch, *__: sketch),
+    "joint choice": _set(choice, SHARED=0.0, EXPLAINS=0.0),
+    "bends of a path": _set(
+        scoring, WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, scoring.WEIGHTS)
+    ),
+    "sketches without a body are kept": _set(finding, UNSEEN=2.0),
+    "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
+    "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
+    "sweeps until all have settled": _set(fitting, MORE=0),
+    "curves that touch take turns": _set(fitting, _apart=lambda now, _: fitting._chunks(now)),
+    "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),
+    "outliers count linearly": _set(solver, HUBER=1e6),
+    "bodies resist bending": _no_weight("bending"),
+    "knots resist uneven spacing": _no_weight("spacing"),
+    "learned taper": _held("log_power", "log_extent"),
+    "shaded edges": _held("shade"),
+    "half-width varies along": _held("log_width_1", "log_width_2", "log_width_3"),
+    "brightness varies along": _held("brightness_1", "brightness_2"),
+    "learned blur": _held("log_blur"),
+    "learned overlap": _held("overlap"),
+    "local background": _held("offset", "slope_row", "slope_col"),
+    "weak signs of doubt": _set(doubt, reasons=lambda _: []),
+}
+
+
+def measure(without: str, frames: int) -> Iterator[Row]:
+    """Refine everything without one mechanism."""
+    MECHANISMS[without]()
+    found: dict[str, list[tuple[float, bool]]] = {}
+    for cell in CELLS:
+        for index in range(frames):
+            made = frame(cell, UNSEEN + index)
+            curves = refine(made.image, made.sketches).curves
+            for curve, truth in zip(curves, made.truths, strict=True):
+                apart = average_dtw(curve.points, truth)
+                found.setdefault("generated", []).append((apart, curve.status == "good"))
+    for case in CASES.values():
+        trial = case.make(UNSEEN)
+        curves = refine(trial.image, trial.sketches, **trial.options).curves
+        for curve, truth in zip(curves, trial.truths, strict=True):
+            if truth is not None:
+                apart = average_dtw(curve.points, truth)
+                found.setdefault("stability", []).append((apart, curve.status == "good"))
+    for case in real_cases.in_folders(real_cases.FOLDERS[:1]):
+        curves = refine(case.image, next(iter(case.sketches.values()))).curves
+        for curve, reference in zip(curves, case.references, strict=True):
+            near = shares(curve.points, reference, float(np.median(curve.half_width)))
+            lost = np.inf if verdict(*near) != "good" else np.nan
+            found.setdefault("real", []).append((lost, curve.status == "good"))
+    for where, bodies in found.items():
+        apart, good = (np.array(column) for column in zip(*bodies, strict=True))
+        lost = apart > FAR
+        near = apart[~lost & np.isfinite(apart)]
+        mean = float(near.mean()) if len(near) else np.nan
+        yield Row(without, where, len(bodies), int(lost.sum()), int((lost & good).sum()), mean)
+
+
+def read() -> list[Row]:
+    """What has been measured."""
+    if not PATH.exists():
+        return []
+    kinds = [str, str, int, int, int, float]
+    with PATH.open(newline="", encoding="utf-8") as file:
+        lines = list(csv.reader(file))[1:]
+    return [Row(*(kind(x) for kind, x in zip(kinds, line, strict=True))) for line in lines]
+
+
+def table() -> str:
+    """Lost bodies in percent and mean DTW in px, with every mechanism and without each."""
+    rows = {(row.without, row.where): row for row in read()}
+    places = list(dict.fromkeys(where for _, where in rows))
+    body = []
+    for name in (name for name in MECHANISMS if (name, "real") in rows):
+        mine = [rows[name, where] for where in places]
+        lost = [f"{100 * row.lost / row.bodies:.0f} %" for row in mine]
+        apart = [f"{row.dtw:.3f}" for row in mine if row.where != "real"]
+        body.append([name or "(nothing)", *lost, *apart, str(sum(row.silent for row in mine))])
+    header = ["without", *(f"lost, {where}" for where in places)]
+    header += [f"DTW, {where}" for where in places if where != "real"]
+    return markdown([*header, "lost unmarked"], body)
+
+
+def main() -> None:
+    """Measure the rows asked for, each in its own process, and write the page."""
+    parser = argparse.ArgumentParser("python tests/benchmarks/ablation.py", description=__doc__)
+    parser.add_argument("--without", nargs="+", default=list(MECHANISMS), choices=list(MECHANISMS))
+    parser.add_argument("--frames", type=int, default=2, help="in each of the six cells")
+    parser.add_argument("--page", action="store_true", help="only write the table into the page")
+    options = parser.parse_args()
+    if options.page:
+        insert("ablation", table() + "\n", PAGE)
+        return
+    if len(options.without) > 1:
+        for name in options.without:
+            again = ["--without", name, "--frames", str(options.frames)]
+            subprocess.run([sys.executable, __file__, *again], check=True)
+        return
+    (name,) = options.without
+    rows = [row for row in read() if row.without != name] + list(measure(name, options.frames))
+    with PATH.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([field.name for field in fields(Row)])
+        writer.writerows(astuple(replace(row, dtw=round(row.dtw, 4))) for row in rows)
+
+
+if __name__ == "__main__":
+    main()
