@@ -23,11 +23,12 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.files import (
     _napari_s_own,
     get_reader,
+    layer_of_labels,
     open_tables,
     read,
+    read_with,
     write,
 )
-from napari_splinesketch.plugin.layers.labels import layer_of_labels, read_with
 
 from .hand import assert_drawn, click, refine, rest, until
 

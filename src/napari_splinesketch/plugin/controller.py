@@ -18,7 +18,7 @@ from napari_splinesketch.files import same_file
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.files import export
+from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Films
 from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.knots import KnotEditing
@@ -30,7 +30,6 @@ from napari_splinesketch.plugin.layers.drawn import (
     select_curves,
     shapes_in,
 )
-from napari_splinesketch.plugin.layers.labels import labels_of
 from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.slot import OWNER, Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
-from superqt.utils import QSignalDebouncer
+from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.engine import Job
@@ -24,7 +23,6 @@ from napari_splinesketch.plugin.layers.drawn import (
 )
 from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.space import (
-    current_frame,
     frame_count,
     go_to_frame,
     plane_problem,
@@ -38,7 +36,7 @@ from napari_splinesketch.plugin.tracks import (
     bodies_at,
     corrected_at,
     curves_by_frame,
-    given_in,
+    given_by_frame,
     taken_in,
 )
 from napari_splinesketch.plugin.work import Work
@@ -56,18 +54,10 @@ SUGGEST = "Suggest lines"
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
 
 
-@dataclass(frozen=True, eq=False)
-class Suggested:
+class Suggested(NamedTuple):
     """What the last suggestions were chosen from: others are chosen when the slider moves.
 
-    Attributes
-    ----------
-    work, frame
-        What they are for.
-    known
-        Lines over bodies that need no other, px of the image.
-    prepared
-        Gives lines for a sensitivity.
+    `known` are lines over bodies that need no other, px of the image.
     """
 
     work: Work
@@ -79,15 +69,7 @@ class Suggested:
 class Films:
     """What the dock offers beside refining one frame.
 
-    Parameters
-    ----------
-    controller
-        Owns the state.
-
-    Attributes
-    ----------
-    sensitivity
-        Of suggestions: 0 gives only what stands out, 1 also what is faint or short.
+    The `sensitivity` of suggestions: 0 gives only what stands out, 1 also what is faint or short.
     """
 
     def __init__(self, controller: Controller):
@@ -95,9 +77,7 @@ class Films:
         self._controller = controller
         self._suggested: Suggested | None = None
         self._choosing: Job | None = None
-        self._soon = QSignalDebouncer()
-        self._soon.setTimeout(PREVIEW_AFTER_MS)
-        self._soon.triggered.connect(self._choose)
+        self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def frames(self) -> int:
         """How many frames the chosen image has; 0 without one."""
@@ -106,11 +86,10 @@ class Films:
 
     def problem(self) -> str:
         """Why no lines can be suggested, or nothing."""
-        controller = self._controller
-        image = controller.choices.image
-        if controller.progress:
+        image = self._controller.choices.image
+        if self._controller.progress:
             return "Something is running"
-        return plane_problem(controller.viewer, image) if image is not None else OPEN
+        return plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def tracking_problem(self, way: int) -> str:
         """Why there is nothing to carry on (1) or back (-1), or nothing."""
@@ -118,7 +97,7 @@ class Films:
         problem = self.problem()
         if problem or image is None:
             return problem
-        frame = current_frame(self._controller.viewer, image)
+        frame = self._controller.frame
         if not 0 <= frame + way < frame_count(image):
             return "This is the last frame" if way > 0 else "This is the first frame"
         work = self._controller.work
@@ -138,7 +117,7 @@ class Films:
             layer = new_sketch_layer(controller.viewer, image, visible=False)
             QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
         work = controller.begin(image, layer)
-        frame = current_frame(controller.viewer, image)
+        frame = controller.frame
         corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
         task = engine.SuggestTask(
             block_around(image, frame, [corners]),
@@ -153,7 +132,7 @@ class Films:
         """Suggest other lines in the place of the last ones, soon."""
         self.sensitivity = value
         if self._suggested is not None:
-            self._soon.throttle()
+            self._soon()
 
     def _choose(self) -> None:
         """Choose lines for another sensitivity, from what was found before."""
@@ -161,7 +140,7 @@ class Films:
         if last is None or last.work is not controller.work or controller.progress:
             return
         if self._choosing is not None:
-            self._soon.throttle()
+            self._soon()
             return
         choose = partial(last.prepared.choose, self.sensitivity, last.known)
         self._choosing = Job(lambda _: choose())
@@ -175,7 +154,7 @@ class Films:
         if work is not controller.work or controller.progress or last is not self._suggested:
             return
         if sensitivity != self.sensitivity:
-            self._soon.throttle()
+            self._soon()
         state = work.state.suggested(last.frame, lines)
         if work.history.done == SUGGEST:
             controller.amend(state)
@@ -185,58 +164,48 @@ class Films:
 
     def track(self, way: int, most: int | None = None) -> None:
         """Carry the curves on (1) or back (-1), to the end or over some frames."""
-        controller = self._controller
-        image, work = controller.choices.image, controller.work
-        if self.tracking_problem(way) or image is None or work is None:
-            return
-        here = current_frame(controller.viewer, image)
-        end = frame_count(image) if way > 0 else -1
-        frames = range(here + way, end, way)[:most]
-        state = work.state
-        task = engine.TrackTask(
-            frames,
-            bodies_at(state, here, way),
-            partial(block_around, image),
-            {frame: given_in(state, frame) for frame in frames},
-            controller.how(image),
-        )
-        self._start(work, task, Progressing())
+        image, work = self._controller.choices.image, self._controller.work
+        if image is not None and work is not None and not self.tracking_problem(way):
+            here = self._controller.frame
+            frames = range(here + way, frame_count(image) if way > 0 else -1, way)[:most]
+            self._start(work, bodies_at(work.state, here, way), frames)
 
     def around_problem(self) -> str:
         """Why there is nothing to fit again around the frame in view, or nothing."""
-        image = self._controller.choices.image
-        problem = self.problem()
-        if problem or image is None:
-            return problem
-        return "" if self._corrected(image) else NOT_CORRECTED
+        return self.problem() or ("" if self._corrected() else NOT_CORRECTED)
 
     def around(self) -> None:
         """Carry corrected curves of the frame in view both ways, until nothing changes."""
-        controller = self._controller
-        image, work = controller.choices.image, controller.work
-        if self.around_problem() or image is None or work is None:
-            return
-        here, state = current_frame(controller.viewer, image), work.state
-        task = engine.TrackTask(
-            range(here + 1, frame_count(image)),
-            self._corrected(image),
-            partial(block_around, image),
-            {frame: given_in(state, frame) for frame in range(frame_count(image))},
-            controller.how(image),
-            there=curves_by_frame(state),
-            back=range(here - 1, -1, -1),
-        )
-        self._start(work, task, Progressing(here))
+        image, work = self._controller.choices.image, self._controller.work
+        if image is not None and work is not None and not self.around_problem():
+            here = self._controller.frame
+            ways = range(here + 1, frame_count(image)), range(here - 1, -1, -1)
+            self._start(work, self._corrected(), *ways, corrected=here)
 
-    def _corrected(self, image: Image) -> tuple[Body, ...]:
+    def _corrected(self) -> tuple[Body, ...]:
         controller = self._controller
         if controller.work is None:
             return ()
-        frame = current_frame(controller.viewer, image)
-        return corrected_at(controller.work.state, frame, controller.selection)
+        return corrected_at(controller.work.state, controller.frame, controller.selection)
 
-    def _start(self, work: Work, task: engine.TrackTask, going: Progressing) -> None:
-        controller = self._controller
+    def _start(
+        self,
+        work: Work,
+        bodies: tuple[Body, ...],
+        frames: Sequence[int],
+        back: Sequence[int] = (),
+        corrected: int | None = None,
+    ) -> None:
+        controller, state, going = self._controller, work.state, Progressing(corrected)
+        task = engine.TrackTask(
+            frames,
+            bodies,
+            partial(block_around, work.image),
+            given_by_frame(state),
+            controller.how(work.image),
+            there=None if corrected is None else curves_by_frame(state),
+            back=back,
+        )
         controller.start(
             partial(engine.track, task),
             partial(self._on_tracked, work, task, going),

@@ -68,9 +68,8 @@ class KnotEditing:
         self._slot = Slot(*there, "knots", f"{work.name} knots of curve {record.id}")
         self._preview = Preview(*there, "preview", f"{work.name} edited")
         self._before = layers.selection.active
-        layer = self._slot.make(
-            Points, in_stack(work.image, record.frame, self.steps.value), **LOOK
-        )
+        knots = in_stack(work.image, record.frame, self.steps.value)
+        layer = self._slot.make(knots, kind=Points, **LOOK)
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         self._paint()

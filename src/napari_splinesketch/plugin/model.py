@@ -100,6 +100,14 @@ def key_of(record: Record) -> Key:
     return record.frame, record.id
 
 
+def by_frame(records: Iterable[Record]) -> dict[int, list[Record]]:
+    """Give records by frame."""
+    found: dict[int, list[Record]] = {}
+    for record in records:
+        found.setdefault(record.frame, []).append(record)
+    return found
+
+
 def prints_of(lines: Sequence[Line]) -> list[bytes]:
     """What lines have in common that are the same, in the single precision of layers or not."""
     if not lines:

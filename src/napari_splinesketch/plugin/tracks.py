@@ -1,13 +1,12 @@
 """Between what is known of a film and what tracking takes and gives; free of Qt and napari."""
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.engine import refined_of
-from napari_splinesketch.plugin.model import Key, Record, State, key_of
+from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.tracking import Body, Given, Tracked
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT, PATIENCE
@@ -58,19 +57,21 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
 
 def curves_by_frame(state: State) -> dict[int, dict[int, Curve]]:
     """Give all curves that may stay as they are, by frame and number."""
-    found: dict[int, dict[int, Curve]] = {}
-    for record in filter(_usable, state.records):
-        found.setdefault(record.frame, {})[record.id] = record.curve
-    return found
+    return {
+        frame: {r.id: r.curve for r in here if _usable(r)}
+        for frame, here in by_frame(state.records).items()
+    }
 
 
-def given_in(state: State, frame: int) -> Given:
+def given_by_frame(state: State) -> dict[int, Given]:
     """Give what stays as it is: what the user has accepted, locked, drawn or changed."""
-    here = [record for record in state.records if record.frame == frame]
-    kept = [record for record in here if _decided(record)]
-    curves = {record.id: record.curve for record in kept if _usable(record)}
-    accepted = [record.review == "accepted" or record.locked for record in here]
-    return Given(curves, whole=bool(here) and all(accepted))
+    return {
+        frame: Given(
+            {r.id: r.curve for r in here if _decided(r) and _usable(r)},
+            whole=all(r.review == "accepted" or r.locked for r in here),
+        )
+        for frame, here in by_frame(state.records).items()
+    }
 
 
 def taken_in(state: State, tracked: Tracked) -> State:
@@ -101,15 +102,8 @@ def _decided(record: Record) -> bool:
 class Progressing:
     """How far tracking has come, and what became of the bodies.
 
-    Parameters
-    ----------
-    corrected
-        Frame in which curves were corrected, if the frames around it are fitted again.
-
-    Attributes
-    ----------
-    begun
-        Whether any frame has been taken over.
+    Where curves were `corrected` in a frame, those around it are fitted again. It has `begun` once
+    any frame has been taken over.
     """
 
     def __init__(self, corrected: int | None = None):
@@ -126,10 +120,11 @@ class Progressing:
     def new(self, results: list[Tracked]) -> list[Tracked]:
         """Give the results that have come since the last call; of those before little is kept."""
         known = len(self._taken)
-        fresh = list(results[known:])
+        fresh = results[known:]
         # The pictures of a long film would fill the memory.
-        results[known : known + len(fresh)] = [_without_pictures(one) for one in fresh]
-        self._taken += results[known : known + len(fresh)]
+        light = [replace(one, view=None, refinement=None) for one in fresh]
+        results[known : known + len(fresh)] = light
+        self._taken += light
         return fresh
 
     def cancelled(self) -> str:
@@ -149,22 +144,19 @@ class Progressing:
         if not self._taken:
             return error or "Nothing was tracked."
         last = self._taken[-1]
-        arrived = len(last.ids) + len(last.given)
-        drifting = Counter(number for one in self._taken for number in one.drifting)
-        text = [f"Tracked to frame {last.frame}: {words.count(arrived, 'curve')} there."]
-        text += self._ended()
+        arrived = words.count(len(last.ids) + len(last.given), "curve")
+        text = [f"Tracked to frame {last.frame}: {arrived} there.", *self._ended()]
         entered = [one.frame for one in self._taken for _ in one.entered]
         if entered:
             said = words.count(len(entered), "body").replace("bodys", "bodies")
-            text.append(f"{said} came into view, without a curve: {_frames(entered)}.")
+            where = _some([str(frame) for frame in entered])
+            text.append(f"{said} came into view, without a curve: frame {where}.")
+        drifting = sum(len(one.drifting) for one in self._taken)
         if drifting:
-            total = sum(drifting.values())
-            text.append(f"{words.count(total, 'curve')} to check for drift.")
+            text.append(f"{words.count(drifting, 'curve')} to check for drift.")
         bad = [one for one in self._taken if one.error]
         text += [f"Frame {one.frame} could not be refined: {one.error}" for one in bad[:1]]
-        if error:
-            text.append(error)
-        return " ".join(text)
+        return " ".join([*text, *filter(None, [error])])
 
     def _ended(self) -> list[str]:
         """Name the bodies that are not followed to the end, by what became of them."""
@@ -180,11 +172,3 @@ class Progressing:
 def _some(named: Sequence[str]) -> str:
     more = f" and {len(named) - NUMBERS} more" if len(named) > NUMBERS else ""
     return ", ".join(named[:NUMBERS]) + more
-
-
-def _frames(frames: Sequence[int]) -> str:
-    return "frame " + _some([str(frame) for frame in frames])
-
-
-def _without_pictures(one: Tracked) -> Tracked:
-    return replace(one, view=None, refinement=None)

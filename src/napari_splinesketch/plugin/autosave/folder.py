@@ -3,8 +3,7 @@
 import hashlib
 import os
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from napari_splinesketch.plugin.autosave.session import (
     write_patch,
 )
 from napari_splinesketch.plugin.layers.pixels import Patch
-from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.model import State, by_frame
 
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
@@ -171,11 +170,11 @@ class Folder:
 
         Pictures, which take longest, come last; one that no longer fits its frame goes first.
         """
-        records = _by_frame(session.state.records)
-        deleted = _by_frame(session.state.deleted)
+        records = by_frame(session.state.records)
+        deleted = by_frame(session.state.deleted)
         frames = sorted({*session.drawn, *records, *deleted})
         patches = {_name(f, "npz"): p for f, p in session.state.patches.items() if f in frames}
-        pages = {_name(f): page_text(f, session, records[f], deleted[f]) for f in frames}
+        pages = {_name(f): page_text(f, session, records, deleted) for f in frames}
         before, self._layer = {**self._written, HEAD: self._layer}, ""  # until all is written
         for name, written in tuple(self._written.items()):
             if name.endswith(".npz") and patches.get(name) is not written:
@@ -198,13 +197,6 @@ class Folder:
     def _remove(self, name: str) -> None:
         (self.path / name).unlink(missing_ok=True)
         del self._written[name]
-
-
-def _by_frame(records: Iterable[Record]) -> defaultdict[int, list[Record]]:
-    found: defaultdict[int, list[Record]] = defaultdict(list)
-    for record in records:
-        found[record.frame].append(record)
-    return found
 
 
 def _write(path: Path, text: str) -> None:

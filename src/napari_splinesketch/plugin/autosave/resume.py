@@ -19,9 +19,9 @@ from napari_splinesketch.plugin.autosave.folder import Folder, read
 from napari_splinesketch.plugin.autosave.saver import Offer, Saver
 from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.files import read_with, records_of
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style
-from napari_splinesketch.plugin.layers.labels import read_with, records_of
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.widgets import TextLabel, button, stack

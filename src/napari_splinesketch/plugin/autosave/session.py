@@ -7,7 +7,7 @@ what they may hold, and whatever is wrong is a `LabelsError` that names file and
 import base64
 import json
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -242,19 +242,17 @@ def record_text(record: Record) -> str:
     ).model_dump_json()
 
 
-def page_text(
-    frame: int,
-    session: Session,
-    records: Iterable[Record],
-    deleted: Iterable[Record],
-) -> str:
+ByFrame = Mapping[int, Sequence[Record]]
+
+
+def page_text(frame: int, session: Session, records: ByFrame, deleted: ByFrame) -> str:
     """Write a frame of a session, whose curves they are."""
     shapes = _SHAPES.dump_json(session.drawn.get(frame, ())).decode()
     state = session.state
     return (
         f'{{"frame":{frame},"sketches":{shapes},'
-        f'"records":[{",".join(map(record_text, records))}],'
-        f'"deleted":[{",".join(map(record_text, deleted))}],'
+        f'"records":[{",".join(map(record_text, records.get(frame, ())))}],'
+        f'"deleted":[{",".join(map(record_text, deleted.get(frame, ())))}],'
         f'"seconds":{json.dumps(state.seconds.get(frame))},'
         f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
     )

@@ -173,17 +173,11 @@ def line_style(size: tuple[int, int]) -> dict[str, Any]:
 def add_shapes(
     layer: Shapes, shapes: Iterable[np.ndarray], kinds: Sequence[str], **look: Any
 ) -> Iterator[slice]:
-    """Add shapes to a layer, some at each step; gives which.
+    """Add shapes to a layer, some at each step; gives which. Vertices are made when needed.
 
     An empty layer is hidden until all but the last few are in it: to draw a layer again and again
-    takes napari longer than to fill it.
-
-    Parameters
-    ----------
-    layer, shapes, kinds
-        Where they go; their vertices, made when they are needed; what each is for napari.
-    **look
-        Colours and widths, as `Shapes.add` takes them: for all, or a list with one for each.
+    takes napari longer than to fill it. Colours and widths are as `Shapes.add` takes them, for all
+    or in a list.
     """
     made = iter(shapes)
     veiled = layer.visible and layer.nshapes == 0 and len(kinds) > CHUNK

@@ -14,8 +14,6 @@ from napari_splinesketch.engine.types import Curve, Status
 V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
 Line = Float[np.ndarray, "_ 2"]
-Pieces = Float[np.ndarray, "P 2 D"]
-"""A line as vectors end to end: where each begins, and how far it goes."""
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
@@ -70,6 +68,7 @@ def line_width(size: tuple[int, int]) -> float:
     return max(1.0, max(size) / 512)
 
 
+@once
 def outline(curve: Curve) -> Line:
     """Draw a closed line at a half-width to both sides of a curve, px."""
     # A body is smooth on the scale of its width: more points would only cost time.
@@ -116,16 +115,18 @@ def _around(points: Line, distance: Float[np.ndarray, " P"]) -> Line:
     return np.concatenate([left, right[::-1], left[:1]])
 
 
-def vectors(line: Float[np.ndarray, "N D"]) -> Pieces:
-    """Take a line for vectors end to end, which napari draws anew in a few milliseconds."""
-    return np.stack([line[:-1], np.diff(line, axis=0)], axis=1)
+def vectors(lines: Sequence[Float[np.ndarray, "N D"]]) -> Float[np.ndarray, "P 2 D"]:
+    """Take lines for vectors end to end, which napari draws anew in a few milliseconds."""
+    points = np.concatenate(lines)
+    between = np.cumsum([len(line) for line in lines])[:-1] - 1
+    return np.delete(np.stack([points[:-1], np.diff(points, axis=0)], axis=1), between, axis=0)
 
 
-def pieces(lines: Sequence[Float[np.ndarray, "N D"]]) -> list[Pieces]:
-    """Take lines for vectors, fewer for each the more lines there are."""
+def coarse(lines: Sequence[Line]) -> list[Line]:
+    """Leave out points of lines, the more the more lines there are."""
     count = int(np.clip(PIECES[2] // max(len(lines), 1), *PIECES[:2]))
-    places = [np.linspace(0, len(line) - 1, min(len(line), count + 1)) for line in lines]
-    return [vectors(line[np.round(at).astype(int)]) for line, at in zip(lines, places, strict=True)]
+    at = [np.linspace(0, len(line) - 1, min(len(line), count + 1)) for line in lines]
+    return [line[np.round(some).astype(int)] for line, some in zip(lines, at, strict=True)]
 
 
 def thinned(lines: Sequence[Line]) -> list[Line]:

@@ -4,10 +4,13 @@ All but the reconstruction are made when the user asks for them, and follow what
 they are in view.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from operator import is_
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Integer
@@ -21,16 +24,21 @@ from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.layers.looks import breadth, ribbon, vectors
 from napari_splinesketch.plugin.layers.pixels import Film, Patch, Planes, block_on
-from napari_splinesketch.plugin.layers.slot import Known, Slot
+from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.layers.space import (
+    frame_count,
     frame_shape,
     in_stack,
     placement,
     placement_on,
     size_of,
 )
-from napari_splinesketch.raster import Body, label_image, rasterise
+from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import Patch as Touched
+from napari_splinesketch.raster import label_image, rasterise
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.work import Work
 
 Proof = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
@@ -46,31 +54,25 @@ BIN = 0.5
 
 
 class Made(NamedTuple):
-    """A kind of layer, its data, and where they lie, if not as the image does."""
+    """What a layer shows, where that lies, if not as the image does, and how it looks at first."""
 
-    kind: type[Layer]
     data: Any
-    place: dict[str, Any]
-    look: dict[str, Any]
+    place: Mapping[str, Any] = {}
+    look: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
 class Maker:
-    """What a layer is called, the values that it depends on, and what makes it of them.
+    """A layer: its kind, what it is called, the values that it depends on, what makes it of them.
 
-    It stays as it is while they do; where nothing is made, there is nothing to show.
-
-    Attributes
-    ----------
-    title, tip
-        Its entry in the menu, and what that says.
-    nothing
-        Why there is nothing to show.
+    It stays as it is while they do; where nothing is made, there is nothing to show, and `nothing`
+    says why. `title` and `tip` are its entry in the menu.
     """
 
+    kind: type[Layer]
     name: str
-    source: Callable[[Known], Sequence[Any]]
-    make: Callable[[Known], Made | None]
+    source: Callable[[Work], Sequence[Any]]
+    make: Callable[[Work], Made | None]
     title: str = ""
     tip: str = ""
     nothing: str = "There is nothing to show yet: refine first."
@@ -82,7 +84,7 @@ class ProofLayers:
     toggled = Signal()
     """A layer was made, shown or hidden."""
 
-    def __init__(self, viewer: ViewerModel, owner: Known):
+    def __init__(self, viewer: ViewerModel, owner: Work):
         self._viewer, self._owner = viewer, owner
         self._sources: dict[Proof, Sequence[Any]] = {}
         self._slots = {
@@ -110,7 +112,7 @@ class ProofLayers:
         return self.layer(proof) is not None or not on
 
     def show(self) -> Iterator[None]:
-        """Bring the reconstruction, and the layers that are in view, in step with what is known."""
+        """Bring the reconstruction, and the layers that are in view, in step with what is work."""
         for proof in MAKERS:
             if self._owner.image in self._viewer.layers:
                 if proof == "reconstruction" or self.shown(proof):
@@ -120,35 +122,31 @@ class ProofLayers:
     def _update(self, proof: Proof) -> None:
         maker, slot, layer = MAKERS[proof], self._slots[proof], self.layer(proof)
         source, before = maker.source(self._owner), self._sources.get(proof, ())
-        same = len(source) == len(before) and all(
-            a is b for a, b in zip(source, before, strict=False)
-        )
+        same = len(source) == len(before) and all(map(is_, source, before))
         if same and (layer is not None or proof == "reconstruction"):
             return
         self._sources[proof] = source
         made = maker.make(self._owner)
         if made is None:
             slot.remove()
-        elif layer is None or (made.kind is not Vectors and layer.data.shape != made.data.shape):
+        elif layer is None or (maker.kind is not Vectors and layer.data.shape != made.data.shape):
             self._add(proof, made, layer)
         else:
             layer.data = made.data
-            for name, value in (placement(self._owner.image) | made.place).items():
+            for name, value in {**placement(self._owner.image), **made.place}.items():
                 setattr(layer, name, value)
 
     def _add(self, proof: Proof, made: Made, old: Layer | None) -> None:
-        layers, slot = self._viewer.layers, self._slots[proof]
+        """Put a layer over the image, lines over all, or a new one in the place of an old one."""
+        layers, slot, kind = self._viewer.layers, self._slots[proof], MAKERS[proof].kind
         at = layers.index(old or self._owner.image) + (old is None)
         visible = old.visible if old else proof != "reconstruction"
         slot.remove()
-        how = made.place | made.look | {"visible": visible}
-        if made.kind is Vectors:
-            at = None if old is None else at
-        else:
-            how["multiscale"] = False
-        layer = slot.make(made.kind, made.data, at=at, **how)
-        if made.kind is Labels:
-            layer.editable = False
+        lines = kind is Vectors
+        how = {**made.place, **made.look, **({} if lines else {"multiscale": False})}
+        at = None if lines and not old else at
+        layer = slot.make(made.data, kind=kind, at=at, visible=visible, **how)
+        layer.editable = kind is not Labels
         layer.events.visible.connect(self._on_visible)
 
     def _on_visible(self, event: Any) -> None:
@@ -157,17 +155,17 @@ class ProofLayers:
         self.toggled.emit()
 
 
-def _patches(known: Known) -> Sequence[Any]:
-    return tuple(known.patches.values())
+def _patches(work: Work) -> Sequence[Any]:
+    return list(work.patches.values())
 
 
-def _curves(known: Known) -> Sequence[Any]:
-    return tuple(record.curve for record in known.records)
+def _curves(work: Work) -> Sequence[Any]:
+    return [record.curve for record in work.records]
 
 
-def _chosen(known: Known) -> Sequence[Any]:
-    chosen = known.chosen
-    return (chosen.curve, known.patches.get(chosen.frame)) if chosen else ()
+def _chosen(work: Work) -> Sequence[Any]:
+    chosen = work.chosen
+    return (chosen.curve, work.patches.get(chosen.frame)) if chosen else ()
 
 
 def _like(image: Image) -> dict[str, Any]:
@@ -177,97 +175,86 @@ def _like(image: Image) -> dict[str, Any]:
     return look | {"contrast_limits": (float(low or 0), float(high or 0))}
 
 
-def _film(known: Known, patches: Any, look: dict[str, Any], *make: Any) -> Made | None:
+def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | None:
+    """Pictures of the frames that are known."""
     if not patches:
         return None
-    film = Film(patches, frame_shape(known.image), *make)
-    return Made(Image, film, placement_on(known.image, film.grid.origin, film.grid.step), look)
+    film = Film(patches, frame_shape(work.image), *make)
+    return Made(film, placement_on(work.image, film.grid.origin, film.grid.step), look)
 
 
-def _reconstruction(known: Known) -> Made | None:
-    return _film(known, known.patches, _like(known.image))
+def _reconstruction(work: Work) -> Made | None:
+    return _film(work, work.patches, _like(work.image))
 
 
-def _residual(known: Known) -> Made | None:
+def _residual(work: Work) -> Made | None:
     def rest(frame: int, patch: Patch) -> Float[np.ndarray, "H W"]:
         """Image minus reconstruction; NaN where the image has other pixels by now."""
         shape = patch.pixels.shape
-        block = block_on(known.image, frame, patch.grid, shape)
+        block = block_on(work.image, frame, patch.grid, shape)
         return np.full(shape, np.nan) if block is None else block.read() - patch.pixels
 
     most = 0.0
-    for frame, patch in list(known.patches.items())[-1:]:
+    for frame, patch in list(work.patches.items())[-1:]:
         last = np.abs(rest(frame, patch))
         last = last[np.isfinite(last)]
         most = float(np.quantile(last, TYPICAL)) if last.size else 0.0
     look = {"colormap": DIVERGING, "contrast_limits": (-(most or 1.0), most or 1.0)}
-    return _film(known, known.patches, look, rest)
+    return _film(work, work.patches, look, rest)
 
 
-def _background(known: Known) -> Made | None:
-    known_here = {f: p for f, p in known.patches.items() if p.background is not None}
-    return _film(known, known_here, _like(known.image), lambda frame, patch: patch.background)
+def _background(work: Work) -> Made | None:
+    known = {f: p for f, p in work.patches.items() if p.background is not None}
+    return _film(work, known, _like(work.image), lambda frame, patch: patch.background)
 
 
-def _body(known: Known) -> Made | None:
-    chosen = known.chosen
-    patch = known.patches.get(chosen.frame) if chosen else None
+def _body(work: Work) -> Made | None:
+    chosen = work.chosen
+    patch = work.patches.get(chosen.frame) if chosen else None
     if chosen is None or patch is None:
         return None
-    others = [r.curve for r in known.records if r.frame == chosen.frame and r is not chosen]
+    others = [r.curve for r in work.records if r.frame == chosen.frame and r is not chosen]
     return _film(
-        known,
+        work,
         {chosen.frame: patch},
-        _like(known.image),
+        _like(work.image),
         lambda frame, patch: alone(patch, chosen.curve, others),
     )
 
 
-def _ribbon(known: Known) -> Made | None:
-    drawn = [(record.frame, ribbon(record.curve)) for record in known.records]
-    lines = [vectors(in_stack(known.image, f, line)) for f, line in drawn if line is not None]
+def _ribbon(work: Work) -> Made | None:
+    drawn = [(record.frame, ribbon(record.curve)) for record in work.records]
+    lines = [in_stack(work.image, f, line) for f, line in drawn if line is not None]
     if not lines:
         return None
-    width = 0.4 * breadth([record.curve for record in known.records])
+    width = 0.4 * breadth([record.curve for record in work.records])
     look = {"vector_style": "line", "edge_color": palette.UNCERTAIN, "edge_width": width}
-    return Made(Vectors, np.concatenate(lines), {}, look)
+    return Made(vectors(lines), {}, look)
 
 
-def _masks(known: Known) -> Made | None:
+def _masks(work: Work) -> Made | None:
     """Label image of each frame: a pixel's value is the number of its curve."""
-    size = size_of(known.image)
-    frames: dict[int, list[Body]] = {}
-    for record in known.records:
-        body = record.id, record.curve.points, record.curve.half_width
-        frames.setdefault(record.frame, []).append(body)
-
-    def plane(frame: int) -> Integer[np.ndarray, "H W"]:
-        return label_image(frames.get(frame, []), size, np.int32)
-
-    return Made(Labels, Planes((*frame_shape(known.image), *size), np.int32, plane), {}, {})
+    size, leading = size_of(work.image), frame_shape(work.image)
+    plane = partial(_mask, by_frame(work.records), size)
+    return Made(Planes((*leading, *size), np.int32, plane))
 
 
-def _stack(known: Known) -> Made | None:
+def _stack(work: Work) -> Made | None:
     """One mask for each curve, along an axis of their own: overlaps are kept."""
-    size, leading = size_of(known.image), frame_shape(known.image)
-    count = int(np.prod(leading))
-    numbers = sorted({record.id for record in known.records})
+    size, leading, count = size_of(work.image), frame_shape(work.image), frame_count(work.image)
+    numbers = sorted({record.id for record in work.records})
     if not numbers:
         return None
-    records = {(record.id, record.frame): record for record in known.records}
+    records = {numbers.index(r.id) * count + r.frame: [r] for r in work.records}
+    planes = Planes((len(numbers), *leading, *size), np.int32, partial(_mask, records, size))
+    return Made(planes, _placement_of_stack(work.image))
 
-    def plane(index: int) -> Integer[np.ndarray, "H W"]:
-        number, frame = numbers[index // count], index % count
-        mask = np.zeros(size, np.int32)
-        record = records.get((number, frame))
-        if record:
-            patch = rasterise(record.curve.points, record.curve.half_width, size)
-            if patch is not None:
-                mask[patch.place][patch.inside] = number
-        return mask
 
-    planes = Planes((len(numbers), *leading, *size), np.int32, plane)
-    return Made(Labels, planes, _placement_of_stack(known.image), {})
+def _mask(
+    records: Mapping[int, list[Record]], size: tuple[int, int], plane: int
+) -> Integer[np.ndarray, "H W"]:
+    here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(plane, ())]
+    return label_image(here, size, np.int32)
 
 
 def _placement_of_stack(image: Image) -> dict[str, Any]:
@@ -284,20 +271,20 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
 
 
 MAKERS: dict[Proof, Maker] = {
-    "reconstruction": Maker("reconstruction", _patches, _reconstruction),
-    "residual": Maker("residual", _patches, _residual, "Residual",
+    "reconstruction": Maker(Image, "reconstruction", _patches, _reconstruction),
+    "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
-    "background": Maker("background", _patches, _background, "Background",
+    "background": Maker(Image, "background", _patches, _background, "Background",
                         "What the model has behind the bodies"),
-    "body": Maker("selected body", _chosen, _body, "Selected body alone",
+    "body": Maker(Image, "selected body", _chosen, _body, "Selected body alone",
                   "The selected curve's body on the background",
                   "Select one curve first: its body is shown alone."),
-    "ribbon": Maker("uncertainty", _curves, _ribbon, "Uncertainty",
+    "ribbon": Maker(Vectors, "uncertainty", _curves, _ribbon, "Uncertainty",
                     "Lines at twice the standard error to both sides of each curve",
                     "No standard errors are known: the preset Paper gives none."),
-    "masks": Maker("masks", _curves, _masks, "Masks",
+    "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
                    "A Labels layer: pixels have their curve's number"),
-    "stack": Maker("masks, one a body", _curves, _stack, "One mask for each body",
+    "stack": Maker(Labels, "masks, one a body", _curves, _stack, "One mask for each body",
                    "A stack with a mask for each curve: overlaps are kept"),
 }  # fmt: skip
 

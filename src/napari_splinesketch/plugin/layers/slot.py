@@ -1,42 +1,64 @@
-"""One way to put a layer of ours into the window, whatever its kind."""
+"""Layers of ours that lie on an image, one class for each kind, and one way to put them there."""
+
+from __future__ import annotations
 
 import gc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from operator import is_
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Layer, Vectors
+from napari.layers import Image, Layer, Points, Shapes, Vectors
+from superqt.utils import qthrottled
 
 from napari_splinesketch import palette
-from napari_splinesketch.plugin.layers.looks import Pieces, line_width, pieces, rgba
-from napari_splinesketch.plugin.layers.pixels import Patch
-from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
-from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels, severity
+from napari_splinesketch.plugin.layers.drawn import CHUNK, add_shapes
+from napari_splinesketch.plugin.layers.looks import (
+    BREADTHS,
+    COLOURS,
+    MARKS,
+    Line,
+    breadth,
+    coarse,
+    line_width,
+    normals,
+    once,
+    reach,
+    rgba,
+    thinned,
+    vectors,
+)
+from napari_splinesketch.plugin.layers.space import (
+    current_frame,
+    from_world,
+    in_stack,
+    placement,
+    size_of,
+    unit_factors,
+)
+from napari_splinesketch.plugin.model import Key, Record, key_of
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.work import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
 Role = Literal["curves", "outlines", "selected", "marks"]
 SAME_BREADTH = 0.1
 """Lines are not drawn anew for a breadth that differs less, relative."""
-
-
-class Known(Protocol):
-    """What is known of an image: its curves, and the reconstructions by frame, the latest last."""
-
-    image: Image
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def records(self) -> tuple[Record, ...]: ...  # noqa: D102
-    @property
-    def patches(self) -> Mapping[int, Patch]: ...  # noqa: D102
-    @property
-    def chosen(self) -> Record | None: ...  # noqa: D102
+LETTER, LINE_HEIGHT, GAP = 9.0, 16.0, 10.0
+"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
+MOST = 60
+"""Marks at once: more are not read, and napari's time for text grows with their number."""
+PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
+"""Where along a curve a mark may stand, the best first."""
+AFTER_MS = 120
+"""Marks follow the camera when it has stood still for so long."""
 
 
 def is_result(layer: Layer) -> bool:
@@ -58,18 +80,14 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
 class Slot:
     """The place of a layer that lies on an image; empty until it is made, or where it was removed.
 
-    Parameters
-    ----------
-    viewer, image
-        The window, and what the layer lies on.
-    role, name
-        What it shows, and what it is called.
-    owner
-        Kept in its metadata, so that it lives as long as the layer does.
+    Its metadata name its `role` and, so that it lives as long as the layer does, its `owner`.
     """
 
+    kind: ClassVar[type[Layer]]
+    style: ClassVar[dict[str, Any]] = {}
+
     def __init__(
-        self, viewer: ViewerModel, image: Image, role: str, name: str, owner: Known | None = None
+        self, viewer: ViewerModel, image: Image, role: str, name: str, owner: Work | None = None
     ):
         self.viewer, self.image = viewer, image
         marks: dict[str, Any] = {ROLE: role} if owner is None else {ROLE: role, OWNER: owner}
@@ -86,14 +104,17 @@ class Slot:
         """Whether we have made the layer, and not taken it away."""
         return self._layer is not None
 
-    def make(self, kind: type[Layer], *data: Any, at: int | None = None, **how: Any) -> Any:
+    def make(
+        self, *data: Any, kind: type[Layer] | None = None, at: int | None = None, **how: Any
+    ) -> Any:
         """Make a layer, without data an empty one, and put it on top or elsewhere.
 
         napari selects what is added. Nobody is told, as it is undone at once: being told and told
         again is half of what an added layer takes.
         """
         size = {} if data else {"ndim": self.image.ndim}
-        layer = kind(*data, **size, **placement(self.image) | self._keywords | how)
+        keywords = placement(self.image) | self._keywords | self.style | how
+        layer = (kind or self.kind)(*data, **size, **keywords)
         layers, selection = self.viewer.layers, self.viewer.layers.selection
         chosen, active = set(selection), selection.active
         with selection.events.blocker_all():
@@ -122,45 +143,265 @@ class Slot:
 class Lines(Slot):
     """Lines that are only looked at, as vectors: napari draws thousands in a shape's time."""
 
-    _lines: tuple[Pieces, ...] = ()
-    _colours: tuple[str, ...] = ()
+    kind = Vectors
+    style: ClassVar = {"vector_style": "line"}
+    _of: Sequence[object] = ()
+    _colours: Sequence[str] = ()
 
-    def make(self, kind: type[Layer] = Vectors, *data: Any, at: int | None = None, **how: Any):
+    def make(self, *data: Any, **how: Any) -> Any:
         """Add the layer, with nothing in it."""
-        self._lines, self._colours = (), ()
-        return super().make(kind, *data, at=at, vector_style="line", **how)
+        self._of = self._colours = ()
+        return super().make(*data, **how)
 
-    def draw(self, lines: Sequence[Pieces], colours: Sequence[str], breadth: float) -> None:
-        """Draw these lines, and no others, as far as they are not there already.
+    def draw(
+        self,
+        of: Sequence[object],
+        lines: Callable[[], Iterable[tuple[int, Line]]],
+        colours: Sequence[str],
+        breadth: float,
+    ) -> None:
+        """Draw the lines of something, each with its frame, px, and no others.
 
-        The same arrays stand for the same lines.
+        They are asked for where they are not there already.
         """
-        layer, here, wanted = self.layer, tuple(lines), tuple(colours)
-        same = len(here) == len(self._lines) and all(map(is_, here, self._lines))
-        if layer is None or (same and wanted == self._colours):
+        layer = self.layer
+        same = len(of) == len(self._of) and all(map(is_, of, self._of))
+        if layer is None or (same and list(colours) == self._colours):
             return
         if not same:
-            layer.data = np.concatenate(here) if here else np.zeros((0, 2, self.image.ndim))
-        if here:
+            drawn = [in_stack(self.image, frame, line) for frame, line in lines()]
+            layer.data = vectors(drawn) if drawn else np.zeros((0, 2, self.image.ndim))
+            self._lengths = [len(line) - 1 for line in drawn]
+        if of:
             if abs(layer.edge_width - breadth) > SAME_BREADTH * breadth:
                 layer.edge_width = breadth
-            layer.edge_color = np.repeat(rgba(colours), [len(line) for line in lines], axis=0)
-        self._lines, self._colours = here, wanted
+            layer.edge_color = np.repeat(rgba(colours), self._lengths, axis=0)
+        self._of, self._colours = of, list(colours)
 
 
 class Preview(Lines):
     """Lines of one frame that are still on their way."""
 
-    def show(self, frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> None:
+    def show(self, frame: int, lines: Sequence[Line]) -> None:
         """Show lines, px; nothing if the user has removed the layer.
 
         The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
         """
-        if self._layer is None:
+        if not self.made:
             self.make(visible=False)
         elif self.layer is not None:
-            cut = pieces([in_stack(self.image, frame, line) for line in lines])
-            first = not self._lines
-            self.draw(cut, [palette.MOVING] * len(cut), line_width(size_of(self.image)))
+            first, look = not self._of, [palette.MOVING] * len(lines)
+            some = [(frame, line) for line in coarse(lines)]
+            self.draw(lines, lambda: some, look, line_width(size_of(self.image)))
             if first:
                 self.layer.visible = True
+
+
+class CurveLines(Slot):
+    """A line for each curve, brought in step with what is known: some go, some come."""
+
+    kind = Shapes
+    _shown: Sequence[Record] = ()
+    """In the order of the layer."""
+    _described: Sequence[Record] = ()
+    """Those that its features speak of."""
+    _colours: Mapping[int, str] = {}
+    """By the identity of the curve."""
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Add the layer, with nothing in it."""
+        self._shown, self._described, self._colours = (), (), {}
+        return super().make(*data, **how)
+
+    def keys(self) -> list[Key]:
+        """(frame, id) of the curves that are there."""
+        known = {} if self.layer is None else self.layer.features
+        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
+
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted."""
+        written = map(key_of, self._described)
+        return set(written).difference(self.keys()) if self.layer is not None else set()
+
+    def records(self, keys: Collection[Key]) -> list[Record]:
+        """Give some of the curves that are there."""
+        return [record for record in self._shown if key_of(record) in keys]
+
+    def show(self, records: Sequence[Record], look: Look) -> Iterator[None]:
+        """Show these curves, and no others; some come at each step."""
+        layer = self.layer
+        wanted = {id(record.curve): record for record in records}
+        if layer.nshapes != len(self._shown):
+            gone, self._shown = list(range(layer.nshapes)), ()
+        else:
+            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
+        if gone:
+            layer.selected_data = set()
+            layer.remove(gone)
+            self._shown = [r for r in self._shown if id(r.curve) in wanted]
+        there = {id(record.curve) for record in self._shown}
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours, unit = colours_of(fresh, look), breadth(curves)
+        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
+        for done in add_shapes(
+            layer,
+            self._lines(fresh),
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=[unit * BREADTHS[curve.status] for curve in curves],
+        ):
+            self._shown = [*self._shown, *fresh[done]]
+            for record in fresh[done]:
+                in_pixels(record)  # a few at a time: they are asked for all at once below
+            yield
+        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
+        if gone:
+            yield
+
+    def follow(self, *, removed: bool) -> None:
+        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
+        left = set(self.keys())
+        less = removed and len(left) < len(self._shown)
+        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
+
+    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
+        """Draw curves, some at a time when they are needed."""
+        for start in range(0, len(records), CHUNK):
+            some = records[start : start + CHUNK]
+            for record, line in zip(some, thinned([r.curve.points for r in some]), strict=True):
+                yield in_stack(self.image, record.frame, line)
+
+    def _describe(self, records: list[Record], look: Look, changed: bool) -> None:
+        """Let features and colours say what is known now."""
+        layer: Any = self._layer
+        if changed or records != self._described or layer.features.empty:
+            layer.features = features(records)
+            self._shown = self._described = records
+        colours = colours_of(records, look)
+        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
+        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
+            layer.edge_color = colours
+        self._colours = painted
+
+
+class View(NamedTuple):
+    """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
+
+    frame: int
+    low: Float[np.ndarray, 2]
+    high: Float[np.ndarray, 2]
+    pixel: Float[np.ndarray, 2]
+
+
+def readable(
+    records: Sequence[Record], view: View
+) -> Iterator[tuple[Record, Float[np.ndarray, 2]]]:
+    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
+    here = [r for r in records if r.frame == view.frame and MARKS[r.curve.status]]
+    if not here:
+        return
+    ends = np.stack([_stands(r.curve)[0] for r in here])
+    near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
+    here = [here[i] for i in np.flatnonzero(near).tolist()]
+    taken, sizes = np.zeros((MOST, 2)), np.zeros((MOST, 2))
+    count = 0
+    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+        size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
+        places = _places(record.curve, view)
+        free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
+        over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
+        free &= ~over.all(axis=2).any(axis=-1)
+        if free.any():
+            taken[count], sizes[count] = places[free.argmax()], size
+            yield record, places[free.argmax()]
+            count += 1
+        if count == MOST:
+            return
+
+
+def _text(record: Record) -> str:
+    return f"{record.id} {MARKS[record.curve.status]}"
+
+
+@once
+def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
+    """Points of a curve beside which its mark may stand, and the way there: above it first."""
+    at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
+    across = normals(curve.points)[at]
+    return curve.points[at], np.where(across[:, :1] > 0, -across, across)
+
+
+def _places(curve: Curve, view: View) -> Float[np.ndarray, "_ 2"]:
+    """Where its mark may stand, the best place first."""
+    points, up = _stands(curve)
+    away = (reach(curve) + GAP * float(view.pixel.mean())) * up
+    return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
+
+
+class Marks(Slot):
+    """Numbers and signs beside the curves that need review, as many as can be read.
+
+    They follow camera and frame.
+    """
+
+    kind = Points
+    style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
+    _records: Sequence[Record] = ()
+    _shown: tuple[Any, ...] = ()
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._soon = qthrottled(self._write, AFTER_MS, leading=False)
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Add the layer, with nothing in it."""
+        self._shown = ()
+        self.viewer.scene.camera.events.connect(self._on_move)
+        self.viewer.dims.events.current_step.connect(self._on_move)
+        made = super().make(*data, **how)
+        made.events.visible.connect(self._on_move)
+        return made
+
+    def show(self, records: Sequence[Record]) -> None:
+        """Mark these curves, and no others."""
+        self._records = records
+        self._write()
+
+    def _on_move(self, event: object) -> None:
+        if self._records:
+            self._soon()
+
+    def _view(self) -> View:
+        """What the canvas shows of the image."""
+        camera, image = self.viewer.scene.camera, self.image
+        half = np.array(self.viewer.canvas.size) / 2 / camera.zoom
+        world = np.zeros((4, image.ndim))
+        corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+        world[:, -2:] = np.array(camera.center)[-2:] + corners
+        seen = from_world(self.viewer, image, world)[:, -2:]
+        size = np.abs(image.scale[-2:] * unit_factors(self.viewer, image)[-2:]) * camera.zoom
+        return View(current_frame(self.viewer, image), seen.min(0), seen.max(0), 1 / size)
+
+    def _write(self) -> None:
+        layer = self.layer
+        if layer is None or not layer.visible or self.image not in self.viewer.layers:
+            return
+        view = self._view()
+        found = list(readable(self._records, view))
+        shown = tuple((id(record), *place) for record, place in found)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        places = np.array([place for _, place in found]).reshape(-1, 2)
+        with undisturbed(self.viewer):
+            layer.selected_data = set()
+            layer.text = {"string": {"constant": ""}}
+            layer.data = in_stack(self.image, view.frame, places)
+            layer.text = {
+                "string": [_text(record) for record, _ in found],
+                "color": [COLOURS[record.curve.status] for record, _ in found],
+                "size": 10,
+                "anchor": "center",
+            }

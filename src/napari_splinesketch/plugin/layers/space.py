@@ -19,6 +19,8 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
 
 Points = Float[np.ndarray, "N D"]
+PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")
+"""What says where a layer lies."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +48,10 @@ class Ruler:
 
 
 def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -> Points:
-    """Take points from a layer's data to those of another, as an image's pixels.
+    """Take points from a layer's data to those of another in the viewer, as an image's pixels.
 
-    Parameters
-    ----------
-    viewer
-        Both layers are in it; its units decide, and its sliders for axes that `layer` lacks.
-    layer, image
-        The layer that `points` belong to, and the one that they are taken to.
-    points
-        (N, layer.ndim) data coordinates, at full resolution, frame axes first.
+    They are (N, layer.ndim), at full resolution, frame axes first. The viewer's units decide, and
+    its sliders for axes that `layer` lacks.
     """
     linear, offset = _affine(layer.data_to_world, layer.ndim)
     world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
@@ -178,15 +174,7 @@ def in_stack(image: Image, frame: int, points: Float[np.ndarray, "N 2"]) -> Poin
 
 def placement(image: Image) -> dict[str, Any]:
     """Give the keywords that make a new layer lie on the image."""
-    return {
-        "scale": image.scale,
-        "translate": image.translate,
-        "rotate": image.rotate,
-        "shear": image.shear,
-        "affine": image.affine,
-        "units": image.units,
-        "axis_labels": image.axis_labels,
-    }
+    return {name: getattr(image, name) for name in PLACE}
 
 
 def placement_on(
