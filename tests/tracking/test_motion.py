@@ -74,3 +74,10 @@ def test_neighbours_average_out_noise_but_no_movement() -> None:
             assert (found.sd <= here.sd).all()
         mine, raw = np.mean(errors, axis=0)
         assert mine < better * raw
+
+
+def test_neighbours_that_agree_do_not_make_a_curve_exact() -> None:
+    here = replace(curve(drifting(9)), points=drifting(9), sd=np.full(100, 0.2))
+    found = steady.steadied(here, 9, known(drifting, range(2, 9)), known(drifting, (12, 11, 10)))
+    assert (found.sd > 0.45 * here.sd).all()
+    assert (found.sd < 0.6 * here.sd).all()

@@ -105,6 +105,11 @@ def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
     return found
 
 
+def mostly_on(line: Line, other: Line, reach: float) -> bool:
+    """Whether most of a line lies within so many px of another."""
+    return _share(resample(line, 64), resample(other, 128), reach) > ALONG
+
+
 def runs_along(line: Line, other: Curve) -> bool:
     """Whether most of a line lies on another body."""
     return (

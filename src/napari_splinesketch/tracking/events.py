@@ -10,9 +10,8 @@ from scipy.ndimage import binary_closing
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import distance
+from napari_splinesketch.tracking.drift import distance, mostly_on
 from napari_splinesketch.tracking.motion import of_length
-from napari_splinesketch.tracking.placing import near
 from napari_splinesketch.tracking.types import Line, View
 
 Shown = Bool[np.ndarray, " P"]
@@ -32,22 +31,15 @@ GAP, HOLE = 1.5, 0.5
 BEYOND = 1.6
 """By which a curve is looked at beyond its ends, where the parts may have gone."""
 TAKEN = 4.0
-"""Median distance at which a line lies on a curve that is there, px."""
+"""Distance at which a line lies on a curve that is there, px."""
 Parts = tuple[float, float, float]
 """Lengths of the parts of a divided body, and of the gap between them, px."""
 
 
 def parts(body: Body, curve: Curve, seen: Callable[[Line], Shown]) -> Parts | None:
-    """Two parts that a body has divided into, if the image shows such.
+    """Two parts that a body has divided into, if the image shows such where its curve is.
 
-    Parameters
-    ----------
-    body
-        As it was.
-    curve
-        What was found, px of the view.
-    seen
-        Says at which points of a line the image shows a body.
+    The curve, and what says where the image shows a body, are in px of the view.
     """
     line = of_length(curve.points, BEYOND * curve.length)
     step = BEYOND * curve.length / (len(line) - 1)
@@ -75,14 +67,7 @@ class Entering:
     ) -> tuple[Line, ...]:
         """Give lines over the bodies that have come into view since the last search.
 
-        Parameters
-        ----------
-        view
-            The frame.
-        bodies
-            Those that are followed: others are as long and as wide.
-        curves
-            All of the frame.
+        Those that are followed tell how long and wide they are; there are curves of all others.
         """
         self._count += 1
         if self._count % EVERY != 1 or not view.whole or not bodies:
@@ -90,7 +75,7 @@ class Entering:
         from napari_splinesketch.engine.find.suggest import suggest
 
         lines = [view.place.to_image(line) for line in suggest(view.pixels)]
-        free = [line for line in lines if not any(near(line, c.points, TAKEN) for c in curves)]
+        free = [line for line in lines if not any(mostly_on(line, c.points, TAKEN) for c in curves)]
         usual = float(np.median([body.length for body in bodies.values()]))
         half_width = float(np.nanmedian([body.half_width for body in bodies.values()]))
         before, self._before = self._before, free

@@ -1,19 +1,28 @@
-"""Which curve is which body: by what the frames before and after foretell."""
+"""Which curve, or which suggestion, is which body: by what the frames around foretell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion
+from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import distance, mostly_on
 from napari_splinesketch.tracking.motion import Known, Points
+from napari_splinesketch.tracking.types import Line
 
 AGREE = 3.0
 """Standard errors, beside half of a half-width, within which a curve is where it is expected."""
 SWAP = 8.0
 """By how much less likely (-2 log) the numbers must be as they are for them to be exchanged."""
+REACH, LENGTH = 0.6, 0.5
+"""How far a body may have gone that is looked for among suggestions, as a share of its length; and
+what a px of difference in length costs, in px of distance."""
+TAKEN = 2.0
+"""A suggestion that lies so near to a placed curve is taken, px."""
 LENGTH_SD = 0.1
 """By which lengths of one body differ from frame to frame, relative."""
 BAND = 4.0
@@ -106,3 +115,40 @@ def cost_of(curve: Curve, foretold: Foretold, noise: float) -> float:
         pixels * (curve.residual / max(noise, 1e-6)) ** 2
         + FREE * _apart(curve.points, foretold) ** 2
     )
+
+
+def place(
+    bodies: Sequence[Body],
+    expected: Mapping[int, Line],
+    suggestions: Sequence[Line],
+    placed: Sequence[Line],
+) -> dict[int, Line]:
+    """Give bodies in doubt the suggestions that no other body has, the nearest to each.
+
+    What stands out in the frame is suggested; bodies that are not in doubt are placed.
+    """
+    free = [
+        line for line in suggestions if not any(mostly_on(line, other, TAKEN) for other in placed)
+    ]
+    if not (free and bodies):
+        return {}
+    turned = [[_turned(line, expected[body.id]) for line in free] for body in bodies]
+    cost = np.array(
+        [
+            [
+                distance(line, expected[body.id])
+                + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
+                for line in row
+            ]
+            for body, row in zip(bodies, turned, strict=True)
+        ]
+    )
+    reach = REACH * np.array([[body.length] for body in bodies])
+    rows, columns = linear_sum_assignment(np.minimum(cost, reach))
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return {bodies[i].id: turned[i][k] for i, k in pairs if cost[i, k] < reach[i, 0]}
+
+
+def _turned(line: Line, like: Line) -> Line:
+    """The line, run through the way that another one runs."""
+    return min((line, line[::-1]), key=lambda way: distance(way, like))

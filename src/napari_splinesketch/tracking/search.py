@@ -18,8 +18,7 @@ from napari_splinesketch.engine.types import (
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import along_any, doubts, on_one_body, runs_along, seeing
 from napari_splinesketch.tracking.events import Parts, parts
-from napari_splinesketch.tracking.identity import agrees
-from napari_splinesketch.tracking.placing import place
+from napari_splinesketch.tracking.identity import agrees, place
 from napari_splinesketch.tracking.types import Line, Refine, View
 
 LOCAL = replace(SETTINGS["balanced"], weigh=0)
@@ -44,27 +43,14 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Where a body was found.
-
-    Attributes
-    ----------
-    id
-        Its number.
-    sketch
-        Where it was looked for, px of the image.
-    curve
-        What came of it, px of the image.
-    said
-        What speaks against it.
-    empty
-        Whether hardly anything is there.
-    """
+    """Where a body was found: px of the image, with what speaks against it."""
 
     id: int
     sketch: Line
     curve: Curve
     said: tuple[str, ...]
     empty: bool
+    """Whether hardly anything is there."""
 
     @property
     def trusted(self) -> bool:
@@ -80,30 +66,9 @@ class Found:
 class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
-    Parameters
-    ----------
-    frame, view
-        The frame's number, and the frame.
-    expected
-        Where each body is expected, by number, px of the image.
-    given
-        Curves that stay as they are, by number, px of the image.
-    refine, preset
-        How sketches are refined.
-    report
-        Told of progress; raises `Cancelled`.
-    contrast
-        The usual one of the frames before.
-    smooth
-        Whether a body whose place is known well is fitted there without a search, and parts of
-        bodies that divide are looked for.
-
-    Attributes
-    ----------
-    refinement
-        What the engine said.
-    parts
-        Of bodies that may have divided, by number.
+    Where each body is expected, and the curves that stay as they are, are given by number; the
+    usual contrast is that of the frames before. With `smooth`, a body whose place is known well is
+    fitted there without a search, and parts of bodies that divide are looked for.
     """
 
     def __init__(
@@ -120,7 +85,9 @@ class Search:
     ):
         self._contrast, self._smooth = contrast, smooth
         self.parts: dict[int, Parts] = {}
+        """Of bodies that may have divided, by number."""
         self.refinement: Refinement | None = None
+        """What the engine said."""
         self._frame, self._view, self._expected, self._given = frame, view, expected, given
         self._refine, self._report = refine, report
         self._preset: PresetName = preset

@@ -1,7 +1,7 @@
 """What tracking takes and gives: immutable values, free of JAX, Qt and files."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -135,6 +135,26 @@ class Tracked:
     view: View | None = None
     error: str = ""
     entered: tuple[Line, ...] = ()
+
+    @property
+    def by_id(self) -> dict[int, Curve]:
+        """The curves by number."""
+        return dict(zip(self.ids, self.curves, strict=True))
+
+    def with_curves(
+        self, curves: Mapping[int, Curve], sketches: Mapping[int, Line] | None = None
+    ) -> "Tracked":
+        """The same frame with these curves, and where some of them were looked for."""
+        lines = {**dict(zip(self.ids, self.sketches, strict=True)), **(sketches or {})}
+        ids = tuple(curves)
+        return replace(
+            self, ids=ids, curves=tuple(curves.values()), sketches=tuple(lines[i] for i in ids)
+        )
+
+    def renamed(self, became: Mapping[int, int]) -> "Tracked":
+        """The same frame, in which bodies get the curves of others."""
+        known = self.by_id
+        return self.with_curves({i: known[became.get(i, i)] for i in known})
 
 
 Read = Callable[[int, Sequence[Line]], View]

@@ -39,40 +39,23 @@ FEWEST = 8
 
 @dataclass(eq=False)
 class _Stretch:
-    """A body that is in doubt.
-
-    Attributes
-    ----------
-    anchor
-        What was known before.
-    first
-        Number of the first frame of the stretch, in the order of their coming.
-    partners
-        Bodies that it may have been taken for.
-    clear
-        Frames for which it has been clear of doubts and of other bodies again.
-    trusted
-        Frames for which it has been clear of doubts.
-    apart
-        Whether it no longer runs along another.
-    """
+    """A body that is in doubt, and what was known of it before."""
 
     anchor: Body
     first: int
+    """Number of the first frame of the stretch, in the order of their coming."""
     partners: set[int] = field(default_factory=set)
-    clear: int = 0
+    """Bodies that it may have been taken for."""
     trusted: int = 0
+    """Frames for which it has been clear of doubts again ..."""
+    clear: int = 0
+    """... and of other bodies as well."""
     apart: bool = True
+    """Whether it no longer runs along another."""
 
 
 class Window:
-    """Holds back the frames that are not decided yet.
-
-    Parameters
-    ----------
-    refine, preset
-        How sketches are refined.
-    """
+    """Holds back the frames that are not decided yet."""
 
     def __init__(self, refine: Refine, preset: PresetName):
         self._refine = refine
@@ -85,14 +68,9 @@ class Window:
     def push(
         self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
     ) -> dict[int, Body]:
-        """Take the next frame; gives bodies of which more is known now than that frame tells.
+        """Take the next frame, with the curves that were there and the bodies as known before it.
 
-        Parameters
-        ----------
-        result, given
-            What came of the frame, and the curves that were there already.
-        before
-            The bodies as they were known before it.
+        Gives bodies of which more is known now than that frame tells.
         """
         self._held.append(result)
         number = self._begin + len(self._held) - 1
@@ -121,7 +99,7 @@ class Window:
     def _beyond_doubt(self, name: int, stretch: _Stretch) -> bool:
         """Whether a body that is back can be no other, by what was known of it before."""
         result = self._held[-1]
-        curves = _curves(result)
+        curves = result.by_id
         before = [_known(t, c) for t, c in stretch.anchor.seen]
         cost = {
             j: identity.unlikely(before, [_known(result.frame, curves[j])], j != name)
@@ -137,7 +115,7 @@ class Window:
         count = len(self._held) if until is None else max(until - self._begin, 0)
         while count:
             first, later = self._held[0], self._held[1:count]
-            noisy = {i: c for i, c in _curves(first).items() if self._worth(i, c)}
+            noisy = {i: c for i, c in first.by_id.items() if self._worth(i, c)}
             if noisy and len(later) < steady.LOOK and not end:
                 break
             after = {i: self._after(i, later) for i in noisy}
@@ -145,15 +123,14 @@ class Window:
                 i: steady.steadied(c, first.frame, self._seen[i], after[i])
                 for i, c in noisy.items()
             }
-            for i, curve in _curves(first).items():
+            for i, curve in first.by_id.items():
                 if INFERRED not in curve.reasons:
                     seen = [*self._seen.get(i, []), _known(first.frame, curve)]
                     self._seen[i] = seen[-MEMORY:]
             self._begin += 1
             count -= 1
             del self._held[0]
-            curves = {**_curves(first), **steadied}
-            yield replace(first, curves=tuple(curves.values()))
+            yield first.with_curves({**first.by_id, **steadied})
 
     def _worth(self, name: int, curve: Curve) -> bool:
         """Whether its neighbours could make a curve better."""
@@ -161,7 +138,7 @@ class Window:
 
     def _after(self, name: int, later: list[Tracked]) -> list[Known]:
         """What is known of a body after a frame, the nearest last."""
-        known = [(r.frame, _curves(r).get(name)) for r in later[: steady.LOOK]]
+        known = [(r.frame, r.by_id.get(name)) for r in later[: steady.LOOK]]
         return [_known(t, c) for t, c in known if c and INFERRED not in c.reasons][::-1]
 
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
@@ -179,7 +156,7 @@ class Window:
         number: int,
     ) -> None:
         """Open and prolong the stretches of the bodies that are in doubt."""
-        curves = dict(zip(result.ids, result.curves, strict=True))
+        curves = result.by_id
         near = near_others({**given, **curves})
         doubted = {i for i in chain(result.drifting, result.missing) if i in before}
         along = near_others({**given, **curves}, ALONG)
@@ -214,25 +191,25 @@ class Window:
         first = min(s.first for s in stretches.values()) - self._begin
         end = len(self._held) - CLEAR
         names = sorted(stretches)
-        far = [_curves(r) for r in self._held[end:]]
+        far = [r.by_id for r in self._held[end:]]
         sides = {i: [_known(self._held[end + k].frame, far[k][i]) for k in (1, 0)] for i in names}
         before = {i: [_known(t, c) for t, c in stretches[i].anchor.seen] for i in names}
         became = identity.assigned(names, before, sides)
         for k in range(end, len(self._held)):
-            self._held[k] = _renamed(self._held[k], became)
+            self._held[k] = self._held[k].renamed(became)
         after = {i: [identity.turned(side, before[i], became[i] != i) for side in sides[became[i]]]
                  for i in names}  # fmt: skip
         found: dict[int, list[tuple[int, Curve]]] = {i: [] for i in names}
         for k in range(end - 1, first - 1, -1):
             here = [i for i in names if stretches[i].first <= self._begin + k]
             self._held[k] = self._again(self._held[k], here, before, after, stretches)
-            for i, curve in _curves(self._held[k]).items():
+            for i, curve in self._held[k].by_id.items():
                 if i in here and INFERRED not in curve.reasons:
                     after[i] = [*after[i], _known(self._held[k].frame, curve)][-5:]
                     found[i].insert(0, (self._held[k].frame, curve))
         bodies = {}
         for i in names:
-            latest = [(r.frame, _curves(r)[i]) for r in self._held[end:]]
+            latest = [(r.frame, r.by_id[i]) for r in self._held[end:]]
             body = stretches[i].anchor
             for frame, curve in [*found[i], *latest]:
                 body = body.with_curve(frame, curve)
@@ -249,10 +226,8 @@ class Window:
     ) -> Tracked:
         """One frame in the light of those around it."""
         foretold = {i: motion.between(before[i], after[i], result.frame) for i in names}
-        there = {
-            i: c for i, c in _curves(result).items() if i in names and i not in result.drifting
-        }
-        others = {i: c for i, c in _curves(result).items() if i not in names}
+        there = {i: c for i, c in result.by_id.items() if i in names and i not in result.drifting}
+        others = {i: c for i, c in result.by_id.items() if i not in names}
         widths = {i: stretches[i].anchor.half_width for i in names}
         taken = identity.matched(foretold, there, widths)
         chosen = {i: identity.run_like(there[j], foretold[i][0]) for i, j in taken.items()}
@@ -267,7 +242,10 @@ class Window:
         for i in names:
             if i not in chosen:
                 chosen[i] = inferred(stretches[i].anchor.seen[-1][1], *foretold[i])
-        return _with(result, {**others, **chosen}, foretold)
+        lines = {i: line for i, (line, _) in foretold.items()}
+        decided = result.with_curves({**others, **chosen}, lines)
+        missing = {i: why for i, why in result.missing.items() if i not in foretold}
+        return replace(decided, drifting=result.drifting - set(foretold), missing=missing)
 
     def _held_to(
         self,
@@ -317,31 +295,3 @@ def inferred(like: Curve, line: Points, sd: float) -> Curve:
 
 def _known(frame: int, curve: Curve) -> Known:
     return float(frame), curve.points
-
-
-def _curves(result: Tracked) -> dict[int, Curve]:
-    return dict(zip(result.ids, result.curves, strict=True))
-
-
-def _renamed(result: Tracked, became: Mapping[int, int]) -> Tracked:
-    """A frame in which bodies get the curves of others."""
-    curves = _curves(result)
-    new = {i: curves[became.get(i, i)] for i in curves}
-    return replace(result, ids=tuple(new), curves=tuple(new.values()))
-
-
-def _with(
-    result: Tracked,
-    curves: Mapping[int, Curve],
-    foretold: Mapping[int, Foretold],
-) -> Tracked:
-    """The frame with these curves."""
-    sketches = dict(zip(result.ids, result.sketches, strict=True))
-    return replace(
-        result,
-        ids=tuple(curves),
-        curves=tuple(curves.values()),
-        sketches=tuple(foretold[i][0] if i in foretold else sketches[i] for i in curves),
-        drifting=result.drifting - set(foretold),
-        missing={i: why for i, why in result.missing.items() if i not in foretold},
-    )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.placing import place
+from napari_splinesketch.tracking.identity import place
 
 from .test_follow import LINE, OTHER, curve, moved
 
