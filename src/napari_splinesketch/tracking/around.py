@@ -67,8 +67,7 @@ def around(
 
 def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool:
     """Whether all bodies are where they were."""
-    found = dict(zip(result.ids, result.curves, strict=True))
-    wanted = names - set(result.given)
+    found, wanted = result.by_id, names - set(result.given)
     return all(i in found and i in before and _close(found[i], before[i]) for i in wanted)
 
 

@@ -116,7 +116,7 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
     leading = {i: c for i, c in given.curves.items() if given.leads or i in bodies}
     for number, curve in leading.items():
         known[number] = known.get(number, Body(number, ())).with_curve(result.frame, curve)
-    for number, curve in zip(result.ids, result.curves, strict=True):
+    for number, curve in result.by_id.items():
         body = known[number]
         trusted = number not in result.drifting
         known[number] = body.with_curve(result.frame, curve) if trusted else body.missed()
