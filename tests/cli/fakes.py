@@ -78,7 +78,7 @@ import napari_splinesketch
 def refine(*given, **options):
     sys.path.append({HERE!r})
     from fakes import FakeEngine
-    time.sleep(0.02)
+    time.sleep(0.04)
     return FakeEngine()(*given, **options)
 
 napari_splinesketch.refine = refine

@@ -27,7 +27,7 @@ from napari_splinesketch.synthetic import scene
 
 from .fakes import FakeEngine, film
 
-FRAMES, BAD = 64, 5
+FRAMES, BAD = 32, 5
 COMMAND = ("refine", "film.tif", "film.csv", "--preset", "fast", "--polarity", "bright")
 COMMAND += ("--half-width", "3")
 
@@ -98,6 +98,8 @@ def workers_of(process: int) -> list[int]:
     return [pid for pid, command in commands.items() if "spawn_main" in command]
 
 
+QUIET = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+"""Has Dask not look a hundred times a second at what its workers do."""
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are in /proc")
 
 
@@ -169,7 +171,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory, elsewhere: dict[str, str
             process = subprocess.Popen(
                 [*python, *command, *loopback],
                 cwd=folder,
-                env=elsewhere,
+                env=elsewhere | QUIET,
                 stdout=log,
                 stderr=log,
             )

@@ -11,7 +11,7 @@ import pytest
 from napari_splinesketch.labels import LabelsError, read_labels
 from napari_splinesketch.raster import Body, label_image, rasterise
 
-COUNT = 3000
+COUNT = 1500
 ROOM = 1_000_000
 """Bytes for the text that is being parsed."""
 
@@ -51,12 +51,12 @@ def test_reading_takes_a_small_multiple_of_what_it_gives(tmp_path: Path, name: s
 
 
 REFUSED = {
-    "objects.geojson": "[" + ",".join(["{}"] * 100 * COUNT) + "]",
-    "wide.geojson": '["\N{GRINNING FACE}",' + ",".join(["{}"] * 100 * COUNT) + "]",
+    "objects.geojson": "[" + ",".join(["{}"] * 200 * COUNT) + "]",
+    "wide.geojson": '["\N{GRINNING FACE}",' + ",".join(["{}"] * 200 * COUNT) + "]",
     "others.geojson": '{"type":"FeatureCollection","features":[],"mine":['
     + ",".join(["[]"] * COUNT)
     + "]}",
-    "points.geojson": "[" + ",".join(['{"type":"Point"}'] * 8 * COUNT) + "]",
+    "points.geojson": "[" + ",".join(['{"type":"Point"}'] * 16 * COUNT) + "]",
     "columns.csv": "curve," * 10_000 + "\n",
     "quotes.csv": "curve,row,col\n" + '"' * 1_000_001,
 }

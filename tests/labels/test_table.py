@@ -251,7 +251,7 @@ def test_reading_holds_no_more_than_the_labels(
     ones = np.ones(100)
     write_labels(
         tmp_path / "many.csv",
-        Labels(tuple(Label(0, i, points, ones, ones, "good") for i in range(400))),
+        Labels(tuple(Label(0, i, points, ones, ones, "good") for i in range(200))),
     )
     size = (tmp_path / "many.csv").stat().st_size
     assert peak_memory(lambda: read_labels(tmp_path / "many.csv"), size) < size
