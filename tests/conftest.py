@@ -51,6 +51,11 @@ def pytest_configure(config: pytest.Config) -> None:
     cache = getattr(config, "cache", None)  # none with -p no:cacheprovider
     folder = cache.mkdir("jax") if cache else _HOME
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+    if sys.dont_write_bytecode and not os.path.exists(pytest.__spec__.cached or ""):
+        # Each process that a test starts would compile all libraries: seconds, every time.
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        kept = cache.mkdir("bytecode") if cache else _HOME
+        os.environ.setdefault("PYTHONPYCACHEPREFIX", str(kept))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
