@@ -58,7 +58,7 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
 def test_buttons_of_a_narrow_panel_are_not_cut(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
-    viewer.window.resize(900, 700)
+    viewer.window.resize(1100, 700)
     viewer.add_image(np.zeros((90, 120), np.float32), name="cells")
     viewer.add_shapes([[[20, 20], [20, 60]]], shape_type="line", name="cells sketches")
     refine(dock)
@@ -66,5 +66,8 @@ def test_buttons_of_a_narrow_panel_are_not_cut(
     until(lambda: dock.panel.panel is not None and dock.panel.panel.isVisible(), 10)
     QTest.qWait(200)
     assert dock.panel.panel is not None
-    for button in dock.panel.panel.judges.buttons.values():
+    panel = dock.panel.panel
+    right = panel.mapTo(viewer.window._qt_window, panel.rect().topRight()).x()
+    assert right <= dock.mapTo(viewer.window._qt_window, QPoint(0, 0)).x(), "beside the dock"
+    for button in (*panel.judges.buttons.values(), panel.more):
         assert button.width() >= button.fontMetrics().horizontalAdvance(button.text())

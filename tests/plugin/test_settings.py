@@ -9,6 +9,7 @@ import pytest
 from napari.settings import get_plugin_settings
 from npe2 import PluginManifest
 from qtpy.QtCore import QPoint, Qt
+from qtpy.QtWidgets import QLabel
 
 from napari_splinesketch.plugin import settings
 from napari_splinesketch.plugin.layers.space import Ruler
@@ -68,6 +69,9 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     QTest.keyClicks(box.half_width, "1.5")
     QTest.keyClick(box.half_width, Qt.Key.Key_Return)
     assert box.half_width.suffix() == " µm"
+    form = box.widgets["save_work"].native.parentWidget()
+    said = [label.text() for label in form.findChildren(QLabel) if label.text()]
+    assert said == ["Bodies are", "Half-width"], "a box has its name beside it, once"
     dock.preset.native.setCurrentIndex(0)
     refine(dock)
     assert fake.calls[0]["polarity"] == "bright"

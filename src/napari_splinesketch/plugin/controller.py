@@ -225,6 +225,9 @@ class Controller(Keeper):
             text = f"Not saved: {Path(path).name} is an image that is open; choose another name."
             self.tell(Notice("failed", text))
             return
+        if not Path(path).parent.is_dir():
+            self.say(f"Not saved: there is no folder {Path(path).parent}; choose another one.")
+            return
         labels = labels_of(work, rejected=rejected)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:

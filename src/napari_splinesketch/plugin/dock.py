@@ -11,7 +11,7 @@ from weakref import WeakSet
 from napari.layers import Shapes
 from napari.viewer import Viewer
 from psygnal import SignalInstance
-from qtpy.QtCore import QEvent, QTimer
+from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
 from qtpy.QtWidgets import (
     QCheckBox,
@@ -119,6 +119,7 @@ class SplinesketchDock(QWidget):
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = boxes.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
+        self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
         self.export = button("Export…", "", self._ask_where)
         self.rejected = QCheckBox("Export rejected curves too")
         self.rejected.setToolTip("Normally, rejected curves are left out of the file")

@@ -96,8 +96,8 @@ FORM: dict[str, dict[str, Any]] = {
         ],
     },
     "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5},
-    "lengths_in_pixels": {"label": "", "text": "Lengths in pixels"},
-    "save_work": {"label": "", "text": "Save work as I go"},
+    "lengths_in_pixels": {"label": "Lengths in pixels"},
+    "save_work": {"label": "Save work as I go"},
 }
 """The settings that the dock shows, and how magicgui makes their widgets."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from magicgui.widgets import ComboBox
+from magicgui.widgets import CheckBox, ComboBox
 from napari.layers import Layer
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtWidgets import (
@@ -74,7 +74,7 @@ def grid(widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bo
 
 
 def form(*rows: Any) -> QWidget:
-    """Lay magicgui's widgets out below each other, with their labels beside them."""
+    """Lay magicgui's widgets out below each other, with their labels beside or in them."""
     made = QWidget()
     layout = QFormLayout(made)
     layout.setContentsMargins(0, 0, 0, 0)
@@ -82,7 +82,7 @@ def form(*rows: Any) -> QWidget:
     layout.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
     layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     for each in rows:
-        layout.addRow(each.label, each.native)
+        layout.addRow("" if isinstance(each, CheckBox) else each.label, each.native)
     return made
 
 

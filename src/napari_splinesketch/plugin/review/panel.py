@@ -18,11 +18,12 @@ from qtpy.QtWidgets import (
     QApplication,
     QComboBox,
     QFileDialog,
-    QLabel,
     QMenu,
+    QSizePolicy,
     QSplitter,
     QWidget,
 )
+from superqt import QElidingLabel
 
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.columns import as_text
@@ -32,7 +33,7 @@ from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.plots import CurvePlots, profile_of, theme_of
 from napari_splinesketch.plugin.review.table import SHOWN, CurvesModel, CurvesTable
-from napari_splinesketch.plugin.widgets import CommandButtons, button, stack
+from napari_splinesketch.plugin.widgets import NARROW, CommandButtons, button, stack
 
 NAME = "Curves"
 LAYOUT_MS = 20
@@ -65,16 +66,19 @@ class ReviewPanel(QWidget):
         self.shown = QComboBox()
         self.shown.addItems(list(SHOWN.values()))
         self.shown.setToolTip("Which curves the table shows")
+        self.shown.setMinimumWidth(NARROW)
         self.plotted = QComboBox()
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
-        self.count = QLabel()
+        self.count = QElidingLabel()
+        self.count.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
         self.more = button("Table", "Copy or save the table as it is sorted and filtered")
         menu = QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)
         self.more.setMenu(menu)
+        self.more.setMinimumWidth(self.more.sizeHint().width())
 
     def _lay_out(self) -> None:
         left, right = QWidget(), QWidget()
