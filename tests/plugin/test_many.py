@@ -9,10 +9,10 @@ from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.drawn import CHUNK
-from napari_splinesketch.plugin.layers.slot import MOST, View, readable
+from napari_splinesketch.plugin.layers.slot import LETTER, LINE_HEIGHT, MOST, View, readable
 from napari_splinesketch.plugin.model import Record
 
-from .fakes import FakeEngine, as_drawn
+from .fakes import HALF_WIDTH, FakeEngine, as_drawn
 from .hand import assert_drawn, click, refine, until
 
 
@@ -70,6 +70,17 @@ def test_marks_are_in_view_and_never_overprinted() -> None:
     apart = np.abs(at[:, None] - at)
     over = (apart[..., 0] < 8) & (apart[..., 1] < 5 * 4.5)
     assert over.sum() <= len(found) + 2 * (apart[..., 1] > 3 * 4.5)[over].sum()
+
+
+@pytest.mark.parametrize("turned", [0, 1])
+def test_a_mark_lies_beside_its_body_whichever_way_that_runs(turned: int) -> None:
+    line = np.roll([[100.0, 80], [100, 120]], turned, axis=1)
+    record = Record(12345, 0, line, as_drawn(line, status="check"))
+    view = View(0, np.zeros(2), np.full(2, 200.0), np.full(2, 0.5))
+    ((_, place),) = readable([record], view)
+    wide = np.array([LINE_HEIGHT, LETTER * len("12345 ?")]) * view.pixel / 2
+    clear = np.abs(place - 100)[turned] - HALF_WIDTH - wide[turned]
+    assert 0 < clear < 3, "no letter of it lies on the body"
 
 
 def test_marks_follow_what_is_known(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> None:

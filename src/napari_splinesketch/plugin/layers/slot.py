@@ -51,7 +51,7 @@ ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 Role = Literal["curves", "outlines", "selected", "marks"]
 SAME_BREADTH = 0.1
 """Lines are not drawn anew for a breadth that differs less, relative."""
-LETTER, LINE_HEIGHT, GAP = 9.0, 16.0, 10.0
+LETTER, LINE_HEIGHT, GAP = 9.0, 16.0, 2.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
@@ -309,7 +309,7 @@ def readable(
     count = 0
     for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
-        places = _places(record.curve, view)
+        places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
         over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
         free &= ~over.all(axis=2).any(axis=-1)
@@ -333,10 +333,11 @@ def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "
     return curve.points[at], np.where(across[:, :1] > 0, -across, across)
 
 
-def _places(curve: Curve, view: View) -> Float[np.ndarray, "_ 2"]:
-    """Where its mark may stand, the best place first."""
+def _places(curve: Curve, size: Float[np.ndarray, 2], view: View) -> Float[np.ndarray, "_ 2"]:
+    """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
     points, up = _stands(curve)
-    away = (reach(curve) + GAP * float(view.pixel.mean())) * up
+    half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
+    away = (reach(curve) + GAP * float(view.pixel.mean()) + half) * up
     return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
 
 
