@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from typing import Any, Literal, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
@@ -51,6 +52,8 @@ class Column:
         A text that a cell has room for.
     colour
         What the choice of colours calls it; empty if curves cannot be coloured by it.
+    film
+        Whether it depends on the body's curves in other frames.
     """
 
     name: str
@@ -62,6 +65,7 @@ class Column:
     order: Callable[[Record], Any] | None = None
     width: str = "00000"
     colour: str = ""
+    film: bool = False
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
@@ -85,13 +89,10 @@ def _said(find: Callable[[Record], Any]) -> Value:
 
 def with_ruler(find: Callable[[Curve, Ruler], T]) -> Callable[[Curve, Ruler], T]:
     """Work something out of a curve once with each ruler."""
-
-    @once
-    def known(curve: Curve) -> dict[Ruler, T]:
-        return {}
+    known: WeakKeyDictionary[Curve, dict[Ruler, T]] = WeakKeyDictionary()
 
     def found(curve: Curve, ruler: Ruler) -> T:
-        values = known(curve)
+        values = known.setdefault(curve, {})
         if ruler not in values:
             values[ruler] = find(curve, ruler)
         return values[ruler]
@@ -110,10 +111,10 @@ def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
 
 def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
     """Mean over the curve's points, in units a frame; NaN without a curve in a frame beside."""
-    beside = [curve_at((record.frame + step, record.id)) for step in (-1, 1)]
-    before, after = (one and one.points * ruler.scale for one in beside)
-    if before is None and after is None:
+    beside = curve_at((record.frame - 1, record.id)), curve_at((record.frame + 1, record.id))
+    if beside == (None, None):
         return math.nan
+    before, after = (one and one.points * ruler.scale for one in beside)
     return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
@@ -165,7 +166,8 @@ COLUMNS = (
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
            _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
-           "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
+           "Mean over the body's points, from its curves in the frames beside", _speed, "number",
+           film=True),
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
 SETTING = {"half_width_mean": "half_width"}
@@ -188,18 +190,21 @@ def alone(key: Key) -> None:
     """Know of no curve in another frame."""
 
 
-def in_pixels(record: Record) -> None:
-    """Measure a curve in px: what `features` asks for is known from then on."""
-    for column in COLUMNS:
-        column.value(record, PIXELS, alone)
+@once
+def in_pixels(record: Record) -> list[Any]:
+    """Say in px what there is to say of a curve alone, column by column."""
+    return [column.value(record, PIXELS, alone) for column in COLUMNS]
 
 
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """What a layer of curves says of each of them; lengths in px."""
     curve_at = {key_of(record): record.curve for record in records}.get
-    return pd.DataFrame(
-        {column.name: [column.value(r, PIXELS, curve_at) for r in records] for column in COLUMNS}
-    )
+    rows = list(map(in_pixels, records))
+    said = {column.name: [row[i] for row in rows] for i, column in enumerate(COLUMNS)}
+    for column in COLUMNS:
+        if column.film:
+            said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
+    return pd.DataFrame(said)
 
 
 def as_text(
