@@ -124,7 +124,7 @@ def test_each_part_of_the_dock_listens_to_what_it_shows(
         Controller, "request", lambda c, *s: asked.append("request") or request(c, *s)
     )
     changes = dock.controller.changes
-    for signal in (changes.progress, changes.said, changes.shown, changes.settings):
+    for signal in (changes.progress, changes.said, changes.shown):
         signal.emit()
     assert not asked
     dock.controller.selected = (0, 2)
@@ -132,3 +132,6 @@ def test_each_part_of_the_dock_listens_to_what_it_shows(
     asked.clear()
     changes.curves.emit()
     assert asked.count("refine") == 1, "and each is asked once"
+    assert "(W)" in dock.suggest.button.toolTip()
+    dock.controller.choose(keys={"suggest": "Y"})
+    assert "(Y)" in dock.suggest.button.toolTip(), "tooltips follow the keys"

@@ -149,18 +149,19 @@ class SplinesketchDock(QWidget):
         controller, changes = self.controller, self.controller.changes
         frame = changes.layers, changes.lines
         curves = changes.layers, changes.curves
+        command = changes.busy, changes.settings  # which has the keys that tooltips name
         listeners: dict[Callable[[], None], tuple[SignalInstance, ...]] = {
-            self._show_layers: (changes.layers,),
-            self._show_refine: (*frame, changes.curves, changes.busy, changes.mode),
+            self._show_layers: (changes.layers, changes.settings),
+            self._show_refine: (*frame, changes.curves, changes.mode, *command),
             self._show_running: (changes.busy, changes.progress),
             self._show_said: (changes.said,),
-            self.suggest.button.show_state: (*frame, changes.busy),
-            self._show_film: (*frame, changes.curves, changes.selection, changes.busy),
-            self.curve.show_state: (*curves, changes.selection, changes.busy, changes.mode),
+            self.suggest.button.show_state: (*frame, *command),
+            self._show_film: (*frame, changes.curves, changes.selection, *command),
+            self.curve.show_state: (*curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
             self._show_settings: (*frame, changes.settings),
-            self._show_steps: (*curves, changes.busy, changes.mode),
+            self._show_steps: (*curves, changes.mode, *command),
             self._show_export: (*curves, changes.busy),
         }
         for show, signals in listeners.items():
