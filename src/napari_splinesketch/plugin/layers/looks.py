@@ -76,7 +76,7 @@ def outline(curve: Curve) -> Line:
     spacing = max(curve.length / (count - 1), 1e-9)
     step = int(np.clip(_half_width(curve) / spacing, 1, count // LEAST))
     some = np.unique(np.append(np.arange(0, count, step), count - 1))
-    return _around(curve.points[some], curve.half_width[some])
+    return thinned([_around(curve.points[some], curve.half_width[some])])[0]
 
 
 def reach(curve: Curve) -> float:
