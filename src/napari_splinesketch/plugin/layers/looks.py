@@ -115,11 +115,10 @@ def _around(points: Line, distance: Float[np.ndarray, " P"]) -> Line:
     return np.concatenate([left, right[::-1], left[:1]])
 
 
-def vectors(lines: Sequence[Float[np.ndarray, "N D"]]) -> Float[np.ndarray, "P 2 D"]:
-    """Take lines for vectors end to end, which napari draws anew in a few milliseconds."""
-    points = np.concatenate(lines)
-    between = np.cumsum([len(line) for line in lines])[:-1] - 1
-    return np.delete(np.stack([points[:-1], np.diff(points, axis=0)], axis=1), between, axis=0)
+def vectors(points: Float[np.ndarray, "N D"], ends: Sequence[int]) -> Float[np.ndarray, "P 2 D"]:
+    """Take lines that end after so many points for vectors, which napari draws in milliseconds."""
+    along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
+    return np.delete(along, np.array(ends[:-1], dtype=int) - 1, axis=0)
 
 
 def coarse(lines: Sequence[Line]) -> list[Line]:

@@ -22,13 +22,12 @@ from psygnal import Signal
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.layers.looks import breadth, ribbon, vectors
+from napari_splinesketch.plugin.layers.looks import breadth, ribbon
 from napari_splinesketch.plugin.layers.pixels import Film, Patch, Planes, block_on
-from napari_splinesketch.plugin.layers.slot import Slot
+from napari_splinesketch.plugin.layers.slot import Slot, in_vectors
 from napari_splinesketch.plugin.layers.space import (
     frame_count,
     frame_shape,
-    in_stack,
     placement,
     placement_on,
     size_of,
@@ -224,12 +223,12 @@ def _body(work: Work) -> Made | None:
 
 def _ribbon(work: Work) -> Made | None:
     drawn = [(record.frame, ribbon(record.curve)) for record in work.records]
-    lines = [in_stack(work.image, f, line) for f, line in drawn if line is not None]
+    lines = [(frame, line) for frame, line in drawn if line is not None]
     if not lines:
         return None
     width = 0.4 * breadth([record.curve for record in work.records])
     look = {"vector_style": "line", "edge_color": palette.UNCERTAIN, "edge_width": width}
-    return Made(vectors(lines), {}, look)
+    return Made(in_vectors(work.image, lines)[0], {}, look)
 
 
 def _masks(work: Work) -> Made | None:

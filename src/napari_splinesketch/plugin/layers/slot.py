@@ -77,6 +77,18 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
             viewer.layers.selection.active = active
 
 
+def in_vectors(
+    image: Image, lines: Sequence[tuple[int, Line]]
+) -> tuple[Float[np.ndarray, "P 2 D"], list[int]]:
+    """Take lines, each with its frame, px, for vectors; and say how many each of them has."""
+    if not lines:
+        return np.zeros((0, 2, image.ndim)), []
+    counts = [len(line) for _, line in lines]
+    frames = np.repeat([frame for frame, _ in lines], counts).tolist()
+    points = in_stack(image, frames, np.concatenate([line for _, line in lines]))
+    return vectors(points, np.cumsum(counts).tolist()), [count - 1 for count in counts]
+
+
 class Slot:
     """The place of a layer that lies on an image; empty until it is made, or where it was removed.
 
@@ -169,9 +181,7 @@ class Lines(Slot):
         if layer is None or (same and list(colours) == self._colours):
             return
         if not same:
-            drawn = [in_stack(self.image, frame, line) for frame, line in lines()]
-            layer.data = vectors(drawn) if drawn else np.zeros((0, 2, self.image.ndim))
-            self._lengths = [len(line) - 1 for line in drawn]
+            layer.data, self._lengths = in_vectors(self.image, [*lines()])
         if of:
             if abs(layer.edge_width - breadth) > SAME_BREADTH * breadth:
                 layer.edge_width = breadth

@@ -166,10 +166,11 @@ def frame_index(image: Image, frame: int) -> tuple[int, ...]:
     return tuple(np.array(np.unravel_index(frame, shape)).tolist()) if shape else ()
 
 
-def in_stack(image: Image, frame: int, points: Float[np.ndarray, "N 2"]) -> Points:
-    """Put (row, col) points into a frame: (N, image.ndim) data coordinates of the image."""
-    index = np.array(frame_index(image, frame))
-    return np.hstack([np.broadcast_to(index, (len(points), len(index))), points])
+def in_stack(image: Image, frame: int | Sequence[int], points: Float[np.ndarray, "N 2"]) -> Points:
+    """Put (row, col) points into a frame, or each into its own: data coordinates of the image."""
+    shape = frame_shape(image)
+    index = np.array(np.unravel_index(frame, shape)).T if shape else np.zeros(0)
+    return np.hstack([np.broadcast_to(index, (len(points), len(shape))), points])
 
 
 def placement(image: Image) -> dict[str, Any]:
