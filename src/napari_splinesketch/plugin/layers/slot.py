@@ -6,40 +6,30 @@ import gc
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from operator import is_
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Layer, Points, Shapes, Vectors
-from superqt.utils import qthrottled
+from napari.layers import Image, Layer, Shapes, Vectors
 
 from napari_splinesketch import palette
-from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels, severity
+from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels
 from napari_splinesketch.plugin.layers.drawn import CHUNK, add_shapes
 from napari_splinesketch.plugin.layers.looks import (
     BREADTHS,
-    COLOURS,
-    MARKS,
     Line,
     breadth,
     coarse,
     line_width,
-    normals,
-    once,
-    reach,
     rgba,
     thinned,
     vectors,
 )
 from napari_splinesketch.plugin.layers.space import (
-    current_frame,
-    from_world,
     in_stack,
     placement,
     size_of,
-    unit_factors,
 )
 from napari_splinesketch.plugin.model import Key, Record, key_of
 
@@ -51,14 +41,6 @@ ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 Role = Literal["curves", "outlines", "selected", "marks"]
 SAME_BREADTH = 0.1
 """Lines are not drawn anew for a breadth that differs less, relative."""
-LETTER, LINE_HEIGHT, GAP = 9.0, 16.0, 2.0
-"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
-MOST = 60
-"""Marks at once: more are not read, and napari's time for text grows with their number."""
-PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
-"""Where along a curve a mark may stand, the best first."""
-AFTER_MS = 120
-"""Marks follow the camera when it has stood still for so long."""
 
 
 def is_result(layer: Layer) -> bool:
@@ -294,125 +276,3 @@ class CurveLines(Slot):
         if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
             layer.edge_color = colours
         self._colours = painted
-
-
-class View(NamedTuple):
-    """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
-
-    frame: int
-    low: Float[np.ndarray, 2]
-    high: Float[np.ndarray, 2]
-    pixel: Float[np.ndarray, 2]
-
-
-def readable(
-    records: Sequence[Record], view: View
-) -> Iterator[tuple[Record, Float[np.ndarray, 2]]]:
-    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
-    here = [r for r in records if r.frame == view.frame and MARKS[r.curve.status]]
-    if not here:
-        return
-    ends = np.stack([_stands(r.curve)[0] for r in here])
-    near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
-    here = [here[i] for i in np.flatnonzero(near).tolist()]
-    taken, sizes = np.zeros((MOST, 2)), np.zeros((MOST, 2))
-    count = 0
-    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
-        size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
-        places = _places(record.curve, size, view)
-        free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
-        over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
-        free &= ~over.all(axis=2).any(axis=-1)
-        if free.any():
-            taken[count], sizes[count] = places[free.argmax()], size
-            yield record, places[free.argmax()]
-            count += 1
-        if count == MOST:
-            return
-
-
-def _text(record: Record) -> str:
-    return f"{record.id} {MARKS[record.curve.status]}"
-
-
-@once
-def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
-    """Points of a curve beside which its mark may stand, and the way there: above it first."""
-    at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
-    across = normals(curve.points)[at]
-    return curve.points[at], np.where(across[:, :1] > 0, -across, across)
-
-
-def _places(curve: Curve, size: Float[np.ndarray, 2], view: View) -> Float[np.ndarray, "_ 2"]:
-    """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
-    points, up = _stands(curve)
-    half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
-    away = (reach(curve) + GAP * float(view.pixel.mean()) + half) * up
-    return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
-
-
-class Marks(Slot):
-    """Numbers and signs beside the curves that need review, as many as can be read.
-
-    They follow camera and frame.
-    """
-
-    kind = Points
-    style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
-    _records: Sequence[Record] = ()
-    _shown: tuple[Any, ...] = ()
-
-    def __init__(self, *arguments: Any):
-        super().__init__(*arguments)
-        self._soon = qthrottled(self._write, AFTER_MS, leading=False)
-
-    def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._shown = ()
-        self.viewer.scene.camera.events.connect(self._on_move)
-        self.viewer.dims.events.current_step.connect(self._on_move)
-        made = super().make(*data, **how)
-        made.events.visible.connect(self._on_move)
-        return made
-
-    def show(self, records: Sequence[Record]) -> None:
-        """Mark these curves, and no others."""
-        self._records = records
-        self._write()
-
-    def _on_move(self, event: object) -> None:
-        if self._records:
-            self._soon()
-
-    def _view(self) -> View:
-        """What the canvas shows of the image."""
-        camera, image = self.viewer.scene.camera, self.image
-        half = np.array(self.viewer.canvas.size) / 2 / camera.zoom
-        world = np.zeros((4, image.ndim))
-        corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-        world[:, -2:] = np.array(camera.center)[-2:] + corners
-        seen = from_world(self.viewer, image, world)[:, -2:]
-        size = np.abs(image.scale[-2:] * unit_factors(self.viewer, image)[-2:]) * camera.zoom
-        return View(current_frame(self.viewer, image), seen.min(0), seen.max(0), 1 / size)
-
-    def _write(self) -> None:
-        layer = self.layer
-        if layer is None or not layer.visible or self.image not in self.viewer.layers:
-            return
-        view = self._view()
-        found = list(readable(self._records, view))
-        shown = tuple((id(record), *place) for record, place in found)
-        if shown == self._shown:
-            return
-        self._shown = shown
-        places = np.array([place for _, place in found]).reshape(-1, 2)
-        with undisturbed(self.viewer):
-            layer.selected_data = set()
-            layer.text = {"string": {"constant": ""}}
-            layer.data = in_stack(self.image, view.frame, places)
-            layer.text = {
-                "string": [_text(record) for record, _ in found],
-                "color": [COLOURS[record.curve.status] for record, _ in found],
-                "size": 10,
-                "anchor": "center",
-            }
