@@ -15,6 +15,9 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from .fakes import FakeEngine
 from .hand import add_dock
 
+WINDOW = 900, 640
+"""Of a window that draws, px: software paints every one of them, again and again."""
+
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
@@ -42,7 +45,9 @@ def viewer(
     A window costs ten times as much: it is for tests of mouse, keys, layout and what is painted.
     """
     if request.node.get_closest_marker("window"):
-        yield request.getfixturevalue("make_napari_viewer")(show=True)
+        made = request.getfixturevalue("make_napari_viewer")(show=True)
+        made.window.resize(*WINDOW)
+        yield made
         return
     yield ViewerModel()
     for widget in qapp.topLevelWidgets():
