@@ -26,6 +26,8 @@ FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
 STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
+NARROW = 1.0
+"""Half-widths within which a sketch that is right already has its body, but for a px."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 UNSEEN = 0.6
@@ -206,7 +208,9 @@ def _candidates(
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    strips = [strip.ordered_path(evidence, sketch, half_width, share * reach) for share in STRIPS]
+    reaches = (*(share * reach for share in STRIPS), min(NARROW * half_width + 1.0, reach))
+    strips = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
+    strips.append(sketch)
     lines += [smoothed(line, SMOOTH * half_width) for line in strips]
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in strips]])
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])

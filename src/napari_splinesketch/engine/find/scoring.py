@@ -23,10 +23,14 @@ SMOOTH, WIDEST = 3.0, 8.0
 their SAMPLES at most."""
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
-FEATURES = ("unseen", "apart", "ends_cut", "kink", "short", "long")
-WEIGHTS = np.array([26.0, 4.6, 2.3, 13.0, 15.5, 2.0])
-"""Fitted by tests/benchmarks/path_weights.py and rounded; "long" is held low, since a straight line
-between the ends of a body is shorter than the body."""
+HIT, HIT_PX = 0.5, 1.5
+"""A path that misses the vertices and ends of its sketch by so many half-widths and px has hit
+them."""
+VERTICES = 12
+"""Of a sketch, looked at."""
+FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
+WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 10.0])
+"""Fitted by tests/benchmarks/path_weights.py and rounded."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
 
@@ -65,19 +69,41 @@ def features(
     length = float(spline.arc_length(sketch)[-1])
     usual = tolerance(sketch, half_width)
     apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
-    cut = goes_on(evidence, lines, half_width)
-    smooth = SMOOTH * half_width * SAMPLES / float(np.median(total))
+    smooth = SMOOTH * half_width * SAMPLES / length
     sharpest = bends(lines, total / (SAMPLES - 1), half_width, smooth)[1]
     return np.column_stack(
         [
             1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
             np.log1p(apart.mean(1)),
-            np.log1p(np.where(cut, apart[:, [0, -1]], 0)).mean(1),
+            _missed(lines, sketch, half_width),
             np.clip(sharpest - BENT, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
     )
+
+
+def _missed(
+    lines: Float[Array, "C S 2"], sketch: Line, half_width: float
+) -> Float[Array, " C"]:
+    """(C,) by how much paths miss the vertices of a sketch, and their ends its ends.
+
+    The logarithm of their root mean square distance: how carefully a sketch was drawn is not
+    known, so that each factor counts the same.
+    """
+    few = sketch[np.linspace(0, len(sketch) - 1, min(len(sketch), VERTICES)).astype(int)]
+    away = few[None, :, None] - lines[:, None]
+    nearest = (away**2).sum(3).argmin(2)
+    rows = np.arange(len(lines))[:, None]
+    least = np.full(nearest.shape, np.inf)
+    for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, lines.shape[1] - 2)):
+        a, step = lines[rows, first], lines[rows, first + 1] - lines[rows, first]
+        part = ((few - a) * step).sum(2) / ((step**2).sum(2) + 1e-9)
+        foot = a + np.clip(part, 0, 1)[..., None] * step
+        np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
+    ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
+    both = np.concatenate([least, ends], axis=1).mean(1)
+    return 0.5 * np.log1p(both / (HIT * half_width + HIT_PX) ** 2)
 
 
 def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:
