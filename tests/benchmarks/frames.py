@@ -90,6 +90,10 @@ def spoil(curve: np.ndarray, kind: str, strength: float, rng: np.random.Generato
         return synthetic.chord(curve)
     if kind == "axis":
         return synthetic.axis_line(curve)
+    if kind == "part":
+        count = round(strength * len(curve))
+        first = rng.integers(len(curve) - count + 1)
+        return synthetic.rotate(curve[first : first + count], rng.choice([-12.0, 12.0]))[::16]
     raise ValueError(f"Unknown kind of sketch {kind!r}.")
 
 

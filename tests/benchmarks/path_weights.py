@@ -38,6 +38,8 @@ CELLS = (
     ("displacement", 10.0),
     ("chord", 0.0),
     ("axis", 0.0),
+    ("scaling", 0.7),
+    ("part", 0.75),
 )
 COUNTS = (1, 2, 3, 4)
 SETS = 24

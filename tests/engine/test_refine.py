@@ -178,10 +178,7 @@ def test_nothing_to_be_seen_around_the_sketches(kind):
     assert "shorter" in found.curves[1].reasons[0]
 
 
-SHORT = pytest.mark.xfail(reason="a path that ends at a crossing, unmarked (docs/limits.md)")
-
-
-@pytest.mark.parametrize("shape", [(104, 150), pytest.param((190, 92), marks=SHORT)])
+@pytest.mark.parametrize("shape", [(104, 150), (190, 92)])
 def test_images_that_are_not_square(shape):
     made = synthetic.scene(6, bodies=2, shape=shape, length=75)
     found = refine(made.image, sketches_of(made))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Real
 
-from napari_splinesketch.engine import checks, compile_cache, islands
+from napari_splinesketch.engine import checks, compile_cache, islands, spline
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
@@ -24,6 +24,9 @@ from napari_splinesketch.engine.types import (
     Refinement,
     Sketches,
 )
+
+STEADY = 200
+"""Sketches of more points than this were drawn by hand, which shakes: they are averaged."""
 
 
 def refine(
@@ -77,9 +80,10 @@ def refine(
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_options(image.shape, polarity, half_width)
     faults = [checks.fault(line, image.shape) for line in drawn]
+    lines = [x if f else spline.steadied(x, STEADY) for x, f in zip(drawn, faults, strict=True)]
     # From here on neither the order of the sketches nor the end they begin at makes a difference.
     turned = [tuple(line[0]) > tuple(line[-1]) for line in drawn]
-    lines = [line[::-1] if turn else line for line, turn in zip(drawn, turned, strict=True)]
+    lines = [line[::-1] if turn else line for line, turn in zip(lines, turned, strict=True)]
     usable = [i for i, fault in enumerate(faults) if not fault]
     usable.sort(key=lambda i: lines[i].tolist())
     fixed = sorted((c for c in fixed if c.status != "failed"), key=lambda c: c.points.tolist())

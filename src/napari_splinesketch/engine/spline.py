@@ -62,6 +62,14 @@ def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]
     return np.stack([np.interp(target, s, column) for column in points.T], axis=1)
 
 
+def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:
+    """At most `most` points for a line of many, drawn by a hand that shakes; its ends stay."""
+    if len(points) <= most:
+        return points
+    parts = np.array_split(points[1:-1], most - 2)
+    return np.array([points[0], *(part.mean(0) for part in parts), points[-1]])
+
+
 def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:
     """Points of the spline through `knots`, uniform in arc length (of row and col)."""
     u = np.linspace(0.0, 1.0, 8 * count)

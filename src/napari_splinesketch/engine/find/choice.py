@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
-SHARED, EXPLAINS = 14.5, 6.0
+SHARED, EXPLAINS = 14.5, 8.0
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
 along no other's: fitted by tests/benchmarks/path_weights.py."""
 TAKEN = 25.0

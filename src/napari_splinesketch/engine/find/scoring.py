@@ -29,7 +29,7 @@ them."""
 VERTICES = 12
 """Of a sketch, looked at."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
-WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 10.0])
+WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 2.0])
 """Fitted by tests/benchmarks/path_weights.py and rounded."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
@@ -69,8 +69,7 @@ def features(
     length = float(spline.arc_length(sketch)[-1])
     usual = tolerance(sketch, half_width)
     apart = np.linalg.norm(lines - spline.resample(sketch, SAMPLES), axis=2) / usual
-    smooth = SMOOTH * half_width * SAMPLES / length
-    sharpest = bends(lines, total / (SAMPLES - 1), half_width, smooth)[1]
+    sharpest = _kinks(lines, total, half_width)
     return np.column_stack(
         [
             1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
@@ -83,9 +82,20 @@ def features(
     )
 
 
-def _missed(
-    lines: Float[Array, "C S 2"], sketch: Line, half_width: float
+def _kinks(
+    lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
 ) -> Float[Array, " C"]:
+    """(C,) largest curvature of paths, in units of the half-width."""
+    spacing = total / (SAMPLES - 1)
+    smooth = np.clip(np.rint(2 * SMOOTH * half_width / spacing) / 2, 0.5, WIDEST)
+    sharpest = np.zeros(len(lines))
+    for value in np.unique(smooth):
+        of = smooth == value
+        sharpest[of] = bends(lines[of], spacing[of], half_width, value)[1]
+    return sharpest
+
+
+def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Float[Array, " C"]:
     """(C,) by how much paths miss the vertices of a sketch, and their ends its ends.
 
     The logarithm of their root mean square distance: how carefully a sketch was drawn is not
