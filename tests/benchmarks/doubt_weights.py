@@ -1,137 +1,161 @@
-"""Fit the weights by which signs of a wrong curve are added up (engine/doubt.py).
+"""Fit the weights by which signs of a wrong curve are added up (engine/judge/doubt.py).
 
-    python tests/benchmarks/doubt_weights.py [--seeds 28] [--frames 24]
+    python tests/benchmarks/doubt_weights.py [--frames 16] [--folder DIR ...]
 
-Trials of every stability case and frames of three bodies, none of which any other benchmark uses,
-each refined by `fast` and by `balanced`. A logistic regression tells curves that are more than
-2 px from the truth from those that are not, both kinds weighing the same. Printed are the lines
-to put into the engine, and what they come to on trials that they were not fitted to.
+Generated frames that no other benchmark uses, scenes of foreign make and real images that are not
+held out are refined by `balanced`, the latter two also with sketches that are right already. A
+logistic regression tells curves that are wrong from those that are right, both counting the same,
+as do real and generated images. Printed are the lines to put into the engine, and what share of
+wrong and of right curves each threshold marks, out of fold.
 """
 
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import frames
 import numpy as np
+import real_foreign
+from jaxtyping import Bool, Float
+from path_weights import CELLS
+from real_cases import FOLDERS, in_folders, jittered
+from real_judge import MOST, shares
 from scipy.optimize import minimize
-from stability_cases import CASES
-from stability_rows import FAR
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine.judge import doubt
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.metrics import average_dtw
 
-FIRST_SEED = 1_000
-PRESETS: tuple[PresetName, ...] = ("fast", "balanced")
-CELLS = (("rotation", 20.0), ("displacement", 10.0), ("pca", 2.0), ("chord", 0.0), ("axis", 0.0))
-FALSE = 0.05
-"""Share of curves in the right place that `balanced` may mark."""
-FOLDS = 5
-RIDGE = 1.0
+FIRST = 400
+"""Number of the first frame, out of reach of the other benchmarks."""
+COUNTS = (1, 2, 3)
+FAR = 2.0
+"""A generated body is lost where its curve is farther from it, px of average DTW."""
+SHARE = {"real": 1.0, "foreign": 0.5, "generated": 1.0}
+"""How much each source weighs."""
+FOLDS = 6
+RIDGE = 0.02
 CLIP = 3.0
 """Standardised signs count no more than this while fitting."""
 
 
 @dataclass(frozen=True)
 class Example:
-    """One curve: signs, whether it is lost, whether anything else marks it, and its trial."""
+    """One curve: where it is from, its signs, whether it is wrong, and whether it is marked."""
 
-    preset: str
-
-    signs: np.ndarray
-    lost: bool
+    source: str
+    scene: str
+    signs: Float[np.ndarray, " S"]
+    wrong: bool
     marked: bool
-    seed: int
-    case: str
 
 
-def examples(seeds: int, count: int) -> Iterator[Example]:
-    """Refine everything; curves whose marks are asked for anyway are left out."""
-    for case in CASES.values():
-        for seed in range(FIRST_SEED, FIRST_SEED + seeds):
-            trial = case.make(seed)
-            given = trial.image, trial.sketches, trial.truths, trial.options
-            for example in _of(*given, seed, case.name):
-                if example.lost or case.expects != "marked":
-                    yield example
-    for kind, strength in CELLS:
-        for seed in range(FIRST_SEED, FIRST_SEED + count):
-            made = frames.frame(frames.Cell(3, kind, strength), seed, tuning=True)
-            yield from _of(made.image, made.sketches, made.truths, {}, seed, kind)
+def examples(count: int, folders) -> Iterator[Example]:
+    """Refine everything that may be tuned on."""
+    for bodies in COUNTS:
+        for kind, strength in CELLS:
+            for index in range(FIRST, FIRST + count):
+                made = frames.frame(frames.Cell(bodies, kind, strength), index, tuning=True)
+
+                def wrong(i, curve, made=made):
+                    return not average_dtw(curve.points, made.truths[i]) <= FAR
+
+                scene = f"{bodies}_{kind}_{index}"
+                yield from _of(made.image, made.sketches, wrong, "generated", scene)
+    for case in [*real_foreign.cases(), *in_folders(folders)]:
+        if case.split == "held":
+            continue
+        source = "foreign" if case.name.startswith(real_foreign.NAME) else "real"
+        for mine in (case, jittered(case)):
+            image = np.asarray(mine.image, float)
+            image = image[..., :3].mean(-1) if image.ndim == 3 else image
+
+            def wrong(i, curve, case=case):
+                return min(shares(curve.points, case.references[i], case.half_width)) < MOST
+
+            for sketches in mine.sketches.values():
+                yield from _of(image, sketches, wrong, source, case.name)
 
 
-def _of(image, sketches, truths, options, seed: int, case: str) -> Iterator[Example]:
-    for preset in PRESETS:
-        found: list[np.ndarray] = []
-        judge = doubt.reasons
+def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
+    """What is collected of each curve, in the order of the sketches."""
+    known: dict[tuple[float, ...], doubt.Evidence] = {}
+    collect = doubt.collect
 
-        def record(evidence, found=found):
-            found.append(evidence.signs)
-            return []
+    def record(points, sd, *others):
+        evidence = collect(points, sd, *others)
+        known[tuple(sd)] = evidence
+        return evidence
 
-        doubt.reasons = record
-        try:
-            curves = refine(image, sketches, preset, **options).curves
-        finally:
-            doubt.reasons = judge
-        signs = iter(found)
-        for curve, truth in zip(curves, truths, strict=True):
-            if curve.status != "failed":
-                lost = truth is None or not average_dtw(curve.points, truth) <= FAR
-                yield Example(preset, next(signs), lost, curve.status != "good", seed, case)
+    doubt.collect = record
+    try:
+        curves = refine(image, sketches).curves
+    finally:
+        doubt.collect = collect
+    for i, curve in enumerate(curves):
+        if curve.status != "failed":
+            signs = known[tuple(curve.sd)].signs
+            yield Example(source, scene, signs, bool(wrong(i, curve)), curve.status != "good")
 
 
-def fit(signs: np.ndarray, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the signs, and their usual values; a curve is as likely lost as not at 0."""
-    usual, spread = signs[~lost].mean(0), signs.std(0) + 1e-9
-    x = np.column_stack([np.clip((signs - usual) / spread, -CLIP, CLIP), np.ones(len(signs))])
-    y = 2.0 * lost - 1
-    balance = np.where(lost, (~lost).sum() / max(lost.sum(), 1), 1.0)
+def fit(
+    signs: Float[np.ndarray, "N S"], wrong: Bool[np.ndarray, " N"], source: np.ndarray
+) -> tuple[Float[np.ndarray, " S"], Float[np.ndarray, " S"]]:
+    """Weights of the signs, none below 0, and their usual values."""
+    usual, spread = np.median(signs[~wrong], axis=0), signs.std(0) + 1e-9
+    x = np.clip((signs - usual) / spread, -CLIP, CLIP)
+    y = np.where(wrong, 1.0, -1.0)
+    weight = np.zeros(len(signs))
+    for name, share in SHARE.items():
+        for side in (wrong, ~wrong):
+            mine = side & (source == name)
+            weight[mine] = share / max(mine.sum(), 5)
 
     def loss(b):
-        return (balance * np.logaddexp(0, -y * (x @ b))).sum() + RIDGE * (b[:-1] ** 2).sum() / 2
+        sums = x @ b[1:] + b[0]
+        slope = -y * weight / (1 + np.exp(np.clip(y * sums, -50, 50)))
+        value = (weight * np.logaddexp(0, -y * sums)).sum() + RIDGE * (b[1:] ** 2).sum()
+        return value, np.concatenate([[slope.sum()], x.T @ slope + 2 * RIDGE * b[1:]])
 
-    return minimize(loss, np.zeros(x.shape[1])).x[:-1] / spread, usual
-
-
-def shares(sums: np.ndarray, lost: np.ndarray, marked: np.ndarray, threshold: float) -> str:
-    """What is marked, with what else marks a curve."""
-    flagged = marked | (sums > threshold)
-    return f"{flagged[lost].mean():.0%} of lost, {flagged[~lost].mean():.1%} of found"
+    bounds = [(None, None), *[(0, None)] * x.shape[1]]
+    found = minimize(loss, np.zeros(1 + x.shape[1]), jac=True, bounds=bounds).x
+    return found[1:] / spread, usual
 
 
 def main() -> None:
     """Refine, fit, and say what it comes to."""
-    parser = argparse.ArgumentParser(
-        "python tests/benchmarks/doubt_weights.py", description=__doc__
-    )
-    parser.add_argument("--seeds", type=int, default=28, help="trials of each stability case")
-    parser.add_argument("--frames", type=int, default=24, help="frames of each kind of sketch")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--frames", type=int, default=16, help="frames a cell")
+    parser.add_argument("--folder", type=Path, action="append", help="of real cases")
     options = parser.parse_args()
-    found = list(examples(options.seeds, options.frames))
-    signs = np.array([e.signs for e in found])
-    lost, marked = (np.array([getattr(e, a) for e in found]) for a in ("lost", "marked"))
-    fold = np.array([e.seed % FOLDS for e in found])
-    stable = np.array([e.case in CASES for e in found])
-    sums = np.zeros(len(found))
+    known = list(examples(options.frames, options.folder or FOLDERS))
+    signs = np.array([e.signs for e in known])
+    wrong, marked = (np.array([getattr(e, a) for e in known]) for a in ("wrong", "marked"))
+    source = np.array([e.source for e in known])
+    scenes = sorted({e.scene for e in known})
+    fold = np.array([scenes.index(e.scene) % FOLDS for e in known])
+    sums = np.zeros(len(known))
     for k in range(FOLDS):
-        weights, usual = fit(signs[fold != k], lost[fold != k])
+        weights, usual = fit(signs[fold != k], wrong[fold != k], source[fold != k])
         sums[fold == k] = (signs[fold == k] - usual) @ weights
-    right = stable & ~lost & np.array([e.preset == PRESETS[-1] for e in found])
-    allowed = (FALSE * right.sum() - (right & marked).sum()) / (right & ~marked).sum()
-    threshold = float(np.quantile(sums[right & ~marked], 1 - max(allowed, 0.001)))
-    weights, usual = fit(signs, lost)
-    print(f"{len(found)} curves, {lost.sum()} lost; other reasons mark", end=" ")
-    print(shares(sums, lost, marked, np.inf))
-    for preset in PRESETS:
-        mine = np.array([e.preset == preset for e in found])
-        for name, some in (("stability cases", stable & mine), ("three bodies", ~stable & mine)):
-            print(f"{preset}, {name}:", shares(sums[some], lost[some], marked[some], threshold))
+
+    def line(label: str, flagged: Bool[np.ndarray, " N"]) -> None:
+        each = [
+            f"{name} {flagged[wrong & (source == name)].mean():.0%} of wrong, "
+            f"{flagged[~wrong & (source == name)].mean():.0%} of right"
+            for name in SHARE
+        ]
+        print(f"{label}: {'; '.join(each)}")
+
+    print(f"{len(known)} curves, {wrong.sum()} wrong")
+    line("marked now", marked)
+    for threshold in np.arange(2.0, 4.4, 0.2):
+        line(f"threshold {threshold:.1f}", sums > threshold)
+    weights, usual = fit(signs, wrong, source)
+    print("SIGNS =", doubt.SIGNS)
     for name, values in (("WEIGHTS", weights), ("USUAL", usual)):
         print(f"{name} = np.array([{', '.join(f'{v:.2g}' for v in values)}])")
-    print(f"THRESHOLD = {threshold:.2g}")
 
 
 if __name__ == "__main__":

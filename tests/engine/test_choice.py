@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip, tracing
+from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import SETTINGS
 
@@ -164,14 +164,12 @@ def test_two_sketches_do_not_take_one_body():
         assert away(start.line, line) < HALF_WIDTH
 
 
-def test_margin_is_what_the_best_other_path_costs_more():
-    lines = tuple(np.array([[row, 0.0], [row, 50.0]]) for row in (0.0, 0.5, 20.0))
-    covers = np.eye(3, dtype=bool)
-    candidates = choice.Candidates(lines, np.array([1.0, 1.5, 3.0]), np.zeros(3), covers)
-    graph = tracing.TraceGraph(
-        np.zeros((6, 2)), np.ones(6, bool), lines, np.arange(6).reshape(3, 2),
-        np.full(3, 50.0), np.zeros((3, 2, 2)), np.zeros(3, bool),
-    )  # fmt: skip
-    (chosen,) = choice.choose(graph, [candidates], 3.0, 50.0, np.zeros(3, bool))
-    assert chosen.path == 0
-    assert chosen.margin == pytest.approx(2.0)
+def test_a_sketch_that_is_right_already_keeps_its_body():
+    """A brighter body that runs beside it for a while does not take it away."""
+    line = np.column_stack([40 + 4 * np.sin(np.linspace(0, 3, 81)), np.linspace(20, 100, 81)])
+    other = np.column_stack([np.linspace(20, 56, 81), np.linspace(30, 100, 81)])
+    image = np.maximum(0.4 * drawn([line]), drawn([other]))
+    sketch = line[::16] + np.random.default_rng(0).normal(0, 1, (6, 2))
+    (start,) = found(image, [sketch]).starts
+    assert away(start.line, line) < 2
+    assert away(line, start.line) < 2

@@ -23,10 +23,6 @@ BEAM = 128
 """Sets of paths kept while sketch after sketch is added."""
 EXPLAINED = 1.0
 """Pieces nearer than this many half-widths to a curve lie on its body."""
-NO_RIVAL = 100.0
-"""Margin of a curve that no other path contests."""
-ELSEWHERE = 1.5
-"""Half-widths between two curves that are not the same, on average."""
 
 Line = Float[Array, "N 2"]
 
@@ -53,44 +49,12 @@ class Candidates:
     covers: Bool[Array, "C E"]
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """The path of one sketch.
-
-    Attributes
-    ----------
-    path
-        Its number among the candidates.
-    margin
-        By how much the best set with another path here is worse.
-    """
-
-    path: int
-    margin: float
-
-
 def interacting(candidates: list[Candidates]) -> list[list[int]]:
     """Groups of sketches whose plausible paths share pieces of the graph."""
     likely = np.array([c.covers.any(0) for c in candidates]).astype(np.int32)
     linked = csr_array(likely) @ csr_array(likely).T
     count, label = connected_components(linked, directed=False)
     return [np.flatnonzero(label == k).tolist() for k in range(count)]
-
-
-def choose(
-    graph: TraceGraph,
-    candidates: list[Candidates],
-    half_width: float,
-    usual: float,
-    taken: Bool[Array, " E"],
-) -> list[Chosen]:
-    """The cheapest set of one path for each of some sketches: see `sets`."""
-    paths, cost = sets(graph, candidates, half_width, usual, taken)
-    apart = ELSEWHERE * half_width
-    return [
-        Chosen(int(column[0]), _margin(mine.lines, column, cost, apart))
-        for mine, column in zip(candidates, paths.T, strict=True)
-    ]
 
 
 def prices(
@@ -143,22 +107,3 @@ def sets(
         covered = np.minimum(covered[which] + covers[path], 1)
         total = extended[which, path]
     return rows[:, np.argsort(order)], total
-
-
-def _margin(lines, paths, total, apart: float) -> float:
-    """By how much the best set is better than the best with a path elsewhere."""
-    known: dict[int, bool] = {}
-    for path, cost in zip(paths.tolist(), total.tolist(), strict=True):
-        if path not in known:
-            known[path] = _distance(lines[path], lines[paths[0]]) > apart
-        if known[path]:
-            return float(cost - total[0])
-    return NO_RIVAL
-
-
-def _distance(a: Line, b: Line) -> float:
-    """Mean distance of the points of one path from another, the larger of the two ways, px."""
-    few = (np.linspace(0, len(x) - 1, 40).astype(int) for x in (a, b))
-    a, b = (x[i] for x, i in zip((a, b), few, strict=True))
-    apart = np.linalg.norm(a[:, None] - b[None], axis=2)
-    return float(max(apart.min(0).mean(), apart.min(1).mean()))

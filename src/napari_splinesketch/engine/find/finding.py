@@ -11,7 +11,7 @@ from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, paths, scoring, strip
-from napari_splinesketch.engine.find.choice import Candidates, Chosen
+from napari_splinesketch.engine.find.choice import Candidates
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
@@ -48,8 +48,6 @@ class Start:
         (N, 2) the path that was found, or the sketch where there is none.
     found
         Whether a body was found.
-    margin
-        By how much the best set of paths with another one here is worse.
     half_width
         Of the body, px.
     contrast
@@ -63,7 +61,6 @@ class Start:
 
     line: Line
     found: bool
-    margin: float
     half_width: float
     contrast: float
     unseen: float
@@ -118,10 +115,10 @@ def find(
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     for members in clusters:
         mine = [candidates[i] for i in members]
-        chosen = choice.choose(graph, mine, seen.half_width, usual_length(sketches), taken)
-        for i, pick in zip(members, chosen, strict=True):
+        best = choice.sets(graph, mine, seen.half_width, usual_length(sketches), taken)[0][0]
+        for i, path in zip(members, best.tolist(), strict=True):
             rung = seen.rungs[i]
-            starts[i] = _start(seen, sketches[i], candidates[i], pick, rung, evidence[rung])
+            starts[i] = _start(seen, sketches[i], candidates[i], path, rung, evidence[rung])
     return _rescaled(Found(seen, starts, clusters))
 
 
@@ -153,7 +150,7 @@ def candidates_of(
 def believed(seen: Scene, sketches: list[Line]) -> Found:
     """The sketches as they are, where they are known to lie on their bodies."""
     starts = [
-        Start(sketch, True, choice.NO_RIVAL, WIDTHS[rung], 1.0, 0.0)
+        Start(sketch, True, WIDTHS[rung], 1.0, 0.0)
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
     return Found(seen, starts, [[i] for i in range(len(sketches))])
@@ -236,21 +233,21 @@ def _start(
     seen: Scene,
     sketch: Line,
     mine: Candidates,
-    pick: Chosen,
+    path: int,
     rung: int,
     evidence: Float[Array, "H W"],
 ) -> Start:
     """A path with what the image is like along it."""
-    line, unseen = mine.lines[pick.path], float(mine.unseen[pick.path])
-    if unseen > UNSEEN or mine.cost[pick.path] > scoring.TOO_FAR:
-        return Start(sketch, False, 0.0, WIDTHS[rung], 1.0, unseen)
+    line, unseen = mine.lines[path], float(mine.unseen[path])
+    if unseen > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
+        return Start(sketch, False, WIDTHS[rung], 1.0, unseen)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
     sampled = spline.resample(line, scoring.SAMPLES)
     goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
-    return Start(line, True, pick.margin, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))
+    return Start(line, True, WIDTHS[own], contrast, unseen, tuple(goes_on.tolist()))
 
 
 def _rescaled(found: Found) -> Found:

@@ -11,20 +11,10 @@ from napari_splinesketch.engine.fit.profile import WIDTH_MODES, modes, tapered_w
 from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
-LARGE_RESIDUAL = 3.0
-VISIBLE_RESIDUAL = 0.8
-MOVED = 0.5
-LONGER = 1.8
-SHORTER = 2.5
 SAME_BODY = 0.5
 ON_TOP = 0.6
-"""Limits beyond which a curve asks for a look: times the noise and share of the contrast;
-shares of the sketch's length; factors of length; share of the length that two curves run along
-each other, closer than so many half-widths."""
-BORDER = 1.0
-"""A curve that comes so close to the border of the image, px, may go on outside."""
-CORE = 0.3
-"""Pixels with this share of a body's brightness tell how well it is explained."""
+"""Two curves are on the same body where they run along each other, closer than so many half-widths,
+for this share of their length."""
 
 
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
@@ -89,31 +79,6 @@ def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
         (reason,),
         np.inf,
     )
-
-
-def doubts(
-    curve: Float[Array, "P 2"],
-    sketch: Float[Array, "N 2"],
-    residual: Float[Array, " m"],
-    noise: float,
-    shape: tuple[int, int],
-) -> list[str]:
-    """What looks wrong with a curve by itself, in words for the user."""
-    found = []
-    drawn = spline.resample(sketch, len(curve))
-    length, before = spline.arc_length(curve)[-1], spline.arc_length(drawn)[-1]
-    rms = np.sqrt(np.mean(residual**2)) if len(residual) else np.inf
-    if rms > max(LARGE_RESIDUAL * noise, VISIBLE_RESIDUAL):
-        found.append(f"the image around it is not explained ({rms / noise:.1f} times the noise)")
-    moved = np.linalg.norm(curve.mean(0) - drawn.mean(0))
-    if moved > MOVED * max(length, before):
-        found.append(f"it moved {moved:.0f} px from its sketch")
-    if not 1 / SHORTER < length / before < LONGER * np.pi / 2:
-        found.append(f"its length changed from {before:.0f} to {length:.0f} px")
-    edge = np.array(shape) - 1 - BORDER
-    if ((curve < BORDER) | (curve > edge)).any():
-        found.append("it reaches the border of the image")
-    return found
 
 
 def neighbours(curves: list[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:

@@ -126,13 +126,11 @@ def _curves(
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
     everything = [*centres, *(b.points() for b in fit.fixed)]
     twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
-    usual_length = float(np.median([spline.arc_length(c)[-1] for c in centres]))
     misfit = unexplained(seen, residual)
     widths = [float(np.exp(b["log_width_0"])) for b in fit.bodies]
     beside = assess.neighbours(everything, BESIDE * max(widths))
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
-        core = rests[i][body.own > assess.CORE * body["contrast"]]
-        reasons = assess.doubts(centres[i], sketch, core, seen.noise, seen.normal.shape)
+        reasons = []
         if not fit.starts[i].found:
             reasons.append("no body was seen along its sketch")
         if i in twins:
@@ -141,18 +139,8 @@ def _curves(
         points = spline.basis(len(body.knots), u) @ body.knots
         near = beside_others(points, [everything[k] for k in others], widths[i])
         sd = standard_error(body, u, misfit, near)
-        evidence = doubt.collect(
-            points,
-            sd,
-            near,
-            sketch,
-            body["contrast"],
-            fit.starts[i].margin,
-            usual_length,
-            widths[i],
-            float(np.sqrt(np.mean(rests[i] ** 2))) if len(rests[i]) else np.inf,
-            not body.settled,
-        )
+        start = fit.starts[i]
+        evidence = doubt.collect(points, sd, sketch, start.unseen, sum(start.goes_on))
         reasons += doubt.reasons(evidence)
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
 
