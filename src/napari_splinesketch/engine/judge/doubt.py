@@ -14,10 +14,10 @@ END_SHARE = 0.1
 LEAST_SD = 0.03
 """Added to standard errors, px: below, they tell nothing."""
 SIGNS = ("sd", "astray", "unseen", "goes_on")
-WEIGHTS = np.array([1.3, 2.1, 6.5, 1.1])
-USUAL = np.array([-1.2, -2.7, 0.03, 0.0])
+WEIGHTS = np.array([1.3, 2.1, 6.6, 1.1])
+USUAL = np.array([-1.2, -2.7, 0.01, 0.0])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 3.1
+THRESHOLD = 3.3
 """Of the weighted sum, above which a curve needs review; all three are fitted to real images and
 generated ones by tests/benchmarks/doubt_weights.py."""
 TELLING = 0.5
@@ -39,7 +39,8 @@ class Evidence:
     unseen
         Share of its path where the image shows no body.
     goes_on
-        Beyond how many of the path's ends the image shows a body.
+        Beyond how many of the path's ends the image shows a body: where it does beyond both, only
+        a part was sketched.
     """
 
     sd: float
@@ -56,7 +57,7 @@ class Evidence:
                 np.log(LEAST_SD + min(self.sd, 1e3)),
                 np.log(0.01 + self.astray / self.drawn),
                 self.unseen,
-                float(self.goes_on),
+                float(self.goes_on**2),
             ]
         )
 
