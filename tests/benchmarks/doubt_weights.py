@@ -71,11 +71,11 @@ def examples(count: int, folders) -> Iterator[Example]:
             image = np.asarray(mine.image, float)
             image = image[..., :3].mean(-1) if image.ndim == 3 else image
 
-            def wrong(i, curve, case=case):
+            def missed(i, curve, case=case):
                 return min(shares(curve.points, case.references[i], case.half_width)) < MOST
 
             for sketches in mine.sketches.values():
-                yield from _of(image, sketches, wrong, source, case.name)
+                yield from _of(image, sketches, missed, source, case.name)
 
 
 def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:

@@ -55,7 +55,9 @@ def test_what_is_collected_of_a_curve():
     sd[0] = 9.0
     sketch = np.array([[3.0, 0.0], [3.0, 60.0]])
     found = collect(straight, sd, sketch, 0.1, 1)
-    assert found == Evidence(sd=0.5, astray=pytest.approx(3.0), drawn=60.0, unseen=0.1, goes_on=1)
+    assert found.sd == 0.5
+    assert found.astray == pytest.approx(3.0)
+    assert (found.drawn, found.unseen, found.goes_on) == (60.0, 0.1, 1)
 
 
 def test_signs_and_weights_belong_together():

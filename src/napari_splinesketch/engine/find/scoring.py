@@ -24,12 +24,15 @@ their SAMPLES at most."""
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
 HIT, HIT_PX = 0.5, 1.5
-"""A path that misses the vertices and ends of its sketch by so many half-widths and px has hit
-them."""
+"""A path that misses the vertices of its sketch by so many half-widths and px has hit them."""
 VERTICES = 12
 """Of a sketch, looked at."""
+CLICKED, CAREFUL = range(3, 25), 3.0
+"""Each of so many vertices was put on the body by itself, the first and last on its ends, and
+counts by this factor: two tell little of what is between, and more are a line that was moved as a
+whole, or drawn without looking at each."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
-WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 2.0])
+WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 1.5])
 """Fitted by tests/benchmarks/path_weights.py and rounded."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
@@ -96,7 +99,7 @@ def _kinks(
 
 
 def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Float[Array, " C"]:
-    """(C,) by how much paths miss the vertices of a sketch, and their ends its ends.
+    """(C,) by how much paths miss the vertices of a sketch.
 
     The logarithm of their root mean square distance: how carefully a sketch was drawn is not
     known, so that each factor counts the same.
@@ -111,9 +114,12 @@ def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Fl
         part = ((few - a) * step).sum(2) / ((step**2).sum(2) + 1e-9)
         foot = a + np.clip(part, 0, 1)[..., None] * step
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
-    ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
-    both = np.concatenate([least, ends], axis=1).mean(1)
-    return 0.5 * np.log1p(both / (HIT * half_width + HIT_PX) ** 2)
+    clicked = len(sketch) in CLICKED
+    if clicked:
+        ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
+        least = np.concatenate([least, ends], axis=1)
+    missed = 0.5 * np.log1p(least.mean(1) / (HIT * half_width + HIT_PX) ** 2)
+    return missed * (CAREFUL if clicked else 1.0)
 
 
 def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:
