@@ -28,6 +28,8 @@ STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
 NARROW = 1.0
 """Half-widths within which a sketch that is right already has its body, but for a px."""
+WELL_SEEN = 0.1
+"""Only where every path has more of its length without evidence is the sketch itself one."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 UNSEEN = 0.6
@@ -205,15 +207,20 @@ def _candidates(
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    reaches = (*(share * reach for share in STRIPS), min(NARROW * half_width + 1.0, reach))
+    reaches = [share * reach for share in STRIPS]
+    clicked = len(sketch) in scoring.CLICKED
+    if clicked:
+        reaches.append(min(NARROW * half_width + 1.0, reach))
     strips = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
-    strips.append(sketch)
+    strips += [sketch] * clicked
     lines += [smoothed(line, SMOOTH * half_width) for line in strips]
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in strips]])
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
+    if clicked and known[:-1, scoring.FEATURES.index("unseen")].min() < WELL_SEEN:
+        cost[-1] = np.inf
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
     unseen = known[order, scoring.FEATURES.index("unseen")]

@@ -26,8 +26,10 @@ GROWS, GROWS_PX = 1.5, 1.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
 """Fixed curves are drawn with at least this half-width, px."""
-LOOSE_FIT, LOOSE_FIT_PX = 0.1, (0.15, 0.3)
+LOOSE_FIT, LOOSE_FIT_PX = 0.1, (0.15, 1.0)
 """Half-widths that knots may miss a traced path by (rms), and px at least and at most."""
+MANY, APART = 24, 15.0
+"""More knots than this only where they are so many px apart: closer ones follow noise."""
 
 
 class Reporter(Protocol):
@@ -126,7 +128,9 @@ def _width_of(curve: Curve) -> float:
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
     """The fewest knots whose spline follows a traced path as closely as a trace is worth."""
     loose = np.clip(LOOSE_FIT * half_width, *LOOSE_FIT_PX)
-    points = max(64, int(spline.arc_length(line)[-1] / 4))
+    length = spline.arc_length(line)[-1]
+    points = max(64, int(length / 4))
+    allowed = tuple(n for n in allowed if n <= MANY or length > APART * n)
     dense = spline.resample(line, points)
     for count in allowed:
         fitted = spline.sample(spline.fit_knots(line, count), points)
