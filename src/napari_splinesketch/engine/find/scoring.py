@@ -31,6 +31,8 @@ CLICKED, CAREFUL = range(3, 25), 3.0
 """Where there are so many vertices, each was put on the body by itself, the first and last on its
 ends, and counts by this factor: two tell little of what is between, and more are a line that was
 moved as a whole, or drawn without looking at each."""
+ENDS = 0.04
+"""Of the length of a sketch: by so much more its clicked ends may miss those of the body."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
 WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 1.5])
 """Fitted by tests/benchmarks/path_weights.py and rounded."""
@@ -114,11 +116,12 @@ def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Fl
         part = ((few - a) * step).sum(2) / ((step**2).sum(2) + 1e-9)
         foot = a + np.clip(part, 0, 1)[..., None] * step
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
-    clicked = len(sketch) in CLICKED
+    clicked, hit = len(sketch) in CLICKED, HIT * half_width + HIT_PX
     if clicked:
+        share = hit / (hit + ENDS * spline.arc_length(sketch)[-1])
         ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
-        least = np.concatenate([least, ends], axis=1)
-    missed = 0.5 * np.log1p(least.mean(1) / (HIT * half_width + HIT_PX) ** 2)
+        least = np.concatenate([least, share**2 * ends], axis=1)
+    missed = 0.5 * np.log1p(least.mean(1) / hit**2)
     return missed * (CAREFUL if clicked else 1.0)
 
 
