@@ -345,7 +345,6 @@ def test_same_every_time():
         np.testing.assert_array_equal(a.knots, b.knots)
 
 
-@pytest.mark.xfail(reason="skeletons depend on the image's orientation (docs/limits.md)")
 def test_turned_image_gives_the_turned_curve():
     made = frame(0)
     turned = refine(made.image.T, [s[:, ::-1] for s in sketches_of(made)])

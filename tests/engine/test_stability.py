@@ -32,18 +32,7 @@ def test_results_are_whole(results, name):
     assert_whole(found, len(trial.sketches), trial.image.shape)
 
 
-WEAK = {
-    "tangle": "exchanged tails, not always marked (docs/limits.md)",
-}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.xfail(reason=WEAK[name])) if name in WEAK else name
-        for name in CASES
-    ],
-)
+@pytest.mark.parametrize("name", CASES)
 def test_found_or_marked(results, name):
     trial, found = results(name)
     expects = CASES[name].expects
