@@ -100,8 +100,15 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.drag((60, 50), (70, 60))
     assert controller.selection == (), "moving the camera selects nothing"
     hand.press("H")
-    assert viewer.layers.selection.active.name == "film sketches"
-    assert viewer.layers.selection.active.mode == "add_line"
+    lines = viewer.layers["film sketches"]
+    assert viewer.layers.selection.active is lines
+    assert lines.mode == "add_line"
+    viewer.scene.camera.zoom /= 3
+    hand.click(60, 50)
+    until(lambda: controller.selection == ((1, 2),), 5)
+    assert lines.nshapes == 2, "a click selects while drawing, too, and is no line at any zoom"
+    hand.drag((30, 30), (50, 50))
+    assert lines.nshapes == 3, "a short line is one"
 
 
 @pytest.mark.window

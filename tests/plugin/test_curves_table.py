@@ -13,6 +13,7 @@ from napari_splinesketch.plugin.columns import (
     SHOWN,
     alone,
     as_text,
+    colours_of,
     features,
     severity,
     three_digits,
@@ -176,6 +177,12 @@ def test_curvature_is_that_of_a_circle_in_the_unit() -> None:
     curve = replace(as_drawn(circle), points=circle)
     found = measure("curvature", curve, Ruler((0.5, 0.5), "µm"))
     assert found == pytest.approx(1 / 10, rel=0.01)
+
+
+def test_values_that_are_the_same_have_one_colour() -> None:
+    curves = [as_drawn(np.eye(2), residual=0.5 + i * 1e-12) for i in range(3)]
+    records = [Record(i, 0, np.eye(2), curve) for i, curve in enumerate(curves)]
+    assert len(set(colours_of(records, ("residual", Ruler())))) == 1
 
 
 def test_the_table_as_text() -> None:

@@ -10,6 +10,7 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.review.kymographs import pictures
 from napari_splinesketch.plugin.review.panel import ReviewPanel
+from napari_splinesketch.plugin.review.plots import ticks
 
 from .fakes import FakeEngine, as_drawn
 from .hand import refine
@@ -60,6 +61,11 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     assert wanted.name() in {
         shown.pixelColor(x, shown.height() // 3).name() for x in range(0, shown.width(), 3)
     }
+    assert [name for _, name in ticks(0, 1, 4, whole=True)] == ["0", "1"], "frames are whole"
+    assert [name for _, name in ticks(0, 8, 4, whole=True)] == ["0", "2", "4", "6", "8"]
+    controller.apply("Delete", replace(state, records=(first,)))
+    controller.selected = (0, first.id)
+    assert panel.plots.profile is None and not panel.plots.pictures, "no other plot in its place"
     panel.plotted.setCurrentIndex(0)
     panel.plotted.activated.emit(0)
     assert panel.plots.profile is not None

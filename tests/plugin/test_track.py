@@ -47,9 +47,14 @@ def over(dock: SplinesketchDock) -> None:
 
 def test_next_frame_carries_over_refines_and_steps(viewer: Any, film: SplinesketchDock) -> None:
     assert film.track.isVisible()
+    film.controller.selected = (1, 2)
     click(film.track.buttons["next_frame"])
     over(film)
     assert keys(film) == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert film.controller.selected == (2, 2), "what is selected is the body in view"
+    viewer.dims.set_point(0, 1)
+    assert film.curve.title.text() == "Curve 2 of frame 2: good"
+    viewer.dims.set_point(0, 2)
     assert viewer.dims.current_step[0] == 2
     assert not any(record.drawn for record in film.controller.records(2))
     assert viewer.layers["film curves"].nshapes == 4, "it is over when all is in view"

@@ -55,9 +55,10 @@ def test_the_summary_is_one_line() -> None:
 
 def test_the_selected_curve_says_why_it_is_doubtful() -> None:
     (one,) = records(("check", ("it moved", "it is short")))
-    assert words.selected([one]) == "Curve 1: to check: it moved; it is short"
-    assert words.selected([one, one]) == "2 curves are selected"
-    assert "No curve" in words.selected([])
+    assert words.selected([one], 0) == "Curve 1: to check: it moved; it is short"
+    assert words.selected([one], 3).startswith("Curve 1 of frame 0: ")
+    assert words.selected([one, one], 0) == "2 curves are selected"
+    assert "No curve" in words.selected([], 0)
 
 
 def test_times_are_those_that_the_user_waits() -> None:

@@ -96,7 +96,7 @@ class CurveBox(QWidget):
         controller = self._controller
         deleted = bool(controller.work and controller.work.state.deleted)
         self.setVisible(bool(controller.records() or deleted))
-        said = words.selected(controller.selected_records())
+        said = words.selected(controller.selected_records(), controller.frame)
         self.title.setText(said)
         self.title.setToolTip(said)
         self._corrections.show_state()

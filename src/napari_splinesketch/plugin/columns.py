@@ -180,6 +180,8 @@ Look = tuple[str, Ruler]
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 """Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
 read by everybody."""
+SAME = 1e-6
+"""Values that differ less, relative, have one colour: that is how they were worked out."""
 GREY = "#999999"
 """Of a curve whose number is not known."""
 SHOWN = tuple(column for column in COLUMNS if column.title)
@@ -243,7 +245,8 @@ def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:
 def _on_ramp(value: float, low: float, high: float) -> str:
     if not np.isfinite(value):
         return GREY
-    at = (value - low) / (high - low) * (len(RAMP) - 1) if high > low else (len(RAMP) - 1) / 2
+    at = (value - low) / (high - low) if high - low > SAME * abs(high) else 0.5
     stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
-    mixed = [round(float(np.interp(at, range(len(RAMP)), channel))) for channel in stops.T]
+    along = np.linspace(0, 1, len(RAMP))
+    mixed = [round(float(np.interp(at, along, channel))) for channel in stops.T]
     return "#{:02x}{:02x}{:02x}".format(*mixed)

@@ -25,6 +25,7 @@ from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers.drawn import (
     MANY,
     begin_drawing,
+    clicked,
     drawing,
     new_sketch_layer,
     select_curves,
@@ -85,7 +86,7 @@ class Controller(Keeper):
         self._soon = qdebounced(self.changes.lines.emit, 0)
         self.changes.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
-        self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._refine_at_once))
+        self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
 
     def request(self, scope: Scope = "new") -> Request:
         """Say what Refine would do now; selected lines go before those that are new."""
@@ -313,6 +314,15 @@ class Controller(Keeper):
             self._refine_at_once()
 
         self.show(work, over)
+
+    def _on_drawn(self) -> None:
+        """Refine what was drawn, if she wants it so; a click beside it all selects a curve."""
+        image, layer = self.choices.image, self.choices.sketches
+        if image and layer and drawing(self.viewer, layer) and clicked(self.viewer, layer, image):
+            layer.remove([layer.nshapes - 1])
+            pick(self)
+        else:
+            self._refine_at_once()
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""

@@ -157,7 +157,7 @@ class SplinesketchDock(QWidget):
             self._show_said: (changes.said,),
             self.suggest.button.show_state: (*frame, *command),
             self._show_film: (*frame, changes.curves, changes.selection, *command),
-            self.curve.show_state: (*curves, changes.selection, changes.mode, *command),
+            self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
             self._show_settings: (*frame, changes.settings),

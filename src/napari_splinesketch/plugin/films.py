@@ -266,7 +266,9 @@ class Films:
             controller.finish(notice)
             return
         if len(task.frames) == 1 and not error and task.there is None:
-            go_to_frame(controller.viewer, work.image, task.frames[0])
+            numbers, there = {number for _, number in controller.selection}, task.frames[0]
+            go_to_frame(controller.viewer, work.image, there)
+            controller.select((f, n) for f, n in work.state.by_key if f == there and n in numbers)
         controller.show(work, partial(controller.finish, notice))
 
 

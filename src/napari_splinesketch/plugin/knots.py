@@ -23,7 +23,7 @@ FEWEST = 3
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
 COLOUR, HEAD = palette.MOVING, palette.TRUTH
 """The first knot is the head: it stands out."""
-LOOK = {"size": 3, "canvas_size_limits": (9, 14), "border_width": 0.2, "border_color": "black"}
+LOOK = {"size": 3, "canvas_size_limits": (9, 14), "border_width": 0.1, "border_color": "black"}
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 
 Knots = Float[np.ndarray, "K 2"]

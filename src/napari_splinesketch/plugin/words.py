@@ -148,15 +148,16 @@ def summary(records: Sequence[Record]) -> str:
     return " · ".join(f"{statuses[s]} {word}" for s, word in said.items() if statuses[s])
 
 
-def selected(records: Sequence[Record]) -> str:
-    """Say which curves are selected, and what is doubtful about one of them."""
+def selected(records: Sequence[Record], frame: int) -> str:
+    """Say which curves are selected, seen from a frame, and what is doubtful about one."""
     if not records:
         return "No curve is selected: click one"
     if len(records) > 1:
         return f"{len(records)} curves are selected"
     (record,) = records
     status = STATUS_WORDS[record.curve.status]
-    said = f"Curve {record.id}{' 🔒' if record.locked else ''}: {status}"
+    where = f" of frame {record.frame}" if record.frame != frame else ""
+    said = f"Curve {record.id}{where}{' 🔒' if record.locked else ''}: {status}"
     return f"{said}: {'; '.join(record.curve.reasons)}" if record.curve.reasons else said
 
 

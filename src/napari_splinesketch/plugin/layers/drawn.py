@@ -19,6 +19,7 @@ from napari_splinesketch.plugin.layers.space import (
     from_world,
     in_stack,
     placement,
+    screen_pixel,
     size_of,
     to_pixels,
 )
@@ -41,6 +42,8 @@ MANY = 200
 """With so many sketches, what follows from several edits in a row is worked out once."""
 CHUNK = 50
 """Shapes added at once: napari takes about as long for one of them as for so many."""
+CLICK = 4.0
+"""A mouse that moves less between press and release has clicked, px of the screen."""
 FADED = 0.3
 """How opaque a line is that has become a curve."""
 COLOUR = palette.SKETCH
@@ -156,6 +159,16 @@ def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
 def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
     """Whether the user is drawing into a layer."""
     return viewer.layers.selection.active is layer and layer.mode.startswith("add")
+
+
+def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
+    """Whether the last shape is but a click, of which napari makes a short line at 45 degrees."""
+    if not layer.nshapes or layer.shape_type[-1] != "line":
+        return False
+    down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
+    way = np.diff(to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
+    short = np.linalg.norm(way / screen_pixel(viewer, image)) < CLICK
+    return bool(short and np.isclose(down, right, rtol=1e-3))
 
 
 def select_curves(viewer: ViewerModel, curves: Layer) -> None:

@@ -19,7 +19,7 @@ from superqt.utils import qthrottled
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.columns import Look, colours_of, severity
-from napari_splinesketch.plugin.layers.drawn import BREATH_MS
+from napari_splinesketch.plugin.layers.drawn import BREATH_MS, CLICK
 from napari_splinesketch.plugin.layers.looks import (
     COLOURS,
     MARKS,
@@ -45,7 +45,7 @@ from napari_splinesketch.plugin.layers.space import (
     current_frame,
     from_world,
     in_stack,
-    unit_factors,
+    screen_pixel,
 )
 from napari_splinesketch.plugin.model import Key, Record
 
@@ -53,8 +53,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.work import Work
 
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
-CLICK = 4.0
-"""A mouse that moves less between press and release has clicked, px of the screen."""
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
 THIN, GAP = 0.5, 1.2
@@ -165,8 +163,8 @@ class Marks(Slot):
         corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
         world[:, -2:] = np.array(camera.center)[-2:] + corners
         seen = from_world(self.viewer, image, world)[:, -2:]
-        size = np.abs(image.scale[-2:] * unit_factors(self.viewer, image)[-2:]) * camera.zoom
-        return View(current_frame(self.viewer, image), seen.min(0), seen.max(0), 1 / size)
+        pixel = screen_pixel(self.viewer, image)
+        return View(current_frame(self.viewer, image), seen.min(0), seen.max(0), pixel)
 
     def _write(self) -> None:
         layer = self.layer

@@ -140,6 +140,12 @@ def look_at(
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
 
+def screen_pixel(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
+    """(row, col) that a pixel of the screen covers, px of the image."""
+    size = np.abs(image.scale[-2:] * unit_factors(viewer, image)[-2:])
+    return 1 / (size * viewer.scene.camera.zoom)
+
+
 def pointer(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
     """(row, col) of the image's pixels that the mouse is at."""
     position = np.array(viewer.cursor.position)[None, -image.ndim :]

@@ -18,12 +18,11 @@ from qtpy.QtWidgets import (
     QApplication,
     QComboBox,
     QFileDialog,
+    QLabel,
     QMenu,
-    QSizePolicy,
     QSplitter,
     QWidget,
 )
-from superqt import QElidingLabel
 
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.columns import as_text
@@ -40,6 +39,7 @@ LAYOUT_MS = 20
 """In which Qt finds a place for everything in a window."""
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
+ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210
 """That it asks for, px: leaves most of a laptop's window to the canvas."""
 SHARES = [740, 530]
@@ -70,8 +70,7 @@ class ReviewPanel(QWidget):
         self.plotted = QComboBox()
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
-        self.count = QElidingLabel()
-        self.count.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.count = QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
         self.more = button("Table", "Copy or save the table as it is sorted and filtered")
         menu = QMenu(self.more)
@@ -154,10 +153,11 @@ class ReviewPanel(QWidget):
             return
         (record,) = chosen
         if at := self.plotted.currentIndex():
-            made = pictures(self.model.body(record.id), ruler)
-            if made:
+            if made := pictures(self.model.body(record.id), ruler):
                 self.plots.show_pictures((made[2 * at - 2], made[2 * at - 1]), record.frame)
-                return
+            else:
+                self.plots.show_profile(None, (ONE_FRAME.format(record.id), ""))
+            return
         patch = work.patches.get(record.frame)
         self.plots.show_profile(profile_of(work.image, patch, record, work.records, ruler))
 

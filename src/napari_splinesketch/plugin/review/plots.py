@@ -115,7 +115,7 @@ class CurvePlots(QWidget):
         super().__init__()
         self.profile: Profile | None = None
         self.pictures: tuple[Picture, ...] = ()
-        self._frame = 0
+        self._frame, self._empty = 0, EMPTY
         self._theme = theme
         font = self.font()
         font.setPointSizeF(SMALL)
@@ -128,9 +128,9 @@ class CurvePlots(QWidget):
         self._theme = theme
         self.update()
 
-    def show_profile(self, profile: Profile | None) -> None:
-        """Draw a curve, or say that none is selected."""
-        self.profile, self.pictures = profile, ()
+    def show_profile(self, profile: Profile | None, empty: tuple[str, str] = EMPTY) -> None:
+        """Draw a curve, or say why there is none."""
+        self.profile, self.pictures, self._empty = profile, (), empty
         self.update()
 
     def show_pictures(self, pictures: tuple[Picture, Picture], frame: int) -> None:
@@ -149,7 +149,7 @@ class CurvePlots(QWidget):
             if self.pictures:
                 _draw_picture(axes, self.pictures[i], self._frame)
             elif self.profile is None:
-                axes.say(EMPTY[i])
+                axes.say(self._empty[i])
             else:
                 draw(axes, self.profile)
         painter.end()
@@ -235,11 +235,11 @@ class Axes:
             (at,) = self._places(np.array([value]), np.array([self.y[0]]))
             below = QRectF(at.x() - 30, at.y() + TICK, 60, high)
             marks.append((at, at + QPointF(0, TICK), below, CENTRE, name))
-        for value, name in ticks(min(self.y), max(self.y), int(box.height() / PER_TICK[1])):
-            if not whole or value == round(value):
-                (at,) = self._places(np.array([self.x[0]]), np.array([value]))
-                beside = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
-                marks.append((at, at - QPointF(TICK, 0), beside, BESIDE, name))
+        most = int(box.height() / PER_TICK[1])
+        for value, name in ticks(min(self.y), max(self.y), most, whole=whole):
+            (at,) = self._places(np.array([self.x[0]]), np.array([value]))
+            beside = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
+            marks.append((at, at - QPointF(TICK, 0), beside, BESIDE, name))
         for at, to, place, align, name in marks:
             painter.setPen(edge)
             painter.drawLine(at, to)
@@ -307,11 +307,12 @@ def spanned(values: Sequence[Along], below: float, above: float) -> Range:
     return float(low - below * span), float(high + above * span)
 
 
-def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Give round values between two others, and how they are written."""
-    least = (high - low) / max(most, 1)
+def ticks(low: float, high: float, most: int, *, whole: bool = False) -> list[tuple[float, str]]:
+    """Give round values between two others, maybe whole ones, and how they are written."""
+    least = max((high - low) / max(most, 1), float(whole))
     power = 10.0 ** np.floor(np.log10(least))
-    step = next(power * factor for factor in ROUND if power * factor >= least)
+    steps = [power * factor for factor in ROUND if not (whole and power * factor % 1)]
+    step = next(step for step in steps if step >= least)
     decimals = next(d for d in range(20) if abs(round(step, d) - step) < 1e-9 * step)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return [(n * step, f"{n * step + 0.0:.{decimals}f}") for n in np.arange(first, last + 1)]
