@@ -77,7 +77,7 @@ def with_us(count: int) -> dict[str, Gap]:
     fake.go.set()
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
     engine.refine, engine.warm_up = fake.refine, lambda report: None
-    engine.suggest = lambda task, report: (None, tuple(made))
+    engine.suggest = lambda *task: (None, tuple(made))
 
     def steps(viewer: Any, act: Act) -> None:
         dock = add_dock(viewer)

@@ -1,6 +1,8 @@
 """Next frame and Track to the end in the window: carried, flagged, never over what was accepted."""
 
+import weakref
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -191,16 +193,22 @@ def test_a_correction_is_carried_around_and_no_further(
 
 
 def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
-    view = View(np.zeros((4, 5)))
+    view = partial(View, np.zeros((4, 5)))
     results = [
-        Tracked(1, (3, 4), entered=(np.zeros((2, 2)),), view=view),
-        Tracked(2, (4,), missing={3: f"{DIVIDED} of 20 and 22 px"}, lost=frozenset({3}), view=view),
-        Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view),
+        Tracked(1, (3, 4), entered=(np.zeros((2, 2)),), view=view()),
+        Tracked(
+            2, (4,), missing={3: f"{DIVIDED} of 20 and 22 px"}, lost=frozenset({3}), view=view()
+        ),
+        Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view()),
     ]
-    going = Progressing()
-    assert [one.view for one in going.new(results)] == [view] * 3
-    assert [one.view for one in results] == [None] * 3
-    said = going.said("")
+    going = Progressing(range(1, 4))
+    going.results += results
+    assert all(one.view for one in going.new())
+    assert not going.results and not going.new()
+    pictures = [weakref.ref(one.view) for one in results]
+    results.clear()
+    assert [picture() for picture in pictures] == [None] * 3
+    said = going.said()
     assert "Divided: 3 (frame 2). Left the image: 4 (frame 3)." in said
     assert "1 body came into view, without a curve: frame 1." in said
 

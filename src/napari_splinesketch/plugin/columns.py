@@ -8,8 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from typing import Any, Literal, TypeVar
-from weakref import WeakKeyDictionary
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -29,7 +28,6 @@ RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
 UNKNOWN = "–"
 PIXELS = Ruler()
 
-T = TypeVar("T")
 CurveAt = Callable[[Key], Curve | None]
 Value = Callable[[Record, Ruler, CurveAt], Any]
 """What is said of a curve in a ruler's unit, maybe with its body's curves in other frames."""
@@ -87,25 +85,12 @@ def _said(find: Callable[[Record], Any]) -> Value:
     return lambda record, ruler, curve_at: find(record)
 
 
-def with_ruler(find: Callable[[Curve, Ruler], T]) -> Callable[[Curve, Ruler], T]:
-    """Work something out of a curve once with each ruler."""
-    known: WeakKeyDictionary[Curve, dict[Ruler, T]] = WeakKeyDictionary()
-
-    def found(curve: Curve, ruler: Ruler) -> T:
-        values = known.setdefault(curve, {})
-        if ruler not in values:
-            values[ruler] = find(curve, ruler)
-        return values[ruler]
-
-    return found
-
-
-half_widths = with_ruler(lambda curve, ruler: ruler.across(curve, curve.half_width))
+half_widths = once(lambda curve, ruler: ruler.across(curve, curve.half_width))
 
 
 def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
     """Measure a curve alone."""
-    known = with_ruler(lambda curve, ruler: float(find(curve, ruler)))
+    known = once(lambda curve, ruler: float(find(curve, ruler)))
     return lambda record, ruler, curve_at: known(record.curve, ruler)
 
 

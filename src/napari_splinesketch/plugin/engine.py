@@ -5,49 +5,37 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from dataclasses import replace
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float
 from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivateImportUsage]
 
-from napari_splinesketch.engine.settings import MARGIN, PresetName
-from napari_splinesketch.engine.settings import PRESETS as PRESETS
-from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
+from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
+from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
 from napari_splinesketch.plugin.model import Line, Refined, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
-
-if TYPE_CHECKING:
-    from napari_splinesketch.engine.find.suggest import Suggestions
 
 POLL_MS = 50
 """How often the window looks after a thread: at most 20 updates a second."""
 PATIENCE = 20.0
 """How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
 
+Choose = Callable[[float], tuple[Line, ...]]
+"""Gives lines over bodies that stand out, px of the image, by a sensitivity."""
 _log = logging.getLogger(__name__)
 _warm = threading.Event()
 
 
-class How(NamedTuple):
-    """How the user wants bodies to be found; half-widths in px of the image, None to measure."""
-
-    preset: PresetName
-    polarity: Polarity = "auto"
-    half_width: float | None = None
-
-    def on(self, size: float) -> dict[str, Any]:
-        """Give the engine's options for pixels of another size."""
-        return {
-            "polarity": self.polarity,
-            "half_width": self.half_width and self.half_width / size,
-        }
+def _options(how: Asked, size: float) -> dict[str, Any]:
+    """Options of the engine for pixels of some size; half-widths are in px of the image."""
+    return {"polarity": how.polarity, "half_width": how.half_width and how.half_width / size}
 
 
 def run(
-    block: Block, lines: Sequence[Line], fixed: Sequence[Curve], how: How, on_progress: OnProgress
+    block: Block, lines: Sequence[Line], fixed: Sequence[Curve], how: Asked, on_progress: OnProgress
 ) -> Refined:
     """Read the pixels and refine; to be called in a thread.
 
@@ -62,7 +50,7 @@ def run(
         pixels,
         lines,
         how.preset,
-        **how.on(grid.size),
+        **_options(how, grid.size),
         fixed=near,
         on_progress=lambda progress: on_progress(_in_image(progress, block)),
     )
@@ -111,100 +99,65 @@ def refine(
     return refine(image, lines, preset, **options)
 
 
-@dataclass(frozen=True, eq=False)
-class SuggestTask:
-    """All that suggesting needs; known lines lie over bodies that need no other, px."""
+def suggest(
+    block: Block, known: Sequence[Line], sensitivity: float, how: Asked, on_progress: OnProgress
+) -> tuple[Choose, tuple[Line, ...]]:
+    """Read the pixels and suggest lines over bodies that are not `known`, px of the image.
 
-    block: Block
-    known: tuple[Line, ...]
-    sensitivity: float
-    how: How
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """An image whose bodies were traced, and its grid; gives lines for any sensitivity."""
-
-    found: "Suggestions"
-    grid: Grid
-
-    def choose(self, sensitivity: float, known: Sequence[Line]) -> tuple[Line, ...]:
-        """Give lines over bodies that stand out and are not known, px of the image."""
-        lines = self.found.choose(sensitivity)
-        return tuple(new_among([self.grid.to_image(line) for line in lines], known))
-
-
-Found = tuple[Prepared, tuple[Line, ...]]
-
-
-def suggest(task: SuggestTask, on_progress: OnProgress) -> Found:
-    """Read the pixels and suggest lines, px of the image; to be called in a thread."""
+    To be called in a thread. What it gives first chooses others at once.
+    """
     from napari_splinesketch.engine.find.suggest import prepare
 
     on_progress(Progress("reading the image", 0.0))
-    grid, pixels = task.block.grid, task.block.read()
+    grid, pixels = block.grid, block.read()
     on_progress(Progress("looking for bodies", 0.2))
-    prepared = Prepared(prepare(pixels, *task.how.on(grid.size).values()), grid)
-    return prepared, prepared.choose(task.sensitivity, task.known)
+    found = prepare(pixels, *_options(how, grid.size).values())
+
+    def choose(sensitivity: float) -> tuple[Line, ...]:
+        lines = [grid.to_image(line) for line in found.choose(sensitivity)]
+        return tuple(new_among(lines, known))
+
+    return choose, choose(sensitivity)
 
 
-@dataclass(frozen=True, eq=False)
-class TrackTask:
-    """All that tracking needs.
+def track(
+    ways: Sequence[Sequence[int]],
+    bodies: tuple[Body, ...],
+    block: Callable[[int, Sequence[Line]], Block],
+    given: Mapping[int, Given],
+    how: Asked,
+    there: Mapping[int, Mapping[int, Curve]] | None,
+    take: Callable[[Tracked], None],
+    on_progress: OnProgress,
+) -> None:
+    """Carry curves from frame to frame, and give each to `take`; to be called in a thread.
 
-    Attributes
-    ----------
-    frames, bodies
-        Where to go, in that order, with bodies as they are known before.
-    block
-        Chooses what to read of a frame for some lines.
-    given
-        What stays as it is, by frame.
-    results
-        Frames that are done, added as they come.
-    there
-        All curves by frame, where `bodies` were corrected in a frame before the first of `frames`
-        and after the first of `back`: they are carried on both ways, until nothing changes.
-    back
-        Frames the other way.
+    `block` chooses what to read of a frame for some lines, `given` stays as it is. Where `bodies`
+    were corrected, `there` has all curves by frame: they are carried on both ways until nothing
+    changes.
     """
-
-    frames: Sequence[int]
-    bodies: tuple[Body, ...]
-    block: Callable[[int, Sequence[Line]], Block]
-    given: Mapping[int, Given]
-    how: How
-    results: list[Tracked] = field(default_factory=list)
-    there: Mapping[int, Mapping[int, Curve]] | None = None
-    back: Sequence[int] = ()
-
-
-def track(task: TrackTask, on_progress: OnProgress) -> str:
-    """Carry curves from frame to frame; says what went wrong. To be called in a thread."""
     sizes: list[float] = []
 
     def read(frame: int, lines: Sequence[Line]) -> View:
-        block = task.block(frame, lines)
-        sizes.append(block.grid.size)
-        return View(block.read(), block.grid, block.whole)
+        chosen = block(frame, lines)
+        sizes.append(chosen.grid.size)
+        return View(chosen.read(), chosen.grid, chosen.whole)
 
     def look(pixels: np.ndarray, lines: Any, preset: PresetName, **options: Any) -> Refinement:
-        return refine(pixels, lines, preset, **task.how.on(sizes[-1]), **options)
+        return refine(pixels, lines, preset, **_options(how, sizes[-1]), **options)
 
     options: dict[str, Any] = {
         "refine": look,
-        "preset": task.how.preset,
-        "given": lambda frame: task.given.get(frame, NOTHING_GIVEN),
+        "preset": how.preset,
+        "given": lambda frame: given.get(frame, NOTHING_GIVEN),
         "on_progress": on_progress,
     }
-    if task.there is None:
-        following = follow(task.frames, task.bodies, read, **options)
+    if there is None:
+        following = follow(ways[0], bodies, read, **options)
     else:
-        ways, there = (task.frames, task.back), task.there
-        following = around(ways, task.bodies, read, lambda t: there.get(t, {}), **options)
+        following = around(ways, bodies, read, lambda t: there.get(t, {}), **options)
     for tracked in following:
-        task.results.append(tracked)
-    return ""
+        take(tracked)
 
 
 def warm_up(_: OnProgress) -> None:

@@ -55,15 +55,11 @@ NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and re
 
 
 class Suggested(NamedTuple):
-    """What the last suggestions were chosen from: others are chosen when the slider moves.
-
-    `known` are lines over bodies that need no other, px of the image.
-    """
+    """What chose the last suggestions, and chooses others when the slider moves."""
 
     work: Work
     frame: int
-    known: Sequence[Line]
-    prepared: engine.Prepared
+    choose: engine.Choose
 
 
 class Films:
@@ -119,14 +115,10 @@ class Films:
         work = controller.begin(image, layer)
         frame = controller.frame
         corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
-        task = engine.SuggestTask(
-            block_around(image, frame, [corners]),
-            tuple(self._known(work, layer, image, frame, work.state.suggested(frame, ()))),
-            self.sensitivity,
-            controller.how(image),
-        )
-        done = partial(self._on_suggested, work, frame, task)
-        controller.start(partial(engine.suggest, task), done, "Suggesting", on=work)
+        known = self._known(work, layer, image, frame, work.state.suggested(frame, ()))
+        block = block_around(image, frame, [corners])
+        look = partial(engine.suggest, block, known, self.sensitivity, controller.how(image))
+        controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
         """Suggest other lines in the place of the last ones, soon."""
@@ -142,9 +134,9 @@ class Films:
         if self._choosing is not None:
             self._soon()
             return
-        choose = partial(last.prepared.choose, self.sensitivity, last.known)
-        self._choosing = Job(lambda _: choose())
-        self._choosing.done.connect(partial(self._on_chosen, last, self.sensitivity))
+        sensitivity = self.sensitivity
+        self._choosing = Job(lambda _: last.choose(sensitivity))
+        self._choosing.done.connect(partial(self._on_chosen, last, sensitivity))
         self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
         self._choosing.start()
 
@@ -168,7 +160,7 @@ class Films:
         if image is not None and work is not None and not self.tracking_problem(way):
             here = self._controller.frame
             frames = range(here + way, frame_count(image) if way > 0 else -1, way)[:most]
-            self._start(work, bodies_at(work.state, here, way), frames)
+            self._start(work, bodies_at(work.state, here, way), [frames])
 
     def around_problem(self) -> str:
         """Why there is nothing to fit again around the frame in view, or nothing."""
@@ -180,7 +172,7 @@ class Films:
         if image is not None and work is not None and not self.around_problem():
             here = self._controller.frame
             ways = range(here + 1, frame_count(image)), range(here - 1, -1, -1)
-            self._start(work, self._corrected(), *ways, corrected=here)
+            self._start(work, self._corrected(), ways, corrected=here)
 
     def _corrected(self) -> tuple[Body, ...]:
         controller = self._controller
@@ -192,25 +184,26 @@ class Films:
         self,
         work: Work,
         bodies: tuple[Body, ...],
-        frames: Sequence[int],
-        back: Sequence[int] = (),
+        ways: Sequence[Sequence[int]],
         corrected: int | None = None,
     ) -> None:
-        controller, state, going = self._controller, work.state, Progressing(corrected)
-        task = engine.TrackTask(
-            frames,
+        controller, state = self._controller, work.state
+        going = Progressing(ways[0], corrected)
+        carry = partial(
+            engine.track,
+            ways,
             bodies,
             partial(block_around, work.image),
             given_by_frame(state),
             controller.how(work.image),
-            there=None if corrected is None else curves_by_frame(state),
-            back=back,
+            None if corrected is None else curves_by_frame(state),
+            going.results.append,
         )
         controller.start(
-            partial(engine.track, task),
-            partial(self._on_tracked, work, task, going),
+            carry,
+            lambda _: self._on_tracked(work, going),
             "Tracking",
-            see=lambda progress: self._take(work, task, going),
+            see=lambda progress: self._take(work, going),
             cancelled=going.cancelled,
             on=work,
         )
@@ -227,24 +220,24 @@ class Films:
         return [*mine, *curves]
 
     def _on_suggested(
-        self, work: Work, frame: int, task: engine.SuggestTask, found: engine.Found
+        self, work: Work, frame: int, found: tuple[engine.Choose, tuple[Line, ...]]
     ) -> None:
         controller = self._controller
         if work is not controller.work:
             controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
             return
-        prepared, lines = found
-        self._suggested = Suggested(work, frame, task.known, prepared)
+        choose, lines = found
+        self._suggested = Suggested(work, frame, choose)
         over = partial(controller.finish, Notice("done", _suggested(len(lines))))
         if lines or work.state.suggested(frame, ()).suggestions != work.state.suggestions:
             controller.apply(SUGGEST, work.state.suggested(frame, lines), over)
         else:
             over()
 
-    def _take(self, work: Work, task: engine.TrackTask, going: Progressing) -> None:
+    def _take(self, work: Work, going: Progressing) -> None:
         """Take over the frames that are done by now."""
         controller = self._controller
-        done = going.new(task.results)
+        done = going.new()
         if not done or work is not controller.work:
             return
         state = work.state
@@ -254,21 +247,20 @@ class Films:
             controller.amend(state)
         else:
             going.begun = True
-            controller.apply(going.name(task.frames), state)
+            controller.apply(going.name, state)
 
-    def _on_tracked(
-        self, work: Work, task: engine.TrackTask, going: Progressing, error: str
-    ) -> None:
-        self._take(work, task, going)
+    def _on_tracked(self, work: Work, going: Progressing) -> None:
+        self._take(work, going)
         controller = self._controller
-        notice = Notice("failed" if error else "done", going.said(error))
+        notice = Notice("done", going.said())
         if work is not controller.work:
             controller.finish(notice)
             return
-        if len(task.frames) == 1 and not error and task.there is None:
-            numbers, there = {number for _, number in controller.selection}, task.frames[0]
-            go_to_frame(controller.viewer, work.image, there)
-            controller.select((f, n) for f, n in work.state.by_key if f == there and n in numbers)
+        if going.single is not None:
+            numbers = {number for _, number in controller.selection}
+            go_to_frame(controller.viewer, work.image, going.single)
+            there = [key for key in work.state.by_key if key[0] == going.single]
+            controller.select(key for key in there if key[1] in numbers)
         controller.show(work, partial(controller.finish, notice))
 
 

@@ -10,11 +10,11 @@ from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
+from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import settings, words
 from napari_splinesketch.plugin.choices import Changes, Choices
 from napari_splinesketch.plugin.commands import Commands
-from napari_splinesketch.plugin.engine import How
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
 from napari_splinesketch.plugin.layers.slot import OWNER
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
@@ -223,10 +223,9 @@ class Keeper:
         """What lengths are told in."""
         return self._ruler_on(self.choices.image)
 
-    def how(self, image: Image) -> How:
-        """Say how the user wants the bodies of an image to be found."""
-        chosen = self.settings
-        return How(chosen.preset, chosen.polarity, chosen.half_width_in(ruler_of(image)))
+    def how(self, image: Image) -> Asked:
+        """Say how the user wants the bodies of an image to be found; its half-width in px."""
+        return replace(self.settings, half_width=self.settings.half_width_in(ruler_of(image)))
 
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions."""

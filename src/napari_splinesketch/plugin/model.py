@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.labels.types import Review
 from napari_splinesketch.plugin.layers.looks import once
@@ -166,23 +167,15 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
     """Mean distance of every line to every other, whichever way they were drawn, px."""
-    others = np.array([resampled(line) for line in b])
+    others = np.array([resample(line, SAMPLES) for line in b])
     both = np.stack([others, others[:, ::-1]])
-    rows = [np.linalg.norm(both - resampled(line), axis=3).mean(axis=2).min(axis=0) for line in a]
-    return np.array(rows)
-
-
-def resampled(line: Line) -> Line:
-    """Give `SAMPLES` points along a line, evenly spaced."""
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0, along[-1], SAMPLES)
-    return np.column_stack([np.interp(at, along, axis) for axis in line.T])
+    apart = (np.linalg.norm(both - resample(line, SAMPLES), axis=3) for line in a)
+    return np.array([each.mean(axis=2).min(axis=0) for each in apart])
 
 
 def length_of(line: Line) -> float:
     """Length of a line, px."""
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    return float(arc_length(line)[-1])
 
 
 def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in, selected_in
 from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import (
+    SAMPLES,
     Key,
     Line,
     Record,
@@ -23,7 +25,6 @@ from napari_splinesketch.plugin.model import (
     length_of,
     print_of_sketch,
     prints_of,
-    resampled,
 )
 
 if TYPE_CHECKING:
@@ -230,7 +231,7 @@ def _apart(line: Line, record: Record) -> float:
     curve = record.curve
     if curve.status == "failed" or not LIKE < length_of(line) / max(curve.length, 1e-9) < 1 / LIKE:
         return np.inf
-    some = resampled(line)
+    some = resample(line, SAMPLES)
     far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
     width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
     return float(far / max(width, LEAST))

@@ -100,31 +100,34 @@ def _decided(record: Record) -> bool:
 
 
 class Progressing:
-    """How far tracking has come, and what became of the bodies.
+    """How far tracking has come over some `frames`, and what became of the bodies.
 
     Where curves were `corrected` in a frame, those around it are fitted again. It has `begun` once
-    any frame has been taken over.
+    any frame has been taken over; `results` are those that are still to be.
     """
 
-    def __init__(self, corrected: int | None = None):
-        self.begun = False
-        self._corrected = corrected
+    def __init__(self, frames: Sequence[int], corrected: int | None = None):
+        self.begun, self.results = False, list[Tracked]()
+        self._frames, self._corrected = frames, corrected
         self._taken: list[Tracked] = []
 
-    def name(self, frames: Sequence[int]) -> str:
-        """Name the step."""
+    @property
+    def name(self) -> str:
+        """Name of the step."""
         if self._corrected is not None:
             return f"Refit around frame {self._corrected}"
-        return f"Track to frame {frames[-1]}"
+        return f"Track to frame {self._frames[-1]}"
 
-    def new(self, results: list[Tracked]) -> list[Tracked]:
+    @property
+    def single(self) -> int | None:
+        """The frame, where there is but one to go to."""
+        return self._frames[0] if len(self._frames) == 1 and self._corrected is None else None
+
+    def new(self) -> list[Tracked]:
         """Give the results that have come since the last call; of those before little is kept."""
-        known = len(self._taken)
-        fresh = results[known:]
+        fresh = [self.results.pop(0) for _ in range(len(self.results))]
         # The pictures of a long film would fill the memory.
-        light = [replace(one, view=None, refinement=None) for one in fresh]
-        results[known : known + len(fresh)] = light
-        self._taken += light
+        self._taken += [replace(one, view=None, refinement=None) for one in fresh]
         return fresh
 
     def cancelled(self) -> str:
@@ -134,15 +137,15 @@ class Progressing:
             return "Nothing was changed."
         return f"{words.count(kept, 'frame')} tracked by then {'stays' if kept == 1 else 'stay'}."
 
-    def said(self, error: str) -> str:
+    def said(self) -> str:
         """Say what came of it."""
-        if self._corrected is not None and not error:
+        if self._corrected is not None:
             frames = sorted(one.frame for one in self._taken)
             span = f", from {frames[0]} to {frames[-1]}" if frames else ""
             fitted = words.count(len(frames), "frame")
             return f"Refitted {fitted} around frame {self._corrected}{span}."
         if not self._taken:
-            return error or "Nothing was tracked."
+            return "Nothing was tracked."
         last = self._taken[-1]
         arrived = words.count(len(last.ids) + len(last.given), "curve")
         text = [f"Tracked to frame {last.frame}: {arrived} there.", *self._ended()]
@@ -156,7 +159,7 @@ class Progressing:
             text.append(f"{words.count(drifting, 'curve')} to check for drift.")
         bad = [one for one in self._taken if one.error]
         text += [f"Frame {one.frame} could not be refined: {one.error}" for one in bad[:1]]
-        return " ".join([*text, *filter(None, [error])])
+        return " ".join(text)
 
     def _ended(self) -> list[str]:
         """Name the bodies that are not followed to the end, by what became of them."""
