@@ -28,7 +28,7 @@ from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof
+from napari_splinesketch.plugin.layers.pictures import MAKERS, ProofRole
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
@@ -154,7 +154,7 @@ class EyeBox(QWidget):
         more = button("More", "Show more: residual, background, uncertainty, masks")
         menu = QMenu(more)
         menu.setToolTipsVisible(True)
-        self._entries: dict[Proof, Any] = {}
+        self._entries: dict[ProofRole, Any] = {}
         for proof, maker in MAKERS.items():
             if maker.title:
                 self._entries[proof] = entry = QAction(maker.title, menu)
@@ -165,7 +165,7 @@ class EyeBox(QWidget):
         more.setMenu(menu)
         grid(self, [*self.buttons.values(), more], 3)
 
-    def entry(self, proof: Proof) -> Any:
+    def entry(self, proof: ProofRole) -> Any:
         """Give an entry of the menu."""
         return self._entries[proof]
 
@@ -177,7 +177,7 @@ class EyeBox(QWidget):
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
         for proof, entry in self._entries.items():
-            entry.setChecked(work is not None and work.proofs.shown(proof))
+            entry.setChecked(work is not None and work.layers.proofs[proof].shown)
 
     def _show(self, role: str, on: bool) -> None:
         work = self._controller.work
@@ -185,9 +185,9 @@ class EyeBox(QWidget):
         if layer is not None:
             layer.visible = on
 
-    def _ask(self, proof: Proof, on: bool) -> None:
+    def _ask(self, proof: ProofRole, on: bool) -> None:
         work = self._controller.work
-        if work is not None and not work.proofs.ask(proof, on):
+        if work is not None and not work.layers.ask(proof, on):
             self._entries[proof].setChecked(False)
             self._controller.say(MAKERS[proof].nothing)
 

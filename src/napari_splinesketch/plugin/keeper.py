@@ -238,7 +238,7 @@ class Keeper:
         self._soon_marked.cancel()
         self.drawing.stop()
         for work in self._works:
-            for signal in work.signals:
+            for signal in work.layers.signals:
                 signal.disconnect()
         self._works.clear()
         for name in self.changes:
@@ -276,10 +276,9 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         """Hear of the user's doings in layers of results."""
-        for signal in work.signals:
+        for signal in work.layers.signals:
             signal.disconnect()
         work.layers.toggled.connect(self.changes.shown.emit)
-        work.proofs.toggled.connect(self.changes.shown.emit)
         # Later: napari is still busy with the edit that it tells of.
         work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
         work.layers.selected.connect(partial(self._on_selected, work))
@@ -317,7 +316,7 @@ class Keeper:
         self._selection = chosen
         if self.work:
             self.work.looked_at = self.selected
-            for _ in self.work.proofs.show():  # the body of the curve that is looked at
+            for _ in self.work.layers.prove():  # the body of the curve that is looked at
                 pass
         self.changes.selection.emit()
 

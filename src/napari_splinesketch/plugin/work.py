@@ -7,11 +7,9 @@ from typing import Any
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
-from psygnal import SignalInstance
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin.layers.drawn import SUFFIX, SuggestedLines
-from napari_splinesketch.plugin.layers.pictures import ProofLayers
 from napari_splinesketch.plugin.layers.pixels import Patch
 from napari_splinesketch.plugin.layers.results import ResultLayers
 from napari_splinesketch.plugin.model import History, Key, Record, State, bytes_beside
@@ -33,9 +31,9 @@ class Work:
         The user's layers.
     history
         What is known, and what was known before.
-    layers, proofs, suggested
-        The layers of curves, those of what the model says, and the suggested lines among the
-        sketches; they come with the first results.
+    layers, suggested
+        The layers of results, which come with the first of them, and the suggested lines among
+        the sketches.
     looked_at
         (frame, id) of the curve that is selected, or None.
     """
@@ -45,7 +43,6 @@ class Work:
         self.looked_at: Key | None = None
         self.history: History[State] = History(State(), bytes_beside)
         self.layers = ResultLayers(viewer, self)
-        self.proofs = ProofLayers(viewer, self)
         self.suggested = SuggestedLines(viewer, image, sketches)
 
     @property
@@ -75,23 +72,13 @@ class Work:
 
     def layer(self, role: Any) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
-        if role == "sketches":
-            return self.sketches
-        slots = self.layers.slots
-        return slots[role].layer if role in slots else self.proofs.layer(role)
+        return self.sketches if role == "sketches" else self.layers.layer(role)
 
     def show(self) -> Iterator[None]:
         """Bring the layers in step with what is known, a little at each step."""
         yield from self.suggested.show(self.state.suggestions)
-        yield from self.proofs.show()
         yield from self.layers.show()
         self.suggested.fade(self.records)
-
-    @property
-    def signals(self) -> tuple[SignalInstance, ...]:
-        """What tells of the user's doings in layers of results: one keeper listens."""
-        layers = self.layers
-        return layers.toggled, self.proofs.toggled, layers.edited, layers.selected, layers.clicked
 
 
 class Drawing:

@@ -6,10 +6,9 @@ they are in view.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from operator import is_
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,13 +17,12 @@ from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
-from psygnal import Signal
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.layers.looks import breadth, ribbon
 from napari_splinesketch.plugin.layers.pixels import Film, Patch, Planes, block_on
-from napari_splinesketch.plugin.layers.slot import Slot, in_vectors
+from napari_splinesketch.plugin.layers.slot import Slot, in_vectors, same
 from napari_splinesketch.plugin.layers.space import (
     frame_count,
     frame_shape,
@@ -39,7 +37,7 @@ from napari_splinesketch.raster import label_image, rasterise
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.work import Work
 
-Proof = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
+ProofRole = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995
@@ -77,81 +75,47 @@ class Maker:
     nothing: str = "There is nothing to show yet: refine first."
 
 
-class ProofLayers:
-    """The layers on one image that belong to an `owner`, whose name theirs begin with."""
+class Proof(Slot):
+    """A layer of what the model says of a work, as its maker makes it."""
 
-    toggled = Signal()
-    """A layer was made, shown or hidden."""
+    def __init__(self, viewer: ViewerModel, role: ProofRole, work: Work):
+        self._maker, self._work = MAKERS[role], work
+        self._source: Sequence[Any] = ()
+        super().__init__(viewer, work.image, role, f"{work.name} {self._maker.name}", work)
 
-    def __init__(self, viewer: ViewerModel, owner: Work):
-        self._viewer, self._owner = viewer, owner
-        self._sources: dict[Proof, Sequence[Any]] = {}
-        self._slots = {
-            proof: Slot(viewer, owner.image, proof, f"{owner.name} {maker.name}", owner)
-            for proof, maker in MAKERS.items()
-        }
+    @property
+    def wanted(self) -> bool:
+        """Whether it is to follow what is known: it is in view, or always there."""
+        return self.shown or not self._maker.title
 
-    def layer(self, proof: Proof) -> Any:
-        """Give a layer, or None where it was not asked for or the user removed it."""
-        return self._slots[proof].layer
-
-    def shown(self, proof: Proof) -> bool:
-        """Whether a layer is in view."""
-        layer = self.layer(proof)
-        return layer is not None and layer.visible
-
-    def ask(self, proof: Proof, on: bool) -> bool:
-        """Show or hide a layer; False if there is nothing to show."""
-        layer = self.layer(proof)
-        if layer is not None:
-            layer.visible = on
-        elif on:
-            self._update(proof)
-        self.toggled.emit()
-        return self.layer(proof) is not None or not on
-
-    def show(self) -> Iterator[None]:
-        """Bring the reconstruction, and the layers that are in view, in step with what is work."""
-        for proof in MAKERS:
-            if self._owner.image in self._viewer.layers:
-                if proof == "reconstruction" or self.shown(proof):
-                    self._update(proof)
-                    yield
-
-    def _update(self, proof: Proof) -> None:
-        maker, slot, layer = MAKERS[proof], self._slots[proof], self.layer(proof)
-        source, before = maker.source(self._owner), self._sources.get(proof, ())
-        same = len(source) == len(before) and all(map(is_, source, before))
-        if same and (layer is not None or proof == "reconstruction"):
+    def update(self) -> None:
+        """Bring it in step with what is known, if that is not what it shows."""
+        layer, kind, source = self.layer, self._maker.kind, self._maker.source(self._work)
+        if same(source, self._source) and (layer is not None or not self._maker.title):
             return
-        self._sources[proof] = source
-        made = maker.make(self._owner)
+        self._source = source
+        made = self._maker.make(self._work)
         if made is None:
-            slot.remove()
-        elif layer is None or (maker.kind is not Vectors and layer.data.shape != made.data.shape):
-            self._add(proof, made, layer)
+            self.remove()
+        elif layer is None or (kind is not Vectors and layer.data.shape != made.data.shape):
+            self._add(made, layer)
         else:
             layer.data = made.data
-            for name, value in {**placement(self._owner.image), **made.place}.items():
+            for name, value in {**placement(self.image), **made.place}.items():
                 setattr(layer, name, value)
 
-    def _add(self, proof: Proof, made: Made, old: Layer | None) -> None:
-        """Put a layer over the image, lines over all, or a new one in the place of an old one."""
-        layers, slot, kind = self._viewer.layers, self._slots[proof], MAKERS[proof].kind
-        at = layers.index(old or self._owner.image) + (old is None)
-        visible = old.visible if old else proof != "reconstruction"
-        slot.remove()
-        lines = kind is Vectors
-        how = {**made.place, **made.look, **({} if lines else {"multiscale": False})}
-        at = None if lines and not old else at
-        layer = slot.make(made.data, kind=kind, at=at, visible=visible, **how)
+    def _add(self, made: Made, old: Layer | None) -> None:
+        """Put the layer over the image, lines over all, or in the place of an old one."""
+        layers, kind = self.viewer.layers, self._maker.kind
+        at = layers.index(old or self.image) + (old is None)
+        visible = old.visible if old else bool(self._maker.title)
+        self.remove()
+        how: dict[str, Any] = {**made.place, **made.look, "visible": visible}
+        if kind is not Vectors:
+            how["multiscale"] = False
+        over = kind is Vectors and old is None
+        layer = self.make(made.data, kind=kind, at=None if over else at, **how)
         layer.editable = kind is not Labels
-        layer.events.visible.connect(self._on_visible)
-
-    def _on_visible(self, event: Any) -> None:
-        for _ in self.show():
-            pass
-        self.toggled.emit()
 
 
 def _patches(work: Work) -> Sequence[Any]:
@@ -269,7 +233,7 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
     }
 
 
-MAKERS: dict[Proof, Maker] = {
+MAKERS: dict[ProofRole, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches, _reconstruction),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),

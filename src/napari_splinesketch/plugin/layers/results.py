@@ -12,7 +12,7 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Points, Shapes
 from napari.layers.base import ActionType
-from psygnal import Signal
+from psygnal import Signal, SignalInstance
 from qtpy.QtCore import QTimer
 from superqt.utils import qthrottled
 
@@ -33,6 +33,7 @@ from napari_splinesketch.plugin.layers.looks import (
     outline,
     reach,
 )
+from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof, ProofRole
 from napari_splinesketch.plugin.layers.slot import (
     CurveLines,
     Lines,
@@ -221,6 +222,33 @@ class ResultLayers:
             for role, kind in KINDS.items()
         }
         self._curves: CurveLines = self.slots["curves"]
+        self.proofs = {role: Proof(viewer, role, owner) for role in MAKERS}
+
+    @property
+    def signals(self) -> tuple[SignalInstance, ...]:
+        """What tells of the user's doings: one keeper listens."""
+        return self.toggled, self.edited, self.selected, self.clicked
+
+    def layer(self, role: Any) -> Any:
+        """Give the layer of a role, or None where there is none or the user removed it."""
+        return (self.slots | self.proofs)[role].layer
+
+    def ask(self, role: ProofRole, on: bool) -> bool:
+        """Show or hide what the model says; False if there is nothing to show."""
+        proof = self.proofs[role]
+        if proof.layer is not None:
+            proof.layer.visible = on
+        elif on:
+            self._update(proof)
+        self.toggled.emit()
+        return proof.layer is not None or not on
+
+    def prove(self) -> Iterator[None]:
+        """Let what the model says follow what is known, where it is in view."""
+        for proof in self.proofs.values():
+            if proof.wanted:
+                self._update(proof)
+                yield
 
     def colour(self, look: Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
@@ -233,7 +261,7 @@ class ResultLayers:
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        for step in (self._add(), self._fill_outlines(), self._fill_curves()):
+        for step in (self.prove(), self._add(), self._fill_outlines(), self._fill_curves()):
             while self._image in self._viewer.layers:
                 with self._by_us():
                     if next(step, step) is step:
@@ -291,6 +319,13 @@ class ResultLayers:
             return zip([record.frame for record in records], around, strict=True)
 
         halos.draw(curves, lines, [palette.MOVING] * len(curves), THIN * unit)
+
+    def _update(self, proof: Proof) -> None:
+        before = proof.layer
+        if self._image in self._viewer.layers:
+            proof.update()
+        if proof.layer is not None and proof.layer is not before:
+            proof.layer.events.visible.connect(self._on_visible)
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there; those that will be full are hidden until they are."""
@@ -357,6 +392,8 @@ class ResultLayers:
         for mark in (self.slots["selected"].layer, self.slots["marks"].layer):
             if event.source is self._curves.layer and mark is not None:
                 mark.visible = event.source.visible
+        for _ in self.prove():
+            pass
         self.toggled.emit()
 
     def _on_data(self, event: Any) -> None:

@@ -59,6 +59,11 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
             viewer.layers.selection.active = active
 
 
+def same(some: Sequence[object], others: Sequence[object]) -> bool:
+    """Whether these are the very same values."""
+    return len(some) == len(others) and all(map(is_, some, others))
+
+
 def in_vectors(
     image: Image, lines: Sequence[tuple[int, Line]]
 ) -> tuple[Float[np.ndarray, "P 2 D"], list[int]]:
@@ -92,6 +97,11 @@ class Slot:
     def layer(self) -> Any:
         """The layer, or None where there is none or the user has removed it."""
         return self._layer if self._layer in self.viewer.layers else None
+
+    @property
+    def shown(self) -> bool:
+        """Whether the layer is there and in view."""
+        return self.layer is not None and self.layer.visible
 
     @property
     def made(self) -> bool:
@@ -159,10 +169,10 @@ class Lines(Slot):
         They are asked for where they are not there already.
         """
         layer = self.layer
-        same = len(of) == len(self._of) and all(map(is_, of, self._of))
-        if layer is None or (same and list(colours) == self._colours):
+        there = same(of, self._of)
+        if layer is None or (there and list(colours) == self._colours):
             return
-        if not same:
+        if not there:
             layer.data, self._lengths = in_vectors(self.image, [*lines()])
         if of:
             if abs(layer.edge_width - breadth) > SAME_BREADTH * breadth:
