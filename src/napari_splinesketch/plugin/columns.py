@@ -35,23 +35,12 @@ Value = Callable[[Record, Ruler, CurveAt], Any]
 
 @dataclass(frozen=True)
 class Column:
-    """Something that is said of each curve.
+    """Something that is said of each curve: its name in layers and files, its title in the table.
 
-    Attributes
-    ----------
-    name
-        In the features of layers and in files.
-    title, tip
-        Its header in the table and what it means; "%" stands for the unit. Without a title it is
-        not in the table.
-    said, order
-        What a cell of the table says, and what it is sorted by; the value itself, unless named.
-    width
-        A text that a cell has room for.
-    colour
-        What the choice of colours calls it; empty if curves cannot be coloured by it.
-    film
-        Whether it depends on the body's curves in other frames.
+    "%" stands for the unit in the title; without one it is not in the table. A cell says what
+    `said` gives and is sorted by `order`, the value itself unless named; it has room for `width`.
+    `colour` is what the choice of colours calls it, where there is one. Those of a `film` depend on
+    the body's curves in other frames.
     """
 
     name: str

@@ -31,26 +31,11 @@ ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Something that the user can do.
+    """Something that the user can do: settings know it by its `id`, napari by its `key` ("Ctrl+Z").
 
-    Attributes
-    ----------
-    id, name
-        By which settings know it; what its button says.
-    key
-        The key that does it, as napari writes it ("Ctrl+Z"); empty for none.
-    tip
-        What it does, in one sentence.
-    place
-        Where it has a button, if not one of its own.
-    curves
-        How many curves have to be selected for its button; None where that does not matter.
-    problem
-        Says why it cannot be done now, beside that; empty if it can.
-    label, about
-        What its button says in place of the name; what its tooltip says at the end.
-    meanwhile
-        Whether it can be done while something runs.
+    It has a button of its own, or one at a `place`, for which so many `curves` have to be selected;
+    `problem` says why else it cannot be done now. The button says `label` where that is not the
+    name; its tooltip ends with what it is `about`. `meanwhile` it can be done while something runs.
     """
 
     id: str

@@ -46,19 +46,9 @@ KNOWN_AFTER = 2.0
 class Controller(Keeper):
     """Does what the user asks for; widgets show what came of it.
 
-    Attributes
-    ----------
-    at_once
-        Whether a line is refined as soon as it is drawn.
-    actions
-        What can be done with a key.
-    knots, films
-        Moving a curve by its knots; suggesting and tracking.
-    order
-        Puts curves into the order in which they are gone through; the worst first, unless a table
-        shows another one.
-    left
-        About how long what runs still will, s; None where nobody knows.
+    With `at_once` a line is refined as soon as it is drawn. `order` puts curves into the order in
+    which they are gone through: the worst first, unless a table shows another one. `left` is about
+    how long what runs still will, s; None where nobody knows.
     """
 
     def __init__(self, viewer: ViewerModel):
@@ -128,22 +118,12 @@ class Controller(Keeper):
         cancelled: Callable[[], str] = lambda: "Nothing was changed.",
         on: Work | None = None,
     ) -> None:
-        """Do something in a thread, with its progress in the dock.
+        """Do something, called "Refining" or the like, in a thread, with its progress in the dock.
 
-        Parameters
-        ----------
-        work
-            Called in the thread with a function to report progress to.
-        done
-            Called with what came of it; calls `finish` when all is shown.
-        name
-            What is done: "Refining".
-        see
-            Called whenever there is progress.
-        cancelled
-            Called when the user cancels; says what has become of what was done by then.
-        on
-            What it is about: it ends when one of its layers is removed.
+        `work` is called there with a function to report progress to, `see` whenever there is some,
+        `done` with what came of it: it calls `finish` when all is shown. `cancelled` is called when
+        the user cancels, and says what has become of what was done by then. What runs ends when a
+        layer is removed that it is `on`.
         """
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None

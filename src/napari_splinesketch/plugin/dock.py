@@ -64,13 +64,7 @@ def _close_all() -> None:
 
 
 class SplinesketchDock(QWidget):
-    """Shows the controller's state and passes on what the user does.
-
-    Parameters
-    ----------
-    napari_viewer
-        The viewer that it is docked in.
-    """
+    """Shows the controller's state and passes on what the user does."""
 
     def __init__(self, napari_viewer: Viewer):
         super().__init__()

@@ -221,16 +221,9 @@ class _Worker:
 class Job(QObject):
     """Work in a thread of its own, of which the window hears through signals.
 
-    The thread leaves its news, and a timer of the window's thread takes them. A job that was
-    cancelled is never heard of again, whatever its thread still does.
-
-    Parameters
-    ----------
-    work
-        Called in the thread with a function to report progress to, which returns False once the
-        job was cancelled.
-    parent
-        The Qt object that the job ends with.
+    The thread leaves its news, and a timer of the window's thread takes them; the function that it
+    reports to returns False once the job was cancelled. Such a job is never heard of again,
+    whatever its thread still does.
     """
 
     progressed = Signal(object)

@@ -42,20 +42,8 @@ class Notice:
 class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them.
 
-    Attributes
-    ----------
-    changes
-        Tells what has changed.
-    choices
-        The chosen image and sketches.
-    settings
-        What the user chose, kept for other sessions.
-    progress
-        Where what runs stands; None when nothing runs.
-    notice
-        What the last action came to.
-    drawing
-        Brings the layers in step with what is known.
+    `progress` is where what runs stands, None when nothing does; `notice` what the last action
+    came to; `drawing` brings the layers in step with what is known.
     """
 
     actions: Commands

@@ -35,22 +35,11 @@ WEIGHT = 2**29
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A curve of one frame, and the sketch it was refined from.
+    """A curve of one frame, and the (N, 2) sketch it was refined from, px.
 
-    Attributes
-    ----------
-    id
-        Number of the curve, from 1; the same body keeps it when it is refined again.
-    sketch
-        (N, 2): the sketch as it was, px.
-    review
-        What the user said of the curve.
-    locked
-        Whether it stays as it is when its frame is refined again.
-    drawn
-        Whether `sketch` is a line that the user drew, rather than what another curve left.
-    edited
-        Whether the user has changed the curve since it was refined.
+    Numbers go from 1; the same body keeps its own when it is refined again. What is `locked` stays
+    as it is then; what the user has changed since is `edited`. `drawn` says whether the sketch is a
+    line of hers, rather than what another curve left.
     """
 
     id: int
@@ -73,20 +62,10 @@ class Suggestion:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A refinement in pixels of the image.
+    """A refinement in pixels of the image: a curve for each line that was given.
 
-    Attributes
-    ----------
-    curves
-        One for each line that was given.
-    patch
-        The reconstruction and the background.
-    seconds
-        Wall time of the engine.
-    notes
-        What the scene needed and why, one sentence each.
-    region
-        (low, high): corners of the part of the reconstruction that bodies are drawn in, px.
+    `notes` say what the scene needed and why, one sentence each; `region` are the (low, high)
+    corners of the part of the reconstruction that bodies are drawn in.
     """
 
     curves: tuple[Curve, ...]
@@ -139,17 +118,10 @@ def print_of(line: Line) -> bytes:
 
 
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
-    """Give each sketch the number it had before, or a new one.
+    """Give each sketch of a frame, px, the number it had before, or one that nobody has.
 
-    Parameters
-    ----------
-    lines
-        Sketches of one frame, px.
-    known
-        Records of the same frame. A sketch that was moved or mended is known again while it
-        lies, on average, within half of its length of where it was.
-    others
-        Records of the image whose numbers are taken.
+    A sketch that was moved or mended is known again while it lies, on average, within half of its
+    length of where it was.
     """
     ids = [0] * len(lines)
     if known and lines:
@@ -189,19 +161,11 @@ def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The curves of an image and what came with them.
+    """The curves of an image and what came with them: reconstructions, seconds, notes by frame.
 
     Whatever the plugin shows and the user may want to take back belongs in here: one step of
-    undo is one such value.
-
-    Attributes
-    ----------
-    deleted
-        Curves that the user has deleted, the latest last; their lines are not refined again.
-    patches
-        Reconstructions by frame, the latest last.
-    seconds, notes
-        How long the engine took; what the scene needed and why; by frame.
+    undo is one such value. The latest are last among the `patches`, and among the `deleted`, whose
+    lines are not refined again.
     """
 
     records: tuple[Record, ...] = ()
@@ -294,12 +258,7 @@ def bytes_beside(state: State, other: State) -> int:
 class History(Generic[T]):
     """A value, the ones before it, and those that were taken back.
 
-    Parameters
-    ----------
-    value
-        The first value.
-    weigh
-        Gives the bytes that a value holds and does not share with the one before it.
+    `weigh` gives the bytes that a value holds and does not share with the one before it.
     """
 
     def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):

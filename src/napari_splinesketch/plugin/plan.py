@@ -45,18 +45,10 @@ NOTHING = State()
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A curve to refine, by its number.
+    """A curve to refine, by its number, from its sketch, px, or from where the user has put it.
 
-    Attributes
-    ----------
-    sketch
-        (N, 2) what the user drew, px.
-    start
-        (N, 2) where to begin, px: the sketch, or the curve as the user has changed it.
-    new, drawn
-        Whether there is no such curve yet; whether the sketch is a line in the user's layer.
-    again
-        Whether it is a second line over a body that has a curve, which it replaces.
+    It is `new` if there is no such curve yet, `drawn` if its sketch is a line in the user's layer,
+    and `again` if that is a second line over a body that has a curve, which it replaces.
     """
 
     id: int
@@ -69,16 +61,10 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a refinement of one frame would do.
+    """What a refinement of one frame would do: the curves that it moves, or takes as they are.
 
-    Attributes
-    ----------
-    targets, fixed
-        The curves that it would move, and those that take part as they are.
-    decided, deleted
-        How many lines it leaves out because their curves were accepted or locked, or deleted.
-    orphans
-        Numbers of curves whose line the user has deleted: they stay.
+    `decided` and `deleted` lines are left out, as their curves were accepted or locked, or deleted;
+    curves without a line any more, the `orphans`, stay.
     """
 
     scope: Scope = "new"
@@ -97,21 +83,15 @@ def make_plan(
     chosen: Collection[int] = (),
     selection: Collection[Key] = (),
 ) -> Plan:
-    """Decide what to refine.
+    """Decide what to refine of what is known of a frame, and of all its sketches, px.
 
     A line is new if it has no curve, and changed if its curve was refined from another one. What
     the user has accepted or locked never moves; what she rejected or deleted is left alone until
     she changes its line or selects it.
 
-    Parameters
-    ----------
-    state, frame, lines
-        What is known, the frame in view, and all its sketches, px.
-    scope
-        "new": lines that are new or changed, and curves changed by hand. "selected": the chosen
-        lines, or the selected curves. "all": every line and curve that is open.
-    chosen, selection
-        Positions of the selected lines, and (frame, id) of the selected curves.
+    The scope is "new" for lines that are new or changed, and curves changed by hand; "selected" for
+    the `chosen` lines, by their positions, or the curves of the `selection`; "all" for every line
+    and curve that is open.
     """
     here = [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]

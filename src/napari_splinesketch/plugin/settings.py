@@ -23,14 +23,8 @@ KEYS = "keys"
 class Settings(Asked):
     """What the user chose: what may be asked of a refinement, and what is told of it.
 
-    Attributes
-    ----------
-    half_width_unit
-        Unit of `half_width`: its name, or "px".
-    colour_by
-        What the colour of a curve says.
-    keys
-        Keys of actions, by their ids, as napari writes them; an empty one takes the key away.
+    The unit of the half-width is its name, or "px". Keys are those of commands, by their ids, as
+    napari writes them; an empty one takes the key away.
     """
 
     half_width_unit: str = "px"

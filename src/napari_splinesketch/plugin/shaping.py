@@ -38,13 +38,7 @@ def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
 
 
 def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
-    """Cut a curve at one of its points.
-
-    Raises
-    ------
-    ValueError
-        If a piece would be too short.
-    """
+    """Cut a curve at one of its points; ValueError if a piece would be too short."""
     along = spline.arc_length(curve.points)
     if min(along[at], along[-1] - along[at]) < SHORTEST:
         raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")

@@ -72,17 +72,7 @@ def button(plan: "Plan") -> str:
 
 
 def nothing(plan: "Plan", drawn: Drawn, frame: Literal["all", "empty", "full"], layer: str) -> str:
-    """Say why a plan is empty.
-
-    Parameters
-    ----------
-    plan, drawn
-        What is empty, and the lines that there are.
-    frame
-        Whether there is but one, or this one has no curves, or it has some.
-    layer
-        Name of the layer of sketches.
-    """
+    """Say why a plan is empty: for all frames, or for one that has no curves, or has some."""
     if plan.decided:
         return f"{_decided(plan.decided)}; reopen or unlock them first."
     if plan.scope == "selected":

@@ -25,17 +25,8 @@ _log = logging.getLogger(__name__)
 class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
-    Attributes
-    ----------
-    image, sketches
-        The user's layers.
-    history
-        What is known, and what was known before.
-    layers, suggested
-        The layers of results, which come with the first of them, and the suggested lines among
-        the sketches.
-    looked_at
-        (frame, id) of the curve that is selected, or None.
+    The layers of results come with the first of them; the suggested lines are among the sketches.
+    `looked_at` is (frame, id) of the curve that is selected, or None.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
@@ -84,10 +75,7 @@ class Work:
 class Drawing:
     """Changes layers in many short steps; the window lives in between.
 
-    Parameters
-    ----------
-    failed
-        Called with the exception if a step fails.
+    `failed` is called with the exception if a step fails.
     """
 
     def __init__(self, failed: Callable[[Exception], None]):

@@ -209,13 +209,7 @@ def _name(frame: int, ending: str = "json") -> str:
 
 
 def summary(path: Path) -> Head | None:
-    """Say what a folder holds; None where there is nothing to go on with.
-
-    Raises
-    ------
-    LabelsError
-        Where there is something, but it cannot be read.
-    """
+    """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
         head = read_head(path / HEAD)
     except FileNotFoundError:

@@ -271,10 +271,7 @@ def write_patch(path: Path, patch: Patch) -> None:
 def read_patch(path: Path, size: tuple[int, int]) -> Patch | None:
     """Read a picture that is no larger than an image of (H, W) px, and within it; None without.
 
-    Raises
-    ------
-    LabelsError
-        Where there is a file, but no such picture in it.
+    LabelsError where there is a file, but no such picture in it.
     """
     if not path.exists():
         return None

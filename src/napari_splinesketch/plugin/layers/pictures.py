@@ -68,7 +68,7 @@ class Maker:
 
     kind: type[Layer]
     name: str
-    source: Callable[[Work], Sequence[Any]]
+    source: Callable[[Work], list[Any]]
     make: Callable[[Work], Made | None]
     title: str = ""
     tip: str = ""
@@ -79,22 +79,23 @@ class Proof(Slot):
     """A layer of what the model says of a work, as its maker makes it."""
 
     def __init__(self, viewer: ViewerModel, role: ProofRole, work: Work):
-        self._maker, self._work = MAKERS[role], work
-        self._source: Sequence[Any] = ()
-        super().__init__(viewer, work.image, role, f"{work.name} {self._maker.name}", work)
+        self._role: ProofRole = role
+        self._work, self._source = work, list[Any]()
+        super().__init__(viewer, work.image, role, f"{work.name} {MAKERS[role].name}", work)
 
     @property
     def wanted(self) -> bool:
         """Whether it is to follow what is known: it is in view, or always there."""
-        return self.shown or not self._maker.title
+        return self.shown or not MAKERS[self._role].title
 
     def update(self) -> None:
         """Bring it in step with what is known, if that is not what it shows."""
-        layer, kind, source = self.layer, self._maker.kind, self._maker.source(self._work)
-        if same(source, self._source) and (layer is not None or not self._maker.title):
+        maker, layer = MAKERS[self._role], self.layer
+        source, kind = maker.source(self._work), maker.kind
+        if same(source, self._source) and (layer is not None or not maker.title):
             return
         self._source = source
-        made = self._maker.make(self._work)
+        made = maker.make(self._work)
         if made is None:
             self.remove()
         elif layer is None or (kind is not Vectors and layer.data.shape != made.data.shape):
@@ -106,29 +107,29 @@ class Proof(Slot):
 
     def _add(self, made: Made, old: Layer | None) -> None:
         """Put the layer over the image, lines over all, or in the place of an old one."""
-        layers, kind = self.viewer.layers, self._maker.kind
+        layers, maker = self.viewer.layers, MAKERS[self._role]
         at = layers.index(old or self.image) + (old is None)
-        visible = old.visible if old else bool(self._maker.title)
+        visible = old.visible if old else bool(maker.title)
         self.remove()
         how: dict[str, Any] = {**made.place, **made.look, "visible": visible}
-        if kind is not Vectors:
+        if maker.kind is not Vectors:
             how["multiscale"] = False
-        over = kind is Vectors and old is None
-        layer = self.make(made.data, kind=kind, at=None if over else at, **how)
-        layer.editable = kind is not Labels
+        over = maker.kind is Vectors and old is None
+        layer = self.make(made.data, kind=maker.kind, at=None if over else at, **how)
+        layer.editable = maker.kind is not Labels
 
 
-def _patches(work: Work) -> Sequence[Any]:
+def _patches(work: Work) -> list[Any]:
     return list(work.patches.values())
 
 
-def _curves(work: Work) -> Sequence[Any]:
+def _curves(work: Work) -> list[Any]:
     return [record.curve for record in work.records]
 
 
-def _chosen(work: Work) -> Sequence[Any]:
+def _chosen(work: Work) -> list[Any]:
     chosen = work.chosen
-    return (chosen.curve, work.patches.get(chosen.frame)) if chosen else ()
+    return [chosen.curve, work.patches.get(chosen.frame)] if chosen else []
 
 
 def _like(image: Image) -> dict[str, Any]:

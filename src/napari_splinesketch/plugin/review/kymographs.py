@@ -22,22 +22,10 @@ SHARE = 98.0
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A quantity of one body over its length and over the frames.
+    """A quantity of one body over its length and over the frames, from the first to the last.
 
-    Attributes
-    ----------
-    title
-        What it is, with its unit.
-    values
-        (T, P) NaN where the body has no curve.
-    frames
-        First and last.
-    length
-        Mean length of the body, in the unit.
-    unit
-        Of the length.
-    signed
-        Whether zero is in the middle of the colours.
+    `values` are (T, P), NaN where the body has no curve; `length` is its mean, in the unit. Where
+    they are `signed`, zero is in the middle of the colours.
     """
 
     title: str
@@ -78,15 +66,7 @@ class Picture:
 
 
 def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
-    """Curvature, speed, and velocity along and across a body; nothing of one in a single frame.
-
-    Parameters
-    ----------
-    body
-        Its curves by frame, px.
-    ruler
-        Of the image.
-    """
+    """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
     if len(body) < 2:
         return ()
     made = kymograph({frame: _scaled(curve, ruler) for frame, curve in body.items()})

@@ -339,15 +339,7 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
 
 
 def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
-    """Places on a body's cross-sections, from edge to edge.
-
-    Parameters
-    ----------
-    points
-        (P, 2) centreline, (row, col), px.
-    half_width
-        (P,) from the centreline to the edge, px; a section where it is not known is one point.
-    """
+    """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
     reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
     count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
     share = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
