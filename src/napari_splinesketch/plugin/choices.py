@@ -18,6 +18,10 @@ PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
 
 
+LOOKED = ("point", "order", "ndisplay")
+"""Events of the sliders after which something else is in view; their range says nothing of that."""
+
+
 class Changes(SignalGroup):
     """All that may change, a signal for each kind: whoever shows something listens to that."""
 
@@ -68,7 +72,7 @@ class Choices:
             (layers.removed, self._on_removed),
             (layers.reordered, self._on_layers),
             (layers.renamed, self._on_layers),
-            (viewer.dims.events, self._on_edited),
+            *[(getattr(viewer.dims.events, name), self._on_edited) for name in LOOKED],
         ]
         for signal, slot in self._connections:
             signal.connect(slot)

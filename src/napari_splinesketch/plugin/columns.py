@@ -61,12 +61,14 @@ class Column:
         value = self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def key(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
-        """Give what the table sorts by; what is not known comes first."""
-        if self.order is not None:
-            return self.order(record)
-        value = self.value(record, ruler, curve_at)
-        return -math.inf if isinstance(value, float) and math.isnan(value) else value
+    def key(self, ruler: Ruler, curve_at: CurveAt) -> Callable[[Record], Any]:
+        """Give what the table sorts records by; what is not known comes first."""
+
+        def key(record: Record) -> Any:
+            value = self.value(record, ruler, curve_at)
+            return -math.inf if isinstance(value, float) and math.isnan(value) else value
+
+        return self.order or key
 
 
 def _said(find: Callable[[Record], Any]) -> Value:
@@ -74,12 +76,19 @@ def _said(find: Callable[[Record], Any]) -> Value:
     return lambda record, ruler, curve_at: find(record)
 
 
-half_widths = once(lambda curve, ruler: ruler.across(curve, curve.half_width))
+@once
+def half_widths(curve: Curve, ruler: Ruler) -> np.ndarray:
+    """From the centreline to the edge at each point, in the unit."""
+    return ruler.across(curve, curve.half_width)
 
 
 def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
     """Measure a curve alone."""
-    known = once(lambda curve, ruler: float(find(curve, ruler)))
+
+    @once
+    def known(curve: Curve, ruler: Ruler) -> float:
+        return float(find(curve, ruler))
+
     return lambda record, ruler, curve_at: known(record.curve, ruler)
 
 

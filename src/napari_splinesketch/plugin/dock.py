@@ -268,7 +268,7 @@ class SplinesketchDock(QWidget):
         nothing = "" if records else "Nothing to export yet: refine first"
         running = "Something is running" if self.controller.progress else ""
         enable(self.export, nothing or running, words.EXPORT_TIP)
-        self.rejected.setVisible(any(record.review == "rejected" for record in records))
+        self.rejected.setVisible("rejected" in [record.review for record in records])
 
     def _show_steps(self) -> None:
         steps = self.controller.steps

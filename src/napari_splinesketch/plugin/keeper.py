@@ -106,7 +106,7 @@ class Keeper:
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
         records = self.work.records if self.work else ()
-        return records if frame is None else tuple(r for r in records if r.frame == frame)
+        return records if frame is None else tuple([r for r in records if r.frame == frame])
 
     @property
     def selection(self) -> tuple[Key, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from operator import attrgetter
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -75,9 +76,8 @@ class Refined:
     region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 
-def key_of(record: Record) -> Key:
-    """Give what tells a record from all others."""
-    return record.frame, record.id
+key_of: Callable[[Record], Key] = attrgetter("frame", "id")
+"""Gives what tells a record from all others."""
 
 
 def by_frame(records: Iterable[Record]) -> dict[int, list[Record]]:
@@ -130,7 +130,7 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
         for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
             if distance[i, j] < reach[i]:
                 ids[i] = known[j].id
-    new = max((record.id for record in (*known, *others)), default=0)
+    new = max([record.id for record in (*known, *others)], default=0)
     for i, number in enumerate(ids):
         if not number:
             ids[i] = new = new + 1
@@ -202,7 +202,7 @@ class State:
         """Delete some curves."""
         gone = self._among(keys)
         left = set(self.records).difference(gone)
-        kept = tuple(record for record in self.records if record in left)
+        kept = tuple([record for record in self.records if record in left])
         return replace(self, records=kept, deleted=(*self.deleted, *gone))
 
     def restored(self, keys: Collection[Key]) -> "State":
@@ -216,7 +216,7 @@ class State:
 
     def set_aside(self, keys: Collection[Key]) -> "State":
         """Delete curves that are drawn again: under other numbers, as theirs go on."""
-        last = max((record.id for record in (*self.records, *self.deleted)), default=0)
+        last = max([record.id for record in (*self.records, *self.deleted)], default=0)
         aside = [replace(r, id=last + i) for i, r in enumerate(self._among(keys), 1)]
         return replace(self, deleted=(*self.deleted, *aside))
 

@@ -1,6 +1,6 @@
 """What Refine would take up now, with the layers as they are, and what it leaves alone."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
@@ -125,9 +125,11 @@ def make_plan(
             targets.append(Target(record.id, record.sketch, start, False, record.drawn))
         decided += asked and _decided(record)
     moving = {target.id for target in targets}
-    orphans = tuple(r.id for r in here if r.drawn and r.id not in lined)
+    orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     left = len(lined & deleted - moving)
-    return Plan(scope, tuple(targets), tuple(_fixed(here, moving)), decided, orphans, left)
+    explained = [r for r in here if r.curve.status != "failed" and r.review != "rejected"]
+    fixed = tuple([r.curve for r in explained if r.id not in moving])
+    return Plan(scope, tuple(targets), fixed, decided, orphans, left)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -171,14 +173,6 @@ def _matched(
     others = identify(rest, left, (*state.records, *state.deleted))
     numbers = iter(others)
     return [number or next(numbers) for number in found], [bool(number) for number in found]
-
-
-def _fixed(here: Sequence[Record], moving: Collection[int]) -> Iterator[Curve]:
-    """The curves that explain their part of the image already."""
-    for record in here:
-        if record.id not in moving and record.curve.status != "failed":
-            if record.review != "rejected":
-                yield record.curve
 
 
 def _drawn_again(

@@ -128,7 +128,7 @@ def skipped(strays: int, unusable: Mapping[str, int]) -> str:
 
 def summary(records: Sequence[Record]) -> str:
     """Say how many curves are good, to check and failed, in one line."""
-    statuses = Counter(record.curve.status for record in records)
+    statuses = Counter([record.curve.status for record in records])
     short = len(statuses) > 2
     said = {
         "good": "good",

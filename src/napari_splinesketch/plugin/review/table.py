@@ -120,12 +120,11 @@ class CurvesModel(QAbstractTableModel):
     def _arrange(self) -> None:
         """Bring the rows in order; shows all anew where others are shown."""
         column, order = self._by
-        key, before = COLUMNS[column].key, list(map(key_of, self.records))
-        rows = sorted(
-            filter(self._accepts, self._all),
-            key=lambda record: key(record, self.ruler, self.curve_at),
-            reverse=order == Qt.SortOrder.DescendingOrder,
+        key, before = (
+            COLUMNS[column].key(self.ruler, self.curve_at),
+            list(map(key_of, self.records)),
         )
+        rows = sorted(self._chosen(), key=key, reverse=order == Qt.SortOrder.DescendingOrder)
         if list(map(key_of, rows)) == before:
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
@@ -134,11 +133,14 @@ class CurvesModel(QAbstractTableModel):
             self.records = rows
             self.endResetModel()
 
-    def _accepts(self, record: Record) -> bool:
+    def _chosen(self) -> Sequence[Record]:
+        if self.shown == "all":
+            return self._all
         if self.shown == "this frame":
-            return record.frame == self.frame
-        doubtful = self.shown == "not reviewed" or record.curve.status != "good"
-        return self.shown == "all" or (record.review == "open" and doubtful)
+            return [r for r in self._all if r.frame == self.frame]
+        every = self.shown == "not reviewed"
+        open_ones = [r for r in self._all if r.review == "open"]
+        return [r for r in open_ones if every or r.curve.status != "good"]
 
 
 class CurvesTable(QTableView):
