@@ -214,8 +214,11 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
         with pytest.raises(SystemExit):
             main([name, "--help"])
         told = capsys.readouterr().out
-        for one, opt in declared(kind):
-            assert (f"--{one.name.replace('_', '-')}" if opt.help else str(opt.metavar)) in told
+        for _, opt in declared(kind):
+            assert (opt.flag if opt.help else str(opt.metavar)) in told
+    with pytest.raises(SystemExit):
+        main("export-training a.tif a.csv -o b --split 0 0 0".split())
+    assert "shares are (0.0, 0.0, 0.0)" in capsys.readouterr().err
 
 
 def test_one_line_a_frame_or_one_a_curve(

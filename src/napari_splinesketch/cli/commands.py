@@ -156,7 +156,7 @@ def _compare(job: jobs.CompareJob) -> int:
 
 def _export_training(job: jobs.TrainingJob) -> int:
     from napari_splinesketch.images.frames import open_frames
-    from napari_splinesketch.training import Split, export_training
+    from napari_splinesketch.training import export_training
 
     if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
         raise ValueError(
@@ -168,7 +168,7 @@ def _export_training(job: jobs.TrainingJob) -> int:
             images,
             job.labels,
             keep=job.keep,
-            split=Split(job.split, job.block, job.gap, job.seed),
+            split=job,
             whole_frames=job.whole_frames,
             name=images.name,
             overwrite=job.overwrite,

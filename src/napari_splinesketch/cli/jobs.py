@@ -9,6 +9,7 @@ from napari_splinesketch.cli.options import check, declared, opt
 from napari_splinesketch.engine.settings import Asked, Look
 from napari_splinesketch.files import check_outputs, same_file
 from napari_splinesketch.images.frames import is_part_of
+from napari_splinesketch.training.split import Split
 
 TIFF = (".tif", ".tiff")
 PICTURE = (".png", ".jpg", ".tif")
@@ -276,7 +277,7 @@ class CompareJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingJob(ImageJob):
+class TrainingJob(ImageJob, Split):
     r"""Write a training set.
 
     Write the frames of a film that have accepted curves as a training set: images, splines, masks,
@@ -299,19 +300,12 @@ class TrainingJob(ImageJob):
         "(default: {default})",
         default="accepted",
     )
-    split: tuple[float, float, float] = opt(
-        "shares of the film (default: 0.8 0.1 0.1)",
-        ("TRAIN", "VAL", "TEST"),
-        default=(0.8, 0.1, 0.1),
-    )
-    block: int | None = opt(
-        "frames that stay together (default: 1/20 of the film)", "N", default=None
-    )
-    gap: int | None = opt(
-        "frames left out between parts (default: 1/10 of a block)", "N", default=None
-    )
-    seed: int = opt("which blocks go where (default: {default})", "N", least=0, default=0)
     whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are not allowed, and what divides nothing."""
+        super().__post_init__()
+        Split.__post_init__(self)
 
 
 EXIT_CODES = """\

@@ -22,6 +22,8 @@ class Opt:
         Which numbers are allowed.
     short
         A second, short name.
+    flag
+        Its name, with the dashes; that of the field where none is declared.
     role
         Whether it names a file that is read, or one that is written.
     endings
@@ -34,6 +36,7 @@ class Opt:
     least: float = -math.inf
     most: float = math.inf
     short: str = ""
+    flag: str = ""
     role: Literal["", "read", "written"] = ""
     endings: tuple[str, ...] = ()
 
@@ -54,8 +57,13 @@ def opt(text: str = "", metavar: Any = None, *, default: Any = MISSING, **more: 
 
 def declared(options: type) -> list[tuple[Field[Any], Opt]]:
     """Give every field with what is declared of it; arguments by place come first."""
-    found = [(one, Opt(**one.metadata)) for one in fields(options)]
+    found = [(one, _opt(one)) for one in fields(options)]
     return sorted(found, key=lambda one: bool(one[1].help))
+
+
+def _opt(one: Field[Any]) -> Opt:
+    usual: dict[str, Any] = {"flag": f"--{one.name.replace('_', '-')}"}
+    return Opt(**usual | dict(one.metadata))
 
 
 def check(options: object) -> None:
@@ -64,7 +72,7 @@ def check(options: object) -> None:
         value = getattr(options, one.name)
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, (int, float)) and opt.problem(number):
-                raise ValueError(f"{_flag(one)} is {number}; {opt.problem(number)}")
+                raise ValueError(f"{opt.flag} is {number}; {opt.problem(number)}")
 
 
 def add_options(parser: argparse.ArgumentParser, options: type) -> None:
@@ -76,19 +84,21 @@ def add_options(parser: argparse.ArgumentParser, options: type) -> None:
         if not opt.help:
             parser.add_argument(one.name, metavar=opt.metavar, type=kind)
             continue
-        flags = [*([opt.short] if opt.short else []), _flag(one)]
+        flags = [*([opt.short] if opt.short else []), opt.flag]
         text = opt.help.replace("{default}", str(one.default)).replace("%", "%%")
+        more: dict[str, Any] = {"dest": one.name, "help": text}
         if kind is bool:
-            parser.add_argument(*flags, action="store_true", help=text)
+            parser.add_argument(*flags, action="store_true", **more)
             continue
-        more: dict[str, Any] = {"metavar": opt.metavar, "type": kind}
         if get_origin(kind) is Literal:
-            more = {"choices": get_args(kind)}
+            more |= {"choices": get_args(kind)}
         elif get_origin(kind) is tuple:
             sizes = get_args(kind)
-            more |= {"nargs": "+" if sizes[-1] is ... else len(sizes), "type": sizes[0]}
-        required = one.default is MISSING
-        parser.add_argument(*flags, required=required, default=one.default, help=text, **more)
+            count = "+" if sizes[-1] is ... else len(sizes)
+            more |= {"nargs": count, "type": sizes[0], "metavar": opt.metavar}
+        else:
+            more |= {"type": kind, "metavar": opt.metavar}
+        parser.add_argument(*flags, required=one.default is MISSING, default=one.default, **more)
 
 
 def given(options: type, parsed: argparse.Namespace) -> Any:
@@ -96,7 +106,3 @@ def given(options: type, parsed: argparse.Namespace) -> Any:
     values = {one.name: getattr(parsed, one.name) for one, _ in declared(options)}
     lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
     return options(**values | lists)
-
-
-def _flag(one: Field[Any]) -> str:
-    return f"--{one.name.replace('_', '-')}"
