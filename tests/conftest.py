@@ -26,8 +26,10 @@ GUI = ("make_napari_viewer", "make_napari_viewer_proxy", "qtbot", "qapp")
 """Fixtures that open windows."""
 
 
-LONG = ("test_responsive", "test_jobs", "test_autosave")
+LONG = ("test_batch_page", "test_responsive", "test_jobs", "test_autosave")
 """Files whose tests wait for other processes: last, they would leave all workers but one idle."""
+MOST_WORKERS = 8
+"""The windows of more would fill the memory."""
 
 settings.register_profile("usual", max_examples=25, deadline=None, derandomize=True)
 settings.register_profile("nightly", max_examples=500, deadline=None)
@@ -35,8 +37,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "usual"))
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Take the processors that this process may use; more than a few windows fill the memory."""
-    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2, 8)
+    """Take one more than the processors that this process may use: one or another often waits."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
+    return min(processors + 1, MOST_WORKERS)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -82,11 +82,15 @@ def outcome(fault: Fault, copy: Path) -> tuple[str, str]:
     return CAUGHT, failed[0].split("::")[-1].split(" - ")[0] if failed else "collection"
 
 
+def faults() -> list[Fault]:
+    """Give every fault."""
+    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    return [Fault(**one) for one in tomllib.loads(text)["fault"]]
+
+
 def main(words: list[str]) -> None:
     """Print a table of the chosen faults."""
-    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-    every = [Fault(**one) for one in tomllib.loads(text)["fault"]]
-    chosen = [f for f in every if not words or any(word in f.file + f.what for word in words)]
+    chosen = [f for f in faults() if not words or any(word in f.file + f.what for word in words)]
     count: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(folder) / "jax")

@@ -5,6 +5,9 @@ import re
 import socket
 import subprocess
 import sys
+from collections import Counter
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import pytest
@@ -23,7 +26,7 @@ def free_port() -> int:
 
 
 def run_in_shell(block: str) -> None:
-    """Run a block of commands, those of this environment, on a port that is free."""
+    """Run commands, those of this environment, on a port that is free."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     run = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block.replace("8786", str(free_port()))],
@@ -41,15 +44,16 @@ def test_every_block_of_the_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    kinds = []
-    for kind, block in BLOCK.findall(PAGE):
-        kinds.append(kind)
+    kinds = Counter()
+    for kind, blocks in groupby(BLOCK.findall(PAGE), key=itemgetter(0)):
+        texts = [text for _, text in blocks]
+        kinds[kind] += len(texts)
         if kind == "bash":
-            run_in_shell(block)
+            run_in_shell("\n".join(texts))
         else:
-            exec(compile(block, "docs/batch.md", "exec"), names)
-    assert kinds.count("python") >= 4
-    assert kinds.count("bash") >= 4
+            exec(compile("\n".join(texts), "docs/batch.md", "exec"), names)
+    assert kinds["python"] >= 4
+    assert kinds["bash"] >= 4
     assert len(read_labels("labels.csv").labels) == 25
     assert Path("films/day-2.labels.csv").read_bytes() == Path("labels.csv").read_bytes()
     assert Path("todo.txt").read_text() == "films/day-3.tif: exit code 2\n"

@@ -266,13 +266,19 @@ def test_it_stops_when_told_to(crossing) -> None:
 def test_noise_is_as_large_as_the_gradient_of_its_spline_and_decays() -> None:
     gradient = {"offsets": jnp.array([[[3.0, -4.0]], [[0.0, 0.0]]]), "blend": jnp.array(-2.0)}
     draws: dict[int, list[dict[str, np.ndarray]]] = {0: [], 99: []}
-    for seed in range(300):
+
+    @jax.jit
+    def drawn(seed, step):
         noise = phases.relative_noise(variance=4.0, decay=1.0, key=jax.random.key(seed))
+        state = noise.init(gradient)._replace(step=step)  # pyright: ignore
+        noisy, after = noise.update(gradient, state)
+        return jax.tree.map(jnp.subtract, noisy, gradient), after.step  # pyright: ignore
+
+    for seed in range(300):
         for step, found in draws.items():
-            state = noise.init(gradient)._replace(step=jnp.array(step))  # pyright: ignore
-            noisy, after = noise.update(gradient, state)
-            assert after.step == step + 1  # pyright: ignore
-            found.append(jax.tree.map(lambda a, b: np.asarray(a - b), noisy, gradient))
+            noise, after = drawn(seed, step)
+            assert after == step + 1
+            found.append(jax.tree.map(np.asarray, noise))
     for step, expected in ((0, 2.0), (99, 0.2)):
         offsets = np.array([draw["offsets"] for draw in draws[step]])
         blends = np.array([draw["blend"] for draw in draws[step]])

@@ -11,11 +11,16 @@ FLAT = {"log_blur": np.log(0.5), "shade": 0.0, "log_power": -30.0, "log_extent":
 """No shading, no taper."""
 
 
+# Each operation outside of a jitted function would be compiled alone.
+coverage = jax.jit(profile.coverage)
+coverage_partials = jax.jit(profile.coverage_partials)
+
+
 def cover(distance, u=0.5, width=4.0, **changes) -> np.ndarray:
-    distance = jnp.asarray(distance, jnp.float32)
+    distance = np.asarray(distance, np.float32)
     look = {**FLAT, **changes}
-    inputs = [jnp.full_like(distance, v) for v in (u, np.log(width), *look.values())]
-    return np.asarray(profile.coverage(distance, *inputs))
+    inputs = [np.full_like(distance, v) for v in (u, np.log(width), *look.values())]
+    return np.asarray(coverage(distance, *inputs))
 
 
 def test_a_wide_body_is_one_inside_half_at_the_edge_and_nothing_outside():
@@ -73,15 +78,15 @@ def test_partial_derivatives_are_those_of_coverage(which):
     high = [6.0, 0.97, np.log(4.0), np.log(2.0), 0.8, np.log(0.8), np.log(0.4)]
     with jax.enable_x64(True):
         inputs = [rng.uniform(a, b, count) for a, b in zip(low, high, strict=True)]
-        value, partials = profile.coverage_partials(*map(jnp.asarray, inputs))
+        value, partials = coverage_partials(*inputs)
         step = 1e-6
         moved = [
-            profile.coverage(*(jnp.asarray(a + h * (i == which)) for i, a in enumerate(inputs)))
+            np.asarray(coverage(*(a + h * (i == which) for i, a in enumerate(inputs))))
             for h in (-step, step)
         ]
-        slope = np.asarray(moved[1] - moved[0]) / (2 * step)
+        slope = (moved[1] - moved[0]) / (2 * step)
         exact = np.asarray(partials[which])
-        np.testing.assert_array_equal(value, profile.coverage(*map(jnp.asarray, inputs)))
+        np.testing.assert_array_equal(value, coverage(*inputs))
     # Kinks (the edge of shading, the end of the taper) may lie within a step of a few inputs.
     wrong = np.abs(slope - exact) > 1e-5
     assert wrong.sum() <= 1

@@ -216,13 +216,12 @@ def test_energy_of_the_knots_is_that_of_its_normal_matrix():
     knots = np.cumsum(rng.uniform(2, 8, (2, KNOTS)), axis=1)
 
     with jax.enable_x64(True):
+        priors = jax.jit(solver._knot_priors)
 
         def energy(flat):
-            return float(solver._knot_priors(flat.reshape(2, -1), 0.3, 0.0, bend)[2])
+            return float(priors(flat.reshape(2, -1), 0.3, 0.0, bend)[2])
 
-        matrix, pull, value = (
-            np.asarray(a) for a in solver._knot_priors(jax.numpy.asarray(knots), 0.3, 0.0, bend)
-        )
+        matrix, pull, value = (np.asarray(a) for a in priors(knots, 0.3, 0.0, bend))
         flat, step = knots.ravel(), 1e-4
         slope = [
             (energy(flat + step * e) - energy(flat - step * e)) / (2 * step)
@@ -237,7 +236,8 @@ def test_evenly_spaced_knots_cost_nothing_and_uneven_ones_do():
     even = np.stack([np.linspace(0, 21, KNOTS), np.linspace(5, 40, KNOTS)])
     uneven = even.copy()
     uneven[:, 3] += 0.4 * (uneven[:, 4] - uneven[:, 3])
-    costs = [float(solver._knot_priors(k, 0.0, 2.0, bend)[2]) for k in (even, uneven)]
+    priors = jax.jit(solver._knot_priors)
+    costs = [float(priors(k, 0.0, 2.0, bend)[2]) for k in (even, uneven)]
     assert costs[0] == pytest.approx(0, abs=1e-6)
     assert costs[1] > 1
 

@@ -9,14 +9,34 @@ from npe2 import PluginManifest
 from qtpy.QtCore import QEvent
 from qtpy.QtWidgets import QApplication
 
-from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin import engine, work
+from napari_splinesketch.plugin.autosave import saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers import results
 
 from .fakes import FakeEngine
 from .hand import add_dock
 
 WINDOW = 900, 640
 """Of a window that draws, px: software paints every one of them, again and again."""
+
+
+RESTS_MS = {
+    (engine, "POLL_MS"): 2,
+    (work, "FIRST_MS"): 1,
+    (work, "BREATH_MS"): 1,
+    (results, "AFTER_MS"): 10,
+    (saver, "DELAY_MS"): 100,
+    (saver, "AGAIN_MS"): 200,
+}
+"""How long the plugin rests between steps; a test has no eye to follow them."""
+
+
+@pytest.fixture(autouse=True)
+def short_rests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait for what comes next, not for the clock."""
+    for (module, name), rest in RESTS_MS.items():
+        monkeypatch.setattr(module, name, rest)
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ def until(condition: Callable[[], Any], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it never came true"
-        QTest.qWait(10)
+        QTest.qWait(2)
 
 
 def click(button: Any) -> None:

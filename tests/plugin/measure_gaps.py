@@ -8,6 +8,7 @@ from collections.abc import Callable
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QApplication
 
+from napari_splinesketch.engine import warmup
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.samples import open_demo
@@ -49,6 +50,8 @@ def wait(seconds: float) -> tuple[float, float]:
 
 def main() -> None:
     """Open the demo, warm up with nothing compiled, refine; and again, from the cache on disk."""
+    # One program is enough to see that compiling does not hold the window up.
+    warmup.LINES, warmup.KNOTS = warmup.LINES[-1:], warmup.KNOTS[:1]
     warm: list[bool] = []
     warm_up = engine.warm_up
     engine.warm_up = lambda report: (warm_up(report), warm.append(True))  # pyright: ignore

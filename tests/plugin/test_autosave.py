@@ -15,7 +15,7 @@ import tifffile
 from napari.components import ViewerModel
 from npe2 import PluginManifest
 
-from napari_splinesketch.plugin.autosave.saver import DELAY_MS
+from napari_splinesketch.plugin.autosave import folder, saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
@@ -181,7 +181,7 @@ def test_images_without_a_file_are_kept_with_the_users_data(
     home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
     pixels = np.random.default_rng(0).normal(100, 5, (96, 128))
     viewer.add_image(pixels, name="cells")
-    QTest.qWait(2 * DELAY_MS)
+    QTest.qWait(2 * saver.DELAY_MS)
     assert not home.exists()
     viewer.add_shapes(LINES, shape_type=["line", "path"])
     refine(dock)
@@ -195,8 +195,6 @@ def test_images_without_a_file_are_kept_with_the_users_data(
 def test_a_folder_that_cannot_be_written_to_is_said(
     tmp_path: Path, viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from napari_splinesketch.plugin.autosave import folder
-
     real, broken = folder.atomic, [True]
 
     def full(*arguments: Any, **options: Any) -> Any:

@@ -19,7 +19,6 @@ from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
 from napari_splinesketch.plugin.autosave import folder, saver
-from napari_splinesketch.plugin.autosave.saver import DELAY_MS
 
 from .bench import LINES, SOON, bench, session_files
 from .fakes import FakeEngine
@@ -54,7 +53,7 @@ def test_resuming_two_layers_keeps_the_curves_of_both(home: Path) -> None:
     with bench() as again:
         again.image()
         again.resume()
-        QTest.qWait(2 * DELAY_MS)
+        QTest.qWait(2 * saver.DELAY_MS)
         assert len(again.controller.works) == 2
         assert counts(home) == [(2, 2), (2, 2)]
     assert counts(home) == [(2, 2), (2, 2)]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.autosave import saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .bench import bench
@@ -26,7 +25,6 @@ def sessions(folder: Path) -> list[str]:
 def test_saved_work_is_announced_moved_and_switched_off(
     viewer: Any, dock: SplinesketchDock, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(saver, "DELAY_MS", 10)
     viewer.add_image(np.random.default_rng(0).random((60, 80)), name="cells")
     until(lambda: dock.saver.place is not None, 20)
     first = dock.saver.place

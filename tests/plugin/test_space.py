@@ -45,23 +45,23 @@ def pair(image: dict[str, Any], sketches: dict[str, Any], shape: tuple[int, ...]
 
 
 @pytest.mark.window
-@pytest.mark.parametrize("name", PLACES)
 @pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
-def test_pixels_are_where_the_canvas_shows_them(viewer: Any, name: str) -> None:
-    image, sketches = PLACES[name]
-    layer = viewer.add_image(np.zeros((40, 60)), **image)
-    shapes = viewer.add_shapes([[[0, 0], [9, 9]]], shape_type="line", **sketches)
-    viewer.reset_view()
-    viewer.window._qt_viewer.canvas.on_draw(None)
-    points = np.array([[3.0, 4.0], [10.5, 2.0], [-7.0, 20.0]])
-    visuals = viewer.window._qt_viewer.canvas.layer_to_visual
-    shown = visuals[shapes].node.transform.map(points[:, ::-1])
-    expected = visuals[layer].node.transform.imap(shown)[:, 1::-1]
-    # The visual of an image counts from the corner of the first pixel, not from its centre.
-    found = to_pixels(viewer, shapes, layer, points)
-    offset = np.unique(np.round(expected - found, 3))
-    assert len(offset) == 1
-    assert offset[0] in (0.0, 0.5)
+def test_pixels_are_where_the_canvas_shows_them(viewer: Any) -> None:
+    canvas = viewer.window._qt_viewer.canvas
+    for name, (image, sketches) in PLACES.items():  # in one window, which takes longest
+        viewer.layers.clear()
+        layer = viewer.add_image(np.zeros((40, 60)), **image)
+        shapes = viewer.add_shapes([[[0, 0], [9, 9]]], shape_type="line", **sketches)
+        viewer.reset_view()
+        canvas.on_draw(None)
+        points = np.array([[3.0, 4.0], [10.5, 2.0], [-7.0, 20.0]])
+        shown = canvas.layer_to_visual[shapes].node.transform.map(points[:, ::-1])
+        expected = canvas.layer_to_visual[layer].node.transform.imap(shown)[:, 1::-1]
+        # The visual of an image counts from the corner of the first pixel, not from its centre.
+        found = to_pixels(viewer, shapes, layer, points)
+        offset = np.unique(np.round(expected - found, 3))
+        assert len(offset) == 1, name
+        assert offset[0] in (0.0, 0.5), name
 
 
 @pytest.mark.parametrize("name", PLACES)

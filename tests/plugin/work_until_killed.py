@@ -18,7 +18,7 @@ def main() -> None:
     fake.go.set()
     engine.refine, engine.warm_up = fake.refine, lambda report: None
     viewer = napari.Viewer()
-    viewer.window.resize(1100, 760)
+    viewer.window.resize(900, 640)
     viewer.open(sys.argv[1])
     dock = add_dock(viewer)
     fit_view(viewer)

@@ -285,9 +285,9 @@ class Saver(QObject):
         work = self._keeper.work_on(*pair)
         return work.state if work else NOTHING
 
-    def _wait(self, milliseconds: int = DELAY_MS) -> None:
+    def _wait(self, milliseconds: int | None = None) -> None:
         if isalive(self._timer) and not self._timer.isActive():
-            self._timer.start(milliseconds)
+            self._timer.start(DELAY_MS if milliseconds is None else milliseconds)
 
     def _save(self) -> None:
         """Take what has changed, and write it in a thread."""
