@@ -157,7 +157,7 @@ def with_keys(hand: Hand, dock: SplinesketchDock, worms: list[Any], by_hand: boo
     led = curve_at(dock, worms[0].mean(axis=0))
     hand.click(led.points[30])
     hand.key("U")
-    live(lambda: dock.controller.knots.active)
+    live(lambda: dock.controller.knots is not None)
     knot = led.knots[len(led.knots) // 2, :2]
     hand.drag(knot, knot + np.array([LED, 0]))
     hand.key("Return")

@@ -224,6 +224,6 @@ def test_knots_that_are_taken_back_or_kept(
     assert dock.refine.text() == "Refine 1 changed"
     hand.press("U")
     viewer.layers.remove(name)
-    assert not controller.knots.active
+    assert not controller.knots
     assert "film edited" not in viewer.layers
     assert len(fake.calls) == 1

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from napari.utils.colormaps import Colormap
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, once
@@ -163,6 +164,7 @@ Look = tuple[str, Ruler]
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 """Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
 read by everybody."""
+_ramp = Colormap(list(RAMP))
 SAME = 1e-6
 """Values that differ less, relative, have one colour: that is how they were worked out."""
 GREY = "#999999"
@@ -216,20 +218,14 @@ def colours_of(records: Sequence[Record], look: Look) -> list[str]:
     if look[0] == "status":
         return [COLOURS[record.curve.status] for record in records]
     low, high = scale_of(records, look) or (0.0, 0.0)
-    return [_on_ramp(value, low, high) for value in _numbers(records, look)]
+    values = _numbers(records, look)
+    share = (values - low) / (high - low) if high - low > SAME * abs(high) else 0 * values + 0.5
+    painted = (_ramp.map(share) * 255).round().astype(int).tolist()
+    return ["#{:02x}{:02x}{:02x}".format(*rgb) if known else GREY for *rgb, known in painted]
 
 
 def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:
+    """What their colours say, in numbers; NaN where it is not known."""
     by, ruler = look
     values = [] if by == "status" else [COLOURED[by].value(r, ruler, alone) for r in records]
-    return np.array(values, dtype=float)
-
-
-def _on_ramp(value: float, low: float, high: float) -> str:
-    if not np.isfinite(value):
-        return GREY
-    at = (value - low) / (high - low) if high - low > SAME * abs(high) else 0.5
-    stops = np.array([list(bytes.fromhex(c[1:])) for c in RAMP])
-    along = np.linspace(0, 1, len(RAMP))
-    mixed = [round(float(np.interp(at, along, channel))) for channel in stops.T]
-    return "#{:02x}{:02x}{:02x}".format(*mixed)
+    return np.array([value if math.isfinite(value) else math.nan for value in values])

@@ -100,11 +100,6 @@ def extend(controller: Controller) -> None:
         controller.refine("selected")
 
 
-def toggle_lock(controller: Controller) -> None:
-    """Lock the selected curves, or unlock them if all are locked."""
-    controller.lock(not _all_locked(controller))
-
-
 def _all_locked(controller: Controller) -> bool:
     chosen = controller.selected_records()
     return bool(chosen) and all(record.locked for record in chosen)
@@ -112,7 +107,7 @@ def _all_locked(controller: Controller) -> bool:
 
 def _refine(controller: Controller) -> str:
     """Say what Refine would do."""
-    if controller.knots.active and controller.selection:
+    if controller.knots and controller.selection:
         return f"Refine curve {controller.selection[0][1]}"
     return words.button(controller.request().plan)
 
@@ -214,12 +209,12 @@ COMMANDS = (
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
-            problem=lambda c: "" if c.knots.active else c.request().problem, label=_refine),
+            problem=lambda c: "" if c.knots else c.request().problem, label=_refine),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
             "Refine each line as soon as it is drawn, while you draw the next"),
-    Command("knots", "Knots", "U", lambda c: c.knots.toggle(),
+    Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
             "Drag the knots of the selected curve", "curve", ONE,
-            label=lambda c: "Done" if c.knots.active else "Knots"),
+            label=lambda c: "Done" if c.knots else "Knots"),
     Command("flip", "Flip", "Shift+H", flip,
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", split,
@@ -228,7 +223,7 @@ COMMANDS = (
             "Make one curve of the two that are selected", "curve", TWO),
     Command("extend", "Extend", "Shift+N", extend,
             "Lengthen the end you point at, and refine", "curve", ONE),
-    Command("lock", "Lock", "Shift+K", toggle_lock,
+    Command("lock", "Lock", "Shift+K", lambda c: c.lock(not _all_locked(c)),
             "Keep the selected curves as they are", "curve", ANY,
             label=lambda c: "Unlock" if _all_locked(c) else "Lock"),
     Command("delete", "Delete", "Shift+Q", lambda c: c.delete(),
@@ -236,11 +231,11 @@ COMMANDS = (
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.work and c.work.state.deleted else "No curve is deleted"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots if c.knots.active else c).undo(),
+    Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots or c).undo(),
             "Undo the last step",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots if c.knots.active else c).redo(),
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots or c).redo(),
             "Redo what was undone",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),

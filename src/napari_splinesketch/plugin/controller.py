@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -35,7 +35,7 @@ from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.slot import OWNER, Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
-from napari_splinesketch.plugin.plan import Request, Requests, Scope
+from napari_splinesketch.plugin.plan import Request, Scope, make_plan, request
 from napari_splinesketch.plugin.work import Work
 
 SAVING = "Saving"
@@ -57,7 +57,10 @@ class Controller(Keeper):
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None
         self._closed = False
-        self._requests = Requests(self)
+        # The same question has the same answer.
+        self.plan = lru_cache(2)(
+            lambda drawn, state, *asked: make_plan(state, asked[0], drawn.lines, *asked[1:])
+        )
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
         self._preview: Preview | None = None
@@ -65,7 +68,7 @@ class Controller(Keeper):
         self._on: Work | None = None
         self._told: list[Image] = []
         self._began = 0.0
-        self.knots = KnotEditing(self, partial(self.refine, "selected"))
+        self.knots: KnotEditing | None = None
         self.films = Films(self)
         self.actions = Commands(viewer, self, self._is_meant)
         self.actions.rebind(self.settings.keys)
@@ -80,33 +83,33 @@ class Controller(Keeper):
 
     def request(self, scope: Scope = "new") -> Request:
         """Say what Refine would do now; selected lines go before those that are new."""
-        return self._requests.request(scope)
+        return request(self, scope)
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
-        if self.knots.active:
+        if self.knots:
             self.knots.refine()
             return
-        self._requests.forget()
-        request = self.request(scope)
+        self.forget()
+        wanted = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
-        if request.problem or self.progress or image is None or layer is None:
+        if wanted.problem or self.progress or image is None or layer is None:
             return
         work = self.begin(image, layer)
         if image.rgb and image not in self._told:
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
-        lines = tuple(target.start for target in request.plan.targets)
-        block = block_around(image, request.frame, lines)
-        work_out = partial(engine.run, block, lines, request.plan.fixed, self.how(image))
+        lines = tuple(target.start for target in wanted.plan.targets)
+        block = block_around(image, wanted.frame, lines)
+        work_out = partial(engine.run, block, lines, wanted.plan.fixed, self.how(image))
         preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
 
         def see(progress: Progress) -> None:
             if progress.centrelines:
-                preview.show(request.frame, progress.centrelines)
+                preview.show(wanted.frame, progress.centrelines)
 
         self._preview = preview
-        done = partial(self._on_refined, work, request)
+        done = partial(self._on_refined, work, wanted)
         self.start(work_out, done, "Refining", see, on=work)
 
     def start(
@@ -165,7 +168,7 @@ class Controller(Keeper):
     @property
     def steps(self) -> History[Any]:
         """What can be undone: steps, or moves of the knots that are shown."""
-        if self.knots.active:
+        if self.knots:
             return self.knots.steps
         return self.work.history if self.work else History(None)
 
@@ -174,6 +177,23 @@ class Controller(Keeper):
         self.at_once = not self.at_once
         self.changes.mode.emit()
         self._refine_at_once()
+
+    def toggle_knots(self) -> None:
+        """Show the knots of the selected curve, or keep the curve as they are."""
+        if self.knots:
+            self.knots.keep()
+            return
+        record = self.work.state.record(self.selected) if self.work and self.selected else None
+        if self.work is None or record is None or record.locked or self.progress:
+            locked = record is not None and record.locked
+            self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
+        else:
+            self.knots = KnotEditing(self, self.work, record)
+            self.changes.mode.emit()
+
+    def _leave_knots(self) -> None:
+        if self.knots:
+            self.knots.discard()
 
     def draw(self) -> None:
         """Draw lines into the chosen layer, or into a new one where there is none."""
@@ -228,7 +248,7 @@ class Controller(Keeper):
         if self._closed:
             return
         self._closed = True
-        self.knots.discard()
+        self._leave_knots()
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self._soon.cancel()
         super().close()
@@ -261,7 +281,9 @@ class Controller(Keeper):
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
-        self.left = time_left(self.waited, progress.fraction)
+        share, spent = progress.fraction, self.waited
+        known = spent > KNOWN_AFTER and share > 0.05
+        self.left = spent * (1 - share) / share if known else None
         self.changes.progress.emit()
 
     def _on_failed(self, name: str, message: str) -> None:
@@ -306,7 +328,7 @@ class Controller(Keeper):
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""
-        if self.at_once and not self.knots.active and self.request().plan.scope == "new":
+        if self.at_once and not self.knots and self.request().plan.scope == "new":
             self.refine()
 
     def _follow(self) -> None:
@@ -315,10 +337,10 @@ class Controller(Keeper):
         if pair != self._pair:
             self._pair = pair
             self.tell(Notice())
-            self.knots.discard()
+            self._leave_knots()
         there = set(self.viewer.layers)
-        gone = [work for work in self._works if not {work.image, work.sketches} <= there]
-        self._works = [work for work in self._works if work not in gone]
+        gone = [work for work in self.works if not {work.image, work.sketches} <= there]
+        self.works = [work for work in self.works if work not in gone]
         # Later: napari is still busy with the layer that it tells of.
         for work in gone:
             half = self.drawing.drop(work)  # what is half shown goes with it
@@ -328,7 +350,7 @@ class Controller(Keeper):
                 name = (work.sketches if work.image in there else work.image).name
                 said = f"{name!r} was removed: what was running on it ended."
                 self.finish(Notice("cancelled", said))
-        for work in self._works:
+        for work in self.works:
             if work.layers.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changes.curves.emit()
@@ -336,8 +358,3 @@ class Controller(Keeper):
     def _remove_results(self, work: Work) -> None:
         for layer in [layer for layer in self.viewer.layers if layer.metadata.get(OWNER) is work]:
             self.viewer.layers.remove(layer)
-
-
-def time_left(spent: float, done: float) -> float | None:
-    """Guess from the share that is done how long the rest takes, s; None while nobody knows."""
-    return spent * (1 - done) / done if spent > KNOWN_AFTER and done > 0.05 else None

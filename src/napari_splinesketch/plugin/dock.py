@@ -227,7 +227,7 @@ class SplinesketchDock(QWidget):
         self.at_once.setToolTip(controller.actions.tip("at_once"))
         left_out = words.skipped(request.drawn.strays, request.drawn.unusable)
         said = " ".join(filter(None, (request.problem, left_out, words.left_alone(request.plan))))
-        unasked = controller.progress or controller.knots.active
+        unasked = controller.progress or controller.knots
         self.hint.say("" if unasked else escape(said, quote=False))
 
     def _show_running(self) -> None:

@@ -15,7 +15,7 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import settings, words
 from napari_splinesketch.plugin.choices import Changes, Choices
 from napari_splinesketch.plugin.commands import Commands
-from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY
+from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, drawn_in
 from napari_splinesketch.plugin.layers.slot import OWNER
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
 from napari_splinesketch.plugin.model import (
@@ -43,7 +43,8 @@ class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them.
 
     `progress` is where what runs stands, None when nothing does; `notice` what the last action
-    came to; `drawing` brings the layers in step with what is known.
+    came to; `drawing` brings the layers in step with what is known. `works` are all that is known,
+    of every image through every layer of sketches.
     """
 
     actions: Commands
@@ -57,13 +58,14 @@ class Keeper:
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
         self._frame: int | None = None
+        self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self._selection: tuple[Key, ...] = ()
         self._soon_marked = qdebounced(self._mark_selected, BREATH_MS)
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
-        self._works = [owner for owner in owners if isinstance(owner, Work)]
-        for work in self._works:
+        self.works = [owner for owner in owners if isinstance(owner, Work)]
+        for work in self.works:
             self._attend(work)
         self._end = settings.on_change(lambda: self._take(settings.load()))
 
@@ -72,22 +74,17 @@ class Keeper:
         """What is known of the chosen image through the chosen sketches."""
         return self.work_on(self.choices.image, self.choices.sketches)
 
-    @property
-    def works(self) -> tuple[Work, ...]:
-        """All that is known, of every image through every layer of sketches."""
-        return tuple(self._works)
-
     def work_on(self, image: Image | None, sketches: Shapes | None) -> Work | None:
         """Give what is known of an image through a layer of sketches."""
         pair = image, sketches
-        return next((work for work in self._works if (work.image, work.sketches) == pair), None)
+        return next((work for work in self.works if (work.image, work.sketches) == pair), None)
 
     def begin(self, image: Image, sketches: Shapes) -> Work:
         """Give what is known of an image through a layer of sketches, from now on at the latest."""
         work = self.work_on(image, sketches)
         if work is None:
             work = Work(image, sketches, self.viewer)
-            self._works.append(work)
+            self.works.append(work)
             self._attend(work)
         return work
 
@@ -99,9 +96,18 @@ class Keeper:
             self._frame = current_frame(self.viewer, image) if image else 0
         return self._frame
 
+    @property
+    def drawn(self) -> Drawn:
+        """The lines of the frame in view."""
+        image, layer = self.choices.image, self.choices.sketches
+        if self._drawn is None:
+            there = image is not None and layer is not None
+            self._drawn = drawn_in(self.viewer, layer, image, self.frame) if there else Drawn()
+        return self._drawn
+
     def forget(self) -> None:
-        """Look anew which frame is in view."""
-        self._frame = None
+        """Look anew what is in view."""
+        self._frame = self._drawn = None
 
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
@@ -225,10 +231,10 @@ class Keeper:
         self._end()
         self._soon_marked.cancel()
         self.drawing.stop()
-        for work in self._works:
+        for work in self.works:
             for signal in work.layers.signals:
                 signal.disconnect()
-        self._works.clear()
+        self.works.clear()
         for name in self.changes:
             self.changes[name].disconnect()
         self.choices.close()
@@ -243,7 +249,7 @@ class Keeper:
             if self.settings is not chosen:
                 settings.save(self.settings)
             self.actions.rebind(self.settings.keys)
-        for work in self._works:
+        for work in self.works:
             self._colour(work)
         self.changes.settings.emit()
 

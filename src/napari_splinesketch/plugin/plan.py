@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in, selected_in
+from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
 from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import (
@@ -28,7 +27,7 @@ from napari_splinesketch.plugin.model import (
 )
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.keeper import Keeper
+    from napari_splinesketch.plugin.controller import Controller
 
 Scope = Literal["new", "selected", "all"]
 WITHIN = 1.25
@@ -221,48 +220,27 @@ class Request:
     problem: str = ""
 
 
-class Requests:
-    """Says what Refine would do, again and again; works it out where something has changed."""
-
-    def __init__(self, controller: "Keeper"):
-        self._controller = controller
-        self._drawn: tuple[int, Drawn] | None = None
-        # The same question has the same answer.
-        self._plan = lru_cache(2)(
-            lambda drawn, state, *asked: make_plan(state, asked[0], drawn.lines, *asked[1:])
-        )
-        controller.changes.layers.connect(self.forget)
-        controller.changes.edited.connect(self.forget)
-
-    def forget(self) -> None:
-        """Look at the lines anew the next time."""
-        self._drawn = None
-
-    def request(self, scope: Scope) -> Request:
-        """Say what Refine would do now; selected lines go before those that are new."""
-        c = self._controller
-        image, layer, selection = c.choices.image, c.choices.sketches, c.selection
-        problem = plane_problem(c.viewer, image) if image is not None else OPEN
-        if problem or image is None:
-            return Request(problem=problem)
-        frame = c.frame
-        if layer is None:
-            return Request(frame, problem=BEGIN)
-        if self._drawn is None or self._drawn[0] != frame:
-            self._drawn = frame, drawn_in(c.viewer, layer, image, frame)
-        drawn, marked = self._drawn[1], frozenset[int]()
-        about_curves = scope == "selected" and any(key[0] == frame for key in selection)
-        if layer is c.viewer.layers.selection.active and not about_curves and scope != "all":
-            marked = selected_in(layer)
-        chosen = frozenset(i for i, number in enumerate(drawn.numbers) if number in marked)
-        if marked:
-            scope = "selected"
-            if not chosen:
-                return Request(frame, Plan(scope), drawn, words.NO_LINE)
-        state = c.work.state if c.work else NOTHING
-        plan = self._plan(drawn, state, frame, scope, chosen, selection)
-        if plan.targets:
-            return Request(frame, plan, drawn)
-        full = any(record.frame == frame for record in state.records)
-        place = "full" if full else "empty" if image.ndim > 2 else "all"
-        return Request(frame, plan, drawn, words.nothing(plan, drawn, place, layer.name))
+def request(c: "Controller", scope: Scope) -> Request:
+    """Say what Refine would do now; selected lines go before those that are new."""
+    image, layer, selection = c.choices.image, c.choices.sketches, c.selection
+    problem = plane_problem(c.viewer, image) if image is not None else OPEN
+    if problem or image is None:
+        return Request(problem=problem)
+    frame, drawn, marked = c.frame, c.drawn, frozenset[int]()
+    if layer is None:
+        return Request(frame, problem=BEGIN)
+    about_curves = scope == "selected" and any(key[0] == frame for key in selection)
+    if layer is c.viewer.layers.selection.active and not about_curves and scope != "all":
+        marked = selected_in(layer)
+    chosen = frozenset([i for i, number in enumerate(drawn.numbers) if number in marked])
+    if marked:
+        scope = "selected"
+        if not chosen:
+            return Request(frame, Plan(scope), drawn, words.NO_LINE)
+    state = c.work.state if c.work else NOTHING
+    plan = c.plan(drawn, state, frame, scope, chosen, selection)
+    if plan.targets:
+        return Request(frame, plan, drawn)
+    full = any(record.frame == frame for record in state.records)
+    place = "full" if full else "empty" if image.ndim > 2 else "all"
+    return Request(frame, plan, drawn, words.nothing(plan, drawn, place, layer.name))

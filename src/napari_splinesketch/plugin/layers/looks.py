@@ -1,7 +1,6 @@
 """How curves are drawn: lines around bodies, colours of a status, few points."""
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import cache
 from typing import Any, Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -168,9 +167,5 @@ def _farthest(points: Line, keep: Bool[np.ndarray, " P"]) -> Bool[np.ndarray, " 
 
 def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
     """Give colours as napari keeps them."""
-    return np.array([_rgba(colour) for colour in colours], dtype=np.float32).reshape(-1, 4)
-
-
-@cache
-def _rgba(colour: str) -> tuple[float, ...]:
-    return *(value / 255 for value in bytes.fromhex(colour[1:])), 1.0
+    values = np.frombuffer(bytes.fromhex("".join([colour[1:] for colour in colours])), np.uint8)
+    return np.insert(values.reshape(-1, 3) / np.float32(255), 3, 1.0, axis=1)

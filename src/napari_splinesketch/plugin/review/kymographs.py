@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
+from napari.utils.colormaps import Colormap
 from qtpy.QtCore import QRectF
 from qtpy.QtGui import QImage
 
@@ -89,11 +90,7 @@ def _scaled(curve: Curve, ruler: Ruler) -> Curve:
 
 def _image(share: Float[np.ndarray, "T P"], colours: Sequence[str]) -> QImage:
     """Colours of values from 0 to 1."""
-    stops = np.array([list(bytes.fromhex(colour[1:])) for colour in colours])
-    at = np.linspace(0, 1, len(stops))
-    known = np.isfinite(share)
-    channels = [np.interp(np.where(known, share, 0), at, stops[:, c]) for c in range(3)]
-    rgba: UInt8[np.ndarray, "T P 4"] = np.stack([*channels, 255.0 * known], 2).astype(np.uint8)
+    rgba = (Colormap(list(colours)).map(share) * 255).round().astype(np.uint8)
     high, wide = share.shape
     image = QImage(rgba.tobytes(), wide, high, 4 * wide, QImage.Format.Format_RGBA8888)
     return image.copy()  # which owns its pixels
