@@ -80,8 +80,8 @@ def kymograph(path: Path) -> None:
     w.click(dock.track.buttons["track"])
     w.live(lambda: dock.controller.progress is None)
     w.click(dock.review)
-    w.live(lambda: dock.panel.panel is not None)
-    panel: Any = dock.panel.panel
+    w.live(lambda: dock.panel is not None)
+    panel: Any = dock.panel
     dock.controller.selected = (20, 1)
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)

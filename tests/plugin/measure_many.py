@@ -139,7 +139,7 @@ def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
     select(viewer, act, "select a curve, the first time", curves.data[count // 2])
     select(viewer, act, "select a curve", curves.data[count // 3])
     assert len(controller.selection) == 1, controller.selection
-    act("open the table", lambda: click(dock.review), lambda: dock.panel.panel is not None)
+    act("open the table", lambda: click(dock.review), lambda: dock.panel is not None)
     act("accept, and on to the next", lambda: controller.actions.run("accept"))
     act("on to the next", lambda: controller.actions.run("next"))
     act("delete a curve", controller.delete, shown(count))

@@ -7,6 +7,7 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.knots import SIZE
 
 from .fakes import FakeEngine
 from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, fit_view, refine, until
@@ -176,6 +177,11 @@ def test_knots_lead_a_curve(
     assert "Drag the knots" in dock.notice.text()
     assert knots.mode == "select"
     assert dock.refine.text() == "Refine curve 2"
+    for zoom in (1.0, 2.0):  # napari's limits on the screen would leave nothing but black borders
+        viewer.scene.camera.zoom = zoom
+        assert knots.canvas_size_limits is None
+        np.testing.assert_allclose(knots.size * 2 * zoom, SIZE, rtol=1e-5)
+    fit_view(viewer)
     before = controller.work and controller.work.state
     shown: list[float] = []
     preview = viewer.layers["film edited"]

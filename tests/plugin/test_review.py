@@ -33,9 +33,9 @@ def opened(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> ReviewPanel
     fake.changes = DOUBTS
     refine(dock)
     click(dock.review)
-    until(lambda: dock.panel.panel is not None)
-    assert dock.panel.panel is not None
-    return dock.panel.panel
+    until(lambda: dock.panel is not None)
+    assert dock.panel is not None
+    return dock.panel
 
 
 def ids(panel: ReviewPanel) -> list[int]:
@@ -164,17 +164,17 @@ def test_the_panel_closes_and_comes_back(
     background = panel.plots.grab().toImage().pixelColor(2, 2)
     assert background.lightness() > 200, "the plots follow the theme"
     viewer.window.remove_dock_widget(panel)
-    until(lambda: dock.panel.panel is None, 5)
+    until(lambda: dock.panel is None, 5)
     assert not dock.review.isChecked()
     dock.controller.review("accepted", (0, 1))
     dock.controller.actions.run("next")
     assert dock.controller.selected == (0, 5), "the keys work without the panel"
     click(dock.review)
-    again = dock.panel.panel
+    again = dock.panel
     assert again is not None and again is not panel
     assert again.count.text() == "1 of 5 reviewed"
     click(dock.review)
-    until(lambda: dock.panel.panel is None, 5)
+    until(lambda: dock.panel is None, 5)
 
 
 @pytest.mark.window
@@ -189,7 +189,7 @@ def test_a_row_of_another_frame_goes_there(
         viewer.dims.set_point(0, 2 * frame)
         refine(dock)
     click(dock.review)
-    panel = dock.panel.panel
+    panel = dock.panel
     assert panel is not None
     go_to(dock.controller, (1, 2))
     assert viewer.dims.point[0] == 2

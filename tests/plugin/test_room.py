@@ -32,7 +32,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     QTest.qWait(100)
     before = dock.height()
     click(dock.review)
-    until(lambda: dock.panel.panel is not None and dock.panel.panel.isVisible(), 10)
+    until(lambda: dock.panel is not None and dock.panel.isVisible(), 10)
     QTest.qWait(200)
     assert dock.height() == before
     area = dock.findChild(QScrollArea)
@@ -63,10 +63,10 @@ def test_buttons_of_a_narrow_panel_are_not_cut(
     viewer.add_shapes([[[20, 20], [20, 60]]], shape_type="line", name="cells sketches")
     refine(dock)
     click(dock.review)
-    until(lambda: dock.panel.panel is not None and dock.panel.panel.isVisible(), 10)
+    until(lambda: dock.panel is not None and dock.panel.isVisible(), 10)
     QTest.qWait(200)
-    assert dock.panel.panel is not None
-    panel = dock.panel.panel
+    assert dock.panel is not None
+    panel = dock.panel
     right = panel.mapTo(viewer.window._qt_window, panel.rect().topRight()).x()
     assert right <= dock.mapTo(viewer.window._qt_window, QPoint(0, 0)).x(), "beside the dock"
     for button in (*panel.judges.buttons.values(), panel.more):

@@ -29,7 +29,7 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import ruler_of
-from napari_splinesketch.plugin.review.panel import PanelKeeper
+from napari_splinesketch.plugin.review.panel import ReviewPanel, open_panel
 from napari_splinesketch.plugin.widgets import (
     Column,
     CommandButton,
@@ -71,7 +71,7 @@ class SplinesketchDock(QWidget):
         # napari hands out a proxy, whose layers are never identical with the real ones.
         viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.controller = Controller(viewer)
-        self.panel = PanelKeeper(self.controller, lambda on: self.review.setChecked(on))
+        self.panel: ReviewPanel | None = None
         self.saver = Saver(self.controller, self)
         open_tables()
         self._build()
@@ -101,7 +101,7 @@ class SplinesketchDock(QWidget):
         self.curve = boxes.CurveBox(controller)
         self.track = CommandButtons(controller.actions, "film", 2)
         self.results = TextLabel()
-        self.review = button("Review", words.REVIEW_TIP, self.panel.show_or_hide)
+        self.review = button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = boxes.EyeBox(controller)
         self.look = boxes.LookBox(lambda by: controller.choose(colour_by=by))
@@ -179,8 +179,26 @@ class SplinesketchDock(QWidget):
         """End what runs when the dock is closed: napari then takes the widget out of it."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self.panel.hide()
+            self._hide_panel()
             self.close_work()
+
+    def _show_or_hide_panel(self) -> None:
+        if self.panel is None:
+            self.panel = open_panel(self.controller)
+            self.panel.closed.connect(self._on_panel_closed)
+            self.review.setChecked(True)
+        else:
+            self._hide_panel()
+
+    def _hide_panel(self) -> None:
+        if self.panel is not None:
+            getattr(self.controller.viewer, "window").remove_dock_widget(self.panel)  # noqa: B009
+
+    def _on_panel_closed(self) -> None:
+        if self.panel is not None:
+            self.panel.deleteLater()
+        self.panel = None
+        self.review.setChecked(False)
 
     def close_work(self) -> None:
         """Write down what is still to be written, and hear of nothing any more."""

@@ -45,14 +45,21 @@ def run(
     pixels, grid = block.read(), block.grid
     lines = [grid.to_block(line) for line in lines]
     low, high = _region(lines)
-    near = [curve for curve in map(grid.curve_to_block, fixed) if _within(curve, low, high)]
+    curves = [grid.curve_to_block(curve) for curve in fixed]
+    near = [c for c in curves if ((c.points >= low) & (c.points <= high)).all(axis=1).any()]
+
+    def tell(progress: Progress) -> Any:
+        now = progress.centrelines
+        seen = None if now is None else tuple(grid.to_image(line) for line in now)
+        return on_progress(replace(progress, centrelines=seen))
+
     result = refine(
         pixels,
         lines,
         how.preset,
         **_options(how, grid.size),
         fixed=near,
-        on_progress=lambda progress: on_progress(_in_image(progress, block)),
+        on_progress=tell,
     )
     return _taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
 
@@ -83,11 +90,6 @@ def _region(lines: Sequence[Line]) -> tuple[Float[np.ndarray, "2"], Float[np.nda
     longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
     points = np.concatenate(lines)
     return points.min(0) - MARGIN - longest / 2, points.max(0) + MARGIN + longest / 2
-
-
-def _within(curve: Curve, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> bool:
-    """Whether any of a curve lies in a part of the image."""
-    return bool(((curve.points >= low) & (curve.points <= high)).all(axis=1).any())
 
 
 def refine(
@@ -176,13 +178,6 @@ def tidy() -> None:
     for long, where it would fall into the first refinement.
     """
     gc.collect()
-
-
-def _in_image(progress: Progress, block: Block) -> Progress:
-    if progress.centrelines is None:
-        return progress
-    lines = tuple(block.grid.to_image(line) for line in progress.centrelines)
-    return replace(progress, centrelines=lines)
 
 
 class _Worker:

@@ -18,7 +18,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import shaping
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
-from napari_splinesketch.plugin.layers.space import in_stack
+from napari_splinesketch.plugin.layers.space import in_stack, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ FEWEST = 3
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
 COLOUR, HEAD = palette.MOVING, palette.TRUTH
 """The first knot is the head: it stands out."""
-LOOK = {"size": 3, "canvas_size_limits": (9, 14), "border_width": 0.1, "border_color": "black"}
+LOOK = {"border_width": 0.15, "border_color": "black"}
+SIZE = 11.0
+"""Of a knot, px of the screen: napari's own limits would draw nothing but its border."""
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 
 Knots = Float[np.ndarray, "K 2"]
@@ -53,6 +55,7 @@ class KnotEditing:
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         self._paint()
+        viewer.scene.camera.events.zoom.connect(self._paint)
         layers.selection.active = layer
         layer.mode = "select"
         layer.mouse_drag_callbacks.append(self._follow)
@@ -85,6 +88,7 @@ class KnotEditing:
         controller.knots = None
         layers = controller.viewer.layers
         layers.events.removed.disconnect(self._on_removed)
+        controller.viewer.scene.camera.events.zoom.disconnect(self._paint)
         self._preview.remove()
         if layer is not None:
             layer.events.data.disconnect(self._on_data)
@@ -117,7 +121,9 @@ class KnotEditing:
 
     def _paint(self) -> None:
         layer = self._slot.layer
-        layer.face_color = [HEAD, *[COLOUR] * max(len(layer.data) - 1, 0)]
+        if layer is not None:
+            layer.face_color = [HEAD, *[COLOUR] * max(len(layer.data) - 1, 0)]
+            layer.size = SIZE * screen_pixel(self._controller.viewer, self._work.image)[-1]
 
     def _value(self) -> Knots:
         """(K, 2) the knots in their layer, px."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.labels.types import Review
 from napari_splinesketch.plugin.layers.looks import once
@@ -125,7 +125,7 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
     """
     ids = [0] * len(lines)
     if known and lines:
-        reach = np.array([length_of(line) / 2 for line in lines])[:, None]
+        reach = lengths_of(lines)[:, None] / 2
         distance = _distances(lines, [record.sketch for record in known])
         for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
             if distance[i, j] < reach[i]:
@@ -145,16 +145,11 @@ def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]
     return np.array([each.mean(axis=2).min(axis=0) for each in apart])
 
 
-def length_of(line: Line) -> float:
-    """Length of a line, px."""
-    return float(arc_length(line)[-1])
-
-
 def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:
     """Leave out lines over bodies that have one already."""
     if not (lines and known):
         return list(lines)
-    sizes = np.minimum.outer([length_of(x) for x in lines], [length_of(x) for x in known])
+    sizes = np.minimum.outer(lengths_of(lines), lengths_of(known))
     there = np.any(_distances(lines, known) < SAME_BODY * sizes, axis=1).tolist()
     return [line for line, old in zip(lines, there, strict=True) if not old]
 

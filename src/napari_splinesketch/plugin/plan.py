@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.spline import resample
+from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
@@ -21,7 +21,6 @@ from napari_splinesketch.plugin.model import (
     State,
     identify,
     key_of,
-    length_of,
     print_of_sketch,
     prints_of,
 )
@@ -202,7 +201,8 @@ def _box(curve: Curve) -> Float[np.ndarray, "2 2"]:
 def _apart(line: Line, record: Record) -> float:
     """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
     curve = record.curve
-    if curve.status == "failed" or not LIKE < length_of(line) / max(curve.length, 1e-9) < 1 / LIKE:
+    share = arc_length(line)[-1] / max(curve.length, 1e-9)
+    if curve.status == "failed" or not LIKE < share < 1 / LIKE:
         return np.inf
     some = resample(line, SAMPLES)
     far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
@@ -238,7 +238,7 @@ def request(c: "Controller", scope: Scope) -> Request:
         if not chosen:
             return Request(frame, Plan(scope), drawn, words.NO_LINE)
     state = c.work.state if c.work else NOTHING
-    plan = c.plan(drawn, state, frame, scope, chosen, selection)
+    plan = c.plan(drawn, state, frame, scope, chosen, () if scope == "new" else selection)
     if plan.targets:
         return Request(frame, plan, drawn)
     full = any(record.frame == frame for record in state.records)

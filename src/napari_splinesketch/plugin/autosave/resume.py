@@ -2,11 +2,11 @@
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import NamedTuple
 
 from napari.layers import Image
 from qtpy.QtWidgets import QFrame, QWidget
@@ -47,34 +47,28 @@ class OfferBox(QFrame):
         tip = "Take these curves up as results, as they were judged"
         self.labels = button("", tip, lambda: take_up(controller))
         stack(self, self.said, (self.resume, self.decline), self.labels, self.problem, margin=4)
-        saver.found.connect(self.show_offers)
-        self.destroyed.connect(lambda: saver.found.disconnect(self.show_offers, missing_ok=True))
         changes = controller.changes
-        for signal in (changes.layers, changes.curves, changes.busy):
-            signal.connect(self._show_running)
-        self.show_offers()
+        for signal in (saver.found, changes.layers, changes.curves, changes.busy):
+            signal.connect(self.show_state)
+        self.destroyed.connect(lambda: saver.found.disconnect(self.show_state, missing_ok=True))
+        self.show_state()
 
-    def show_offers(self) -> None:
+    def show_state(self) -> None:
         """Show what is offered now."""
-        offers = self._saver.offers()
-        self.said.say(describe(offers))
+        offers, curves = self._saver.offers(), read_curves(self._controller)
+        for each in (self.resume, self.labels):
+            each.setEnabled(self._controller.progress is None)
         for each in (self.resume, self.decline):
             each.setVisible(bool(offers))
-        self.problem.say(words.notice("failed", self._saver.problem))
-        self._show_running()
-
-    def _show_running(self) -> None:
-        idle, curves = self._controller.progress is None, read_curves(self._controller)
-        for each in (self.resume, self.labels):
-            each.setEnabled(idle)
-        self.labels.setVisible(bool(curves))
         # Once there are results, they need the room.
         working = bool(self._controller.records())
-        self.said.setVisible(bool(self.said.text()) and not working)
+        self.said.say("" if working else describe(offers))
         self.resume.setText("Resume saved work" if working else "Resume")
         self.decline.setText("Ignore" if working else "Ignore saved work")
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
-        self.setVisible(bool(curves or self._saver.offers() or self._saver.problem))
+        self.labels.setVisible(bool(curves))
+        self.problem.say(words.notice("failed", self._saver.problem))
+        self.setVisible(bool(curves or offers or self._saver.problem))
 
 
 def describe(offers: Sequence[Offer]) -> str:
@@ -102,8 +96,7 @@ def _when(saved: datetime) -> str:
     return saved.astimezone().strftime("%d %B %Y, %H:%M")
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
+class Found(NamedTuple):
     """A session that was read, and the folder that it goes on in; None for a new one."""
 
     offer: Offer

@@ -281,10 +281,6 @@ class Saver(QObject):
                 self._drop(pair)
         self._seen.pop(event.value, None)
 
-    def _state(self, pair: Pair) -> State:
-        work = self._keeper.work_on(*pair)
-        return work.state if work else NOTHING
-
     def _wait(self, milliseconds: int | None = None) -> None:
         if isalive(self._timer) and not self._timer.isActive():
             self._timer.start(DELAY_MS if milliseconds is None else milliseconds)
@@ -308,7 +304,8 @@ class Saver(QObject):
             kept, seen = self._keep(pair), self._seen.get(pair[0])
             if seen is None or seen.folder is None or kept.resuming:
                 continue
-            state, new = self._state(pair), kept.state is None
+            work, new = self._keeper.work_on(*pair), kept.state is None
+            state = work.state if work else NOTHING
             if kept.edited or kept.state is not state:
                 drawn = self._drawn(pair)
                 kept.edited = False

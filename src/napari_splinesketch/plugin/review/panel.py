@@ -1,6 +1,5 @@
 """The panel below the canvas: the table of curves and the plots of the selected one."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -189,52 +188,19 @@ class ReviewPanel(QWidget):
         self.plots.show_theme(theme_of(self.controller.viewer.theme))
 
 
-class PanelKeeper:
-    """Shows the panel below the canvas when the user asks for it, and hides it.
-
-    `toggled` is called with whether it is shown.
-    """
-
-    def __init__(self, controller: Controller, toggled: Callable[[bool], object]):
-        self.panel: ReviewPanel | None = None
-        self._controller, self._toggled = controller, toggled
-
-    def show_or_hide(self) -> None:
-        """Show the panel if it is not there, hide it if it is."""
-        if self.panel is None:
-            self.show()
-        else:
-            self.hide()
-
-    def show(self) -> None:
-        """Show the panel."""
-        if self.panel is None:
-            self.panel = ReviewPanel(self._controller)
-            self.panel.closed.connect(self._on_closed)
-            # The docks at the right keep their height: the panel goes below the canvas alone.
-            self._window()._qt_window.setCorner(
-                Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
-            )
-            window = self._window().add_dock_widget(self.panel, name=NAME, area="bottom").window()
-            # It paints once its layout stands: the canvas would be painted at each change.
-            window.setUpdatesEnabled(False)
-            QTimer.singleShot(LAYOUT_MS, partial(_paint, ref(window)))
-        self._toggled(True)
-
-    def hide(self) -> None:
-        """Take the panel away."""
-        if self.panel is not None:
-            self._window().remove_dock_widget(self.panel)
-
-    def _on_closed(self) -> None:
-        if self.panel is not None:
-            self.panel.deleteLater()
-            self.panel = None
-        self._toggled(False)
-
-    def _window(self) -> Any:
-        # Only a viewer with a window has a dock to press the button in.
-        return getattr(self._controller.viewer, "window")  # noqa: B009
+def open_panel(controller: Controller) -> ReviewPanel:
+    """Show the panel below the canvas."""
+    panel = ReviewPanel(controller)
+    # Only a viewer with a window has a dock to press the button in.
+    window = getattr(controller.viewer, "window")  # noqa: B009
+    # The docks at the right keep their height: the panel goes below the canvas alone.
+    corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
+    window._qt_window.setCorner(corner, area)
+    around = window.add_dock_widget(panel, name=NAME, area="bottom").window()
+    # It paints once its layout stands: the canvas would be painted at each change.
+    around.setUpdatesEnabled(False)
+    QTimer.singleShot(LAYOUT_MS, partial(_paint, ref(around)))
+    return panel
 
 
 def _paint(window: ref[QWidget]) -> None:
