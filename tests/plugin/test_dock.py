@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from qtpy.QtCore import QPoint
+from qtpy.QtGui import QTextDocument
 from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
 
 from napari_splinesketch.labels import read_labels
@@ -293,6 +294,13 @@ def test_what_the_image_needed_unfolds(
     QTest.qWait(50)
     assert text.mapTo(dock, text.rect().topRight()).x() <= 250
     assert text.height() >= text.heightForWidth(text.width()), "all of it is seen"
+    document = QTextDocument()
+    document.setDocumentMargin(0)
+    document.setDefaultFont(text.font())
+    document.setHtml(text.text())
+    document.setTextWidth(text.width())
+    gap = text.height() - document.size().height()
+    assert gap < text.fontMetrics().lineSpacing(), "and nothing around it"
     fake.notes = ()
     refine_all(dock)
     assert not dock.notes.isVisible()

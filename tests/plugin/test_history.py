@@ -69,7 +69,7 @@ def record(number: int, frame: int = 0) -> Record:
 
 def test_a_state_changes_by_giving_another() -> None:
     state = State((record(1), record(2), record(1, frame=3)))
-    accepted = state.reviewed([(0, 2)], "accepted").locked([(3, 1)], True)
+    accepted = state.marked([(0, 2)], review="accepted").marked([(3, 1)], locked=True)
     assert [r.review for r in accepted.records] == ["open", "accepted", "open"]
     assert [r.locked for r in accepted.records] == [False, False, True]
     assert [r.review for r in state.records] == ["open", "open", "open"]
@@ -82,8 +82,8 @@ def test_a_state_changes_by_giving_another() -> None:
 
 
 def test_of_several_that_were_deleted_the_last_comes_back() -> None:
-    state = State((record(1),)).locked([(0, 1)], True).without([(0, 1)])
-    again = state.with_records(record(1)).reviewed([(0, 1)], "rejected").without([(0, 1)])
+    state = State((record(1),)).marked([(0, 1)], locked=True).without([(0, 1)])
+    again = state.with_records(record(1)).marked([(0, 1)], review="rejected").without([(0, 1)])
     assert [(r.locked, r.review) for r in again.deleted] == [(True, "open"), (False, "rejected")]
     back = again.restored([(0, 1)])
     assert [(r.locked, r.review) for r in back.records] == [(False, "rejected")]

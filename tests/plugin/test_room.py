@@ -69,5 +69,5 @@ def test_buttons_of_a_narrow_panel_are_not_cut(
     panel = dock.panel
     right = panel.mapTo(viewer.window._qt_window, panel.rect().topRight()).x()
     assert right <= dock.mapTo(viewer.window._qt_window, QPoint(0, 0)).x(), "beside the dock"
-    for button in (*panel.judges.buttons.values(), panel.more):
+    for button in (*panel.judges.buttons.values(), panel.more, panel.count):
         assert button.width() >= button.fontMetrics().horizontalAdvance(button.text())

@@ -4,6 +4,7 @@ napari's own choice of layers would list results as well, and keeps the first on
 in the latest: so the choice is made here, and its combo boxes show it.
 """
 
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from napari.components import ViewerModel
@@ -53,6 +54,18 @@ class Changes(SignalGroup):
     """What the user chose."""
 
 
+def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
+    """Connect signals to slots; gives what ends that."""
+    for signal, slot in pairs:
+        signal.connect(slot)
+
+    def end() -> None:
+        for signal, slot in pairs:
+            signal.disconnect(slot)
+
+    return end
+
+
 class Choices:
     """The chosen layers; follows the viewer.
 
@@ -67,20 +80,17 @@ class Choices:
         for layer in (*viewer.layers, *([active] if active else [])):
             self._choose(layer)
         layers = viewer.layers.events
-        self._connections: list[tuple[Any, Any]] = [
+        self._end = listen(
             (layers.inserted, self._on_inserted),
             (layers.removed, self._on_removed),
             (layers.reordered, self._on_layers),
             (layers.renamed, self._on_layers),
             *[(getattr(viewer.dims.events, name), self._on_edited) for name in LOOKED],
-        ]
-        for signal, slot in self._connections:
-            signal.connect(slot)
+        )
 
     def close(self) -> None:
         """Follow the viewer no longer, and choose nothing."""
-        for signal, slot in self._connections:
-            signal.disconnect(slot)
+        self._end()
         for kind in self._chosen:
             self._set(kind, None)
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from sys import maxsize
 from typing import TYPE_CHECKING, Any, Literal
-from weakref import WeakSet
 
 import numpy as np
 from napari.components import ViewerModel
@@ -13,7 +12,7 @@ from napari.utils.key_bindings import coerce_keybinding
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import shaping, words
 from napari_splinesketch.plugin.columns import severity
-from napari_splinesketch.plugin.layers.space import look_at, pointer
+from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
 if TYPE_CHECKING:
@@ -199,8 +198,11 @@ def _edited(record: Record, curve: Curve) -> Record:
 
 def _place(controller: Controller) -> np.ndarray:
     """(row, col) that the pointer is at, px of the image."""
-    image = controller.choices.image
-    return pointer(controller.viewer, image) if image else np.full(2, np.nan)
+    viewer, image = controller.viewer, controller.choices.image
+    if image is None:
+        return np.full(2, np.nan)
+    position = np.array(viewer.cursor.position)[None, -image.ndim :]
+    return from_world(viewer, image, position)[0, -2:]
 
 
 COMMANDS = (
@@ -288,9 +290,9 @@ class Commands:
         table: tuple[Command, ...] = COMMANDS,
     ):
         self._viewer, self._controller, self._heard = viewer, controller, heard
-        self._commands: dict[str, Command] = {}
-        self._bound: dict[str, Bound] = {}
-        self._put(*table)
+        self._commands = {command.id: command for command in table}
+        self._bound: dict[str, tuple[Any, Bound]] = {}
+        self.rebind({})
 
     def __iter__(self) -> Iterator[Command]:
         return iter(self._commands.values())
@@ -328,10 +330,16 @@ class Commands:
 
     def rebind(self, keys: Mapping[str, str]) -> None:
         """Give commands other keys, by their ids; with an empty one, none."""
-        chosen = [replace(c, key=keys[c.id]) for c in self if c.id in keys]
-        for command in chosen:
-            self._unbind(command.id)
-        self._put(*chosen)
+        self.close()
+        for command in self._commands.values():
+            chosen = replace(command, key=keys.get(command.id, command.key))
+            self._commands[command.id] = chosen
+            key = coerce_keybinding(chosen.key) if chosen.key else None
+            taken = self._viewer.keymap.get(key) if key else None
+            # One that is ours is of a dock that was closed, or shown again: this one takes over.
+            if key and (taken is None or getattr(taken, "__module__", "") == __name__):
+                self._bound[command.id] = key, self._key_of(chosen)
+                self._viewer.bind_key(*self._bound[command.id], overwrite=True)
 
     def bound(self, name: str) -> bool:
         """Whether a command has its key: another plugin may have taken it first."""
@@ -339,38 +347,17 @@ class Commands:
 
     def close(self) -> None:
         """Give all keys back."""
-        for name in list(self._bound):
-            self._unbind(name)
-
-    def _put(self, *commands: Command) -> None:
-        for command in commands:
-            self._commands[command.id] = command
-            if not command.key:
-                continue
-            key = coerce_keybinding(command.key)
-            taken = self._viewer.keymap.get(key)
-            if taken is None or taken in _ours:
-                self._bound[command.id] = bound = self._key_of(command)
-                self._viewer.bind_key(key, bound, overwrite=True)
-
-    def _unbind(self, name: str) -> None:
-        bound = self._bound.pop(name, None)
-        if bound is not None:
-            key = coerce_keybinding(self._commands[name].key)
+        for key, bound in self._bound.values():
             if self._viewer.keymap.get(key) is bound:
                 self._viewer.bind_key(key, None)
+        self._bound.clear()
 
     def _key_of(self, command: Command) -> Bound:
-        """Give what is bound: a plain function, as napari wants it, that is known as ours."""
+        """Give what is bound: a plain function, as napari wants it."""
 
         def press(viewer: ViewerModel) -> None:
             if self._heard():
                 command.run(self._controller)
 
         press.__name__, press.__doc__ = command.id, command.tip
-        _ours.add(press)
         return press
-
-
-_ours: WeakSet[Bound] = WeakSet()
-"""Of all docks: one that is opened again takes the keys over."""

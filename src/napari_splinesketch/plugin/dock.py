@@ -108,6 +108,7 @@ class SplinesketchDock(QWidget):
         self.undo, self.redo = (CommandButton(controller.actions, n) for n in ("undo", "redo"))
         self.said = QLabel()
         self.said.setWordWrap(True)
+        self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
         self.notes = Folded("Model", words.NOTES_TIP, self.said)
         self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
@@ -147,8 +148,7 @@ class SplinesketchDock(QWidget):
         listeners: dict[Callable[[], None], tuple[SignalInstance, ...]] = {
             self._show_layers: (changes.layers, changes.settings),
             self._show_refine: (*frame, changes.curves, changes.mode, *command),
-            self._show_running: (changes.busy, changes.progress),
-            self._show_said: (changes.said,),
+            self._show_running: (changes.busy, changes.progress, changes.said),
             self.suggest.button.show_state: (*frame, *command),
             self._show_film: (*frame, changes.curves, changes.selection, *command),
             self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
@@ -252,10 +252,7 @@ class SplinesketchDock(QWidget):
         controller = self.controller
         self.stage.say(words.stage(controller.progress, controller.left))
         self.progress.show_progress(controller.progress, controller.cancellable)
-
-    def _show_said(self) -> None:
-        notice = self.controller.notice
-        self.notice.say(words.notice(notice.kind, notice.text))
+        self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
 
     def _show_film(self) -> None:
         film = self.controller.films.frames() > 1

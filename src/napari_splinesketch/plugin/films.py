@@ -32,12 +32,12 @@ from napari_splinesketch.plugin.model import Line, State
 from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.plugin.tracks import (
     Progressing,
-    any_at,
     bodies_at,
     corrected_at,
     curves_by_frame,
     given_by_frame,
     taken_in,
+    usable,
 )
 from napari_splinesketch.plugin.work import Work
 from napari_splinesketch.tracking import Body
@@ -97,7 +97,8 @@ class Films:
         if not 0 <= frame + way < frame_count(image):
             return "This is the last frame" if way > 0 else "This is the first frame"
         work = self._controller.work
-        if work is None or not any_at(work.state, frame):
+        here = [r for r in work.records if r.frame == frame] if work else []
+        if not any(map(usable, here)):
             return "There are no curves in this frame: refine it first"
         return ""
 

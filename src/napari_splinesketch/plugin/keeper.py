@@ -193,12 +193,12 @@ class Keeper:
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
         verb = {"accepted": "Accept", "rejected": "Reject", "open": "Reopen"}[review]
-        self._change(verb, keys, lambda state, chosen: state.reviewed(chosen, review))
+        self._change(verb, keys, lambda state, chosen: state.marked(chosen, review=review))
 
     def lock(self, locked: bool, *keys: Key) -> None:
         """Lock or unlock curves, those selected if none are named."""
         verb = "Lock" if locked else "Unlock"
-        self._change(verb, keys, lambda state, chosen: state.locked(chosen, locked))
+        self._change(verb, keys, lambda state, chosen: state.marked(chosen, locked=locked))
 
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -185,13 +185,9 @@ class State:
         kept = [record for record in self.records if key_of(record) not in keys]
         return replace(self, records=tuple(sorted([*kept, *changed], key=key_of)))
 
-    def reviewed(self, keys: Collection[Key], review: Review) -> "State":
-        """Note what the user says of some curves."""
-        return self.with_records(*(replace(r, review=review) for r in self._among(keys)))
-
-    def locked(self, keys: Collection[Key], locked: bool) -> "State":
-        """Let some curves stay as they are, or free them."""
-        return self.with_records(*(replace(r, locked=locked) for r in self._among(keys)))
+    def marked(self, keys: Collection[Key], **marks: Any) -> "State":
+        """Note what the user says of some curves, or that they are to stay as they are."""
+        return self.with_records(*(replace(r, **marks) for r in self._among(keys)))
 
     def without(self, keys: Collection[Key]) -> "State":
         """Delete some curves."""

@@ -9,6 +9,7 @@ from napari.settings import get_plugin_settings
 
 from napari_splinesketch.engine.settings import PRESETS, Asked
 from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import COLOUR_BY
 from napari_splinesketch.plugin.layers.space import Ruler
 
@@ -131,17 +132,7 @@ def on_change(call: Callable[[], None]) -> Callable[[], None]:
     known = _napari()
     groups = [getattr(known, group) for group in (*GROUPS, KEYS)] if known else []
 
-    def changed(event: Any) -> None:
-        call()
-
-    for group in groups:
-        group.events.connect(changed)
-
-    def end() -> None:
-        for group in groups:
-            group.events.disconnect(changed)
-
-    return end
+    return listen(*((group.events, lambda event: call()) for group in groups))
 
 
 def _napari() -> Any:

@@ -17,11 +17,6 @@ ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
 """What is said of bodies that end, by how the reason begins; of others that they are lost."""
 
 
-def any_at(state: State, frame: int) -> bool:
-    """Whether there is anything in a frame to go on from."""
-    return any(record.frame == frame and _usable(record) for record in state.records)
-
-
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     """Give the bodies that are known in a frame or not long before on that way.
 
@@ -29,7 +24,7 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     there, unless it was deleted.
     """
     ways: dict[int, list[tuple[int, Curve]]] = {}
-    for record in filter(_usable, sorted(state.records, key=lambda r: way * r.frame)):
+    for record in filter(usable, sorted(state.records, key=lambda r: way * r.frame)):
         if 0 <= way * (frame - record.frame) < PATIENCE:
             ways.setdefault(record.id, []).append((record.frame, record.curve))
     ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
@@ -49,7 +44,7 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     mine = [
         r
         for r in state.records
-        if r.frame == frame and (r.drawn or r.edited) and _usable(r) and r.id in beside
+        if r.frame == frame and (r.drawn or r.edited) and usable(r) and r.id in beside
     ]
     chosen = [r for r in mine if key_of(r) in selected] or mine
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
@@ -58,7 +53,7 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
 def curves_by_frame(state: State) -> dict[int, dict[int, Curve]]:
     """Give all curves that may stay as they are, by frame and number."""
     return {
-        frame: {r.id: r.curve for r in here if _usable(r)}
+        frame: {r.id: r.curve for r in here if usable(r)}
         for frame, here in by_frame(state.records).items()
     }
 
@@ -67,7 +62,7 @@ def given_by_frame(state: State) -> dict[int, Given]:
     """Give what stays as it is: what the user has accepted, locked, drawn or changed."""
     return {
         frame: Given(
-            {r.id: r.curve for r in here if _decided(r) and _usable(r)},
+            {r.id: r.curve for r in here if _decided(r) and usable(r)},
             whole=all(r.review == "accepted" or r.locked for r in here),
         )
         for frame, here in by_frame(state.records).items()
@@ -90,7 +85,8 @@ def taken_in(state: State, tracked: Tracked) -> State:
     return state.refined(frame, fresh, refined_of(view, refinement, tracked.curves))
 
 
-def _usable(record: Record) -> bool:
+def usable(record: Record) -> bool:
+    """Whether a curve can be carried on."""
     return record.curve.status != "failed" and record.review != "rejected"
 
 

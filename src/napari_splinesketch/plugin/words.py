@@ -165,14 +165,11 @@ def stage(progress: Progress | None, left: float | None) -> str:
     """Say what runs, and for about how long it still will."""
     if progress is None:
         return ""
-    time = f" About {_duration(left)} left." if left is not None else ""
-    return f"{progress.stage.capitalize()}…{time}"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{max(round(seconds), 1)} s"
-    return f"{round(seconds / 60)} min"
+    said = f"{progress.stage.capitalize()}…"
+    if left is None:
+        return said
+    about = f"{max(round(left), 1)} s" if left < 90 else f"{round(left / 60)} min"
+    return f"{said} About {about} left."
 
 
 def notes(sentences: Sequence[str]) -> str:

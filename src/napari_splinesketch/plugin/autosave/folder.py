@@ -95,7 +95,9 @@ class Picture:
         and without a file, whatever the layer was called then.
         """
         ending = f"{checksum[:DIGITS]}{SUFFIX}"
-        known = self.path.name if self.path else _plain(self.name)
+        # Of a layer's name, what any disk takes.
+        plain = re.sub(r"[^\w-]+", " ", self.name)[:LETTERS].strip() or "image"
+        known = self.path.name if self.path else plain
         name = f"{known}.{ending}"
         name = name if len(os.fsencode(name)) <= LONGEST_NAME else ending
         home = user_data_path("napari-splinesketch") / "sessions"
@@ -111,11 +113,6 @@ class Picture:
             if parent == home or self.path is None:
                 found |= dict.fromkeys(sorted(parent.glob(f"*{ending}")))
         return tuple(found)
-
-
-def _plain(name: str) -> str:
-    """What is left of a layer's name where any disk takes it."""
-    return re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
 
 
 class Folder:

@@ -25,6 +25,7 @@ from napari_splinesketch.plugin.autosave.folder import (
     summary,
 )
 from napari_splinesketch.plugin.autosave.session import EVERY, Drawn, Head, Session, Shape
+from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
@@ -98,16 +99,14 @@ class Saver(QObject):
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(self._save)
         changes, layers = keeper.changes, keeper.viewer.layers.events
-        self._connections: list[tuple[Any, Callable[..., None]]] = [
+        self._end: Callable[[], None] | None = listen(
             (changes.layers, self._on_choice),
             (changes.edited, self._on_edit),
             (changes.curves, self._on_change),
             (changes.settings, self._on_change),
             (layers.removing, self._on_removing),
             (layers.removed, self._on_removed),
-        ]
-        for signal, slot in self._connections:
-            signal.connect(slot)
+        )
         self._on_choice()
 
     @property
@@ -164,12 +163,11 @@ class Saver(QObject):
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
-        if self._connections:
+        if self._end:
             self.flush()
             self._timer.stop()
-            for signal, slot in self._connections:
-                signal.disconnect(slot)
-            self._connections.clear()
+            self._end()
+            self._end = None
             self._let_go()
 
     def _let_go(self) -> None:

@@ -237,7 +237,10 @@ class SuggestedLines:
             yield
         fresh = [one for one in wanted if one not in self._shown]
         if fresh:
-            shapes = self._vertices(fresh)
+            points = [in_stack(self._image, one.frame, one.line) for one in fresh]
+            ends = np.cumsum([len(one.line) for one in fresh])[:-1]
+            vertices = to_pixels(self._viewer, self._image, self._sketches, np.concatenate(points))
+            shapes = np.split(vertices.astype(np.float32), ends)
             self._shown |= dict(zip(fresh, shapes, strict=True))
             style = line_style(size_of(self._image))
             for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
@@ -258,9 +261,3 @@ class SuggestedLines:
         if not np.allclose(wanted, colours[:, 3], atol=1e-3):
             colours[:, 3] = wanted
             layer.edge_color = colours
-
-    def _vertices(self, some: Sequence[Suggestion]) -> list[np.ndarray]:
-        points = np.concatenate([in_stack(self._image, one.frame, one.line) for one in some])
-        vertices = to_pixels(self._viewer, self._image, self._sketches, points)
-        ends = np.cumsum([len(one.line) for one in some])[:-1]
-        return np.split(vertices.astype(np.float32), ends)

@@ -147,10 +147,6 @@ def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | 
     return Made(film, placement_on(work.image, film.grid.origin, film.grid.step), look)
 
 
-def _reconstruction(work: Work) -> Made | None:
-    return _film(work, work.patches, _like(work.image))
-
-
 def _residual(work: Work) -> Made | None:
     def rest(frame: int, patch: Patch) -> Float[np.ndarray, "H W"]:
         """Image minus reconstruction; NaN where the image has other pixels by now."""
@@ -235,7 +231,8 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
 
 
 MAKERS: dict[ProofRole, Maker] = {
-    "reconstruction": Maker(Image, "reconstruction", _patches, _reconstruction),
+    "reconstruction": Maker(Image, "reconstruction", _patches,
+                            lambda work: _film(work, work.patches, _like(work.image))),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",

@@ -146,12 +146,6 @@ def screen_pixel(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
     return 1 / (size * viewer.scene.camera.zoom)
 
 
-def pointer(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
-    """(row, col) of the image's pixels that the mouse is at."""
-    position = np.array(viewer.cursor.position)[None, -image.ndim :]
-    return from_world(viewer, image, position)[0, -2:]
-
-
 def frame_numbers(image: Image, pixels: Points) -> list[int]:
     """Frame of each (N, image.ndim) point; one beyond the ends belongs to the end."""
     leading = frame_shape(image)

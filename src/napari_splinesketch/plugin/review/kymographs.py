@@ -70,7 +70,12 @@ def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
     if len(body) < 2:
         return ()
-    made = kymograph({frame: _scaled(curve, ruler) for frame, curve in body.items()})
+    scale = np.array([*ruler.scale, 1.0])
+    scaled = {
+        frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)
+        for frame, curve in body.items()
+    }
+    made = kymograph(scaled)
     frames = int(made.frames[0]), int(made.frames[-1])
     length = float(np.mean([ruler.along(curve.points)[-1] for curve in body.values()]))
     unit = ruler.unit
@@ -81,11 +86,6 @@ def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
         (f"Velocity across ({unit}/frame)", made.across, True),
     )
     return tuple(Picture(title, v, frames, length, unit, signed) for title, v, signed in named)
-
-
-def _scaled(curve: Curve, ruler: Ruler) -> Curve:
-    knots = np.column_stack([curve.knots[:, :2] * ruler.scale, curve.knots[:, 2]])
-    return replace(curve, knots=knots, points=curve.points * ruler.scale)
 
 
 def _image(share: Float[np.ndarray, "T P"], colours: Sequence[str]) -> QImage:

@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from functools import partial
-from typing import Any
 from weakref import ref
 
 from napari.utils.notifications import show_error
@@ -24,6 +23,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_splinesketch.files import atomic
+from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
@@ -90,16 +90,14 @@ class ReviewPanel(QWidget):
 
     def _connect(self) -> None:
         controller, changes = self.controller, self.controller.changes
-        self._listening: list[tuple[Any, Any]] = [
+        self._end = listen(
             (changes.curves, self.show_state),
             (changes.settings, self.show_state),
             (changes.busy, self._show_judges),
             (changes.lines, self._show_frame),
             (changes.selection, self.show_selected),
-            (controller.viewer.events.theme, self._on_theme),
-        ]
-        for signal, show in self._listening:
-            signal.connect(show)
+            (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
+        )
         controller.order = lambda records: self.visible()
         self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._show_frame)
@@ -109,8 +107,7 @@ class ReviewPanel(QWidget):
         """Let go of the controller when the panel is closed: napari takes it out of its dock."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
-            for signal, show in self._listening:
-                signal.disconnect(show)
+            self._end()
             self.controller.order = worst_first
             self.closed.emit()
 
@@ -183,9 +180,6 @@ class ReviewPanel(QWidget):
         """Show what the user wants to see, which may depend on the frame in view."""
         shown = list(SHOWN)[self.shown.currentIndex()]
         self.model.show_only(shown, self.controller.frame if shown == "this frame" else 0)
-
-    def _on_theme(self) -> None:
-        self.plots.show_theme(theme_of(self.controller.viewer.theme))
 
 
 def open_panel(controller: Controller) -> ReviewPanel:

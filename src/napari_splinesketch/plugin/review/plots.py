@@ -123,9 +123,9 @@ class CurvePlots(QWidget):
         self.setMinimumSize(320, 130)
         self.setAccessibleName("Plots of the selected curve")
 
-    def show_theme(self, theme: Theme) -> None:
-        """Take the window's colours."""
-        self._theme = theme
+    def show_theme(self, name: str) -> None:
+        """Take the colours of one of napari's themes."""
+        self._theme = theme_of(name)
         self.update()
 
     def show_profile(self, profile: Profile | None, empty: tuple[str, str] = EMPTY) -> None:
