@@ -13,13 +13,7 @@ from napari.viewer import Viewer
 from psygnal import SignalInstance
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
-from qtpy.QtWidgets import (
-    QCheckBox,
-    QDockWidget,
-    QLabel,
-    QSizePolicy,
-    QWidget,
-)
+from qtpy.QtWidgets import QCheckBox, QDockWidget, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import boxes, engine, words

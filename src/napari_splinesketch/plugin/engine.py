@@ -54,12 +54,7 @@ def run(
         return on_progress(replace(progress, centrelines=seen))
 
     result = refine(
-        pixels,
-        lines,
-        how.preset,
-        **_options(how, grid.size),
-        fixed=near,
-        on_progress=tell,
+        pixels, lines, how.preset, **_options(how, grid.size), fixed=near, on_progress=tell
     )
     return _taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
 

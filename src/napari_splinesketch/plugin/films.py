@@ -22,12 +22,7 @@ from napari_splinesketch.plugin.layers.drawn import (
     new_sketch_layer,
 )
 from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.space import (
-    frame_count,
-    go_to_frame,
-    plane_problem,
-    size_of,
-)
+from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame, plane_problem, size_of
 from napari_splinesketch.plugin.model import Line, State
 from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.plugin.tracks import (

@@ -18,13 +18,7 @@ from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, drawn_in
 from napari_splinesketch.plugin.layers.slot import OWNER
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import (
-    Key,
-    Record,
-    Review,
-    State,
-    key_of,
-)
+from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
 from napari_splinesketch.plugin.settings import Settings
 from napari_splinesketch.plugin.work import Drawing, Work
 
@@ -259,10 +253,7 @@ class Keeper:
             self.show(work)
 
     def _change(
-        self,
-        verb: str,
-        keys: Collection[Key],
-        change: Callable[[State, Collection[Key]], State],
+        self, verb: str, keys: Collection[Key], change: Callable[[State, Collection[Key]], State]
     ) -> None:
         chosen = tuple(keys) or self.selection
         if self.work and chosen:

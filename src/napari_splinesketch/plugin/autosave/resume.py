@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from napari.layers import Image
-from qtpy.QtWidgets import QFrame, QWidget
+from qtpy.QtWidgets import QFrame
 
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import BusyError
@@ -35,8 +35,8 @@ _log = logging.getLogger(__name__)
 class OfferBox(QFrame):
     """Says what was found, with a button to go on and one to ignore it; hidden otherwise."""
 
-    def __init__(self, controller: Controller, saver: Saver, parent: QWidget | None = None):
-        super().__init__(parent)
+    def __init__(self, controller: Controller, saver: Saver):
+        super().__init__()
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()

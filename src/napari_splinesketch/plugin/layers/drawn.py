@@ -1,7 +1,7 @@
 """What the user draws: the lines of a Shapes layer, in pixels of an image; and lines suggested."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
@@ -64,14 +64,8 @@ class Drawn:
     unusable: Mapping[str, int] = field(default_factory=dict)
 
 
-def drawn_in(
-    viewer: ViewerModel,
-    layer: Shapes,
-    image: Image,
-    frame: int,
-    among: Collection[int] = (),
-) -> Drawn:
-    """Read the sketches of one frame, all or those at some positions of the layer.
+def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Drawn:
+    """Read the sketches of one frame.
 
     A layer without an axis for frames belongs to all of them.
     """
@@ -83,7 +77,7 @@ def drawn_in(
     kinds, lengths = layer.shape_type, lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
-        if at != frame or not seen[i] or (among and i not in among):
+        if at != frame or not seen[i]:
             continue
         if kinds[i] not in LINES:
             unusable[kinds[i]] += 1

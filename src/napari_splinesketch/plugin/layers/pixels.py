@@ -130,11 +130,7 @@ def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
 
 
 def _block(
-    image: Image,
-    frame: int,
-    number: int,
-    start: Int[np.ndarray, "2"],
-    stop: Int[np.ndarray, "2"],
+    image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
 ) -> Block:
     """The pixels from `start` to `stop` of a level."""
     level, shapes = _levels(image)[number], _shapes(image)

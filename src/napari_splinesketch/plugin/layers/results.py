@@ -34,13 +34,7 @@ from napari_splinesketch.plugin.layers.looks import (
     reach,
 )
 from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof, ProofRole
-from napari_splinesketch.plugin.layers.slot import (
-    CurveLines,
-    Lines,
-    Role,
-    Slot,
-    undisturbed,
-)
+from napari_splinesketch.plugin.layers.slot import CurveLines, Lines, Role, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
     Ruler,
     current_frame,

@@ -26,11 +26,7 @@ from napari_splinesketch.plugin.layers.looks import (
     thinned,
     vectors,
 )
-from napari_splinesketch.plugin.layers.space import (
-    in_stack,
-    placement,
-    size_of,
-)
+from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 
 if TYPE_CHECKING:

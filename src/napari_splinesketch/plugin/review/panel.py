@@ -12,15 +12,7 @@ from qtpy.QtCore import (
     QTimer,
     Signal,  # pyright: ignore[reportPrivateImportUsage]
 )
-from qtpy.QtWidgets import (
-    QApplication,
-    QComboBox,
-    QFileDialog,
-    QLabel,
-    QMenu,
-    QSplitter,
-    QWidget,
-)
+from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLabel, QMenu, QSplitter, QWidget
 
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
