@@ -95,7 +95,10 @@ class CurveBox(QWidget):
         """Show what is selected, and what can be done to it."""
         controller = self._controller
         deleted = bool(controller.work and controller.work.state.deleted)
-        self.setVisible(bool(controller.records() or deleted))
+        known = bool(controller.records() or deleted)
+        self.setVisible(known)
+        if not known:
+            return
         said = words.selected(controller.selected_records(), controller.frame)
         self.title.setText(said)
         self.title.setToolTip(said)
