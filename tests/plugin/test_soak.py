@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from napari.layers import Shapes
 
-from napari_splinesketch.plugin import work
 from napari_splinesketch.plugin.autosave.folder import read
+from napari_splinesketch.plugin.layers import slot
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED
 from napari_splinesketch.plugin.model import Key, Record, key_of
@@ -256,7 +256,7 @@ ACTS: dict[Callable[[Day], None], int] = {
 
 
 def test_nothing_is_ever_gone(qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((work, "BREATH_MS"), (work, "FIRST_MS")):
+    for module, name in ((slot, "STEP_MS"), (slot, "FIRST_MS")):
         monkeypatch.setattr(module, name, 0)
     day, told = Day(SEED), Counter[str]()
     done: list[str] = []

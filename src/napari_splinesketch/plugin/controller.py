@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Films
-from napari_splinesketch.plugin.keeper import Keeper, Notice
+from napari_splinesketch.plugin.keeper import Keeper, Notice, Work
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers.drawn import (
     MANY,
@@ -36,7 +36,6 @@ from napari_splinesketch.plugin.layers.slot import OWNER, Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Scope, make_plan, request
-from napari_splinesketch.plugin.work import Work
 
 SAVING = "Saving"
 KNOWN_AFTER = 2.0

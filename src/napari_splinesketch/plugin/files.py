@@ -38,7 +38,7 @@ from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.work import Work
+    from napari_splinesketch.plugin.keeper import Work
 
 PLUGIN = "napari-splinesketch"
 KNOTS = 10

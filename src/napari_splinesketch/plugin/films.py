@@ -14,7 +14,7 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.keeper import Notice, Work
 from napari_splinesketch.plugin.layers.drawn import (
     BREATH_MS,
     begin_drawing,
@@ -34,7 +34,6 @@ from napari_splinesketch.plugin.tracks import (
     taken_in,
     usable,
 )
-from napari_splinesketch.plugin.work import Work
 from napari_splinesketch.tracking import Body
 
 if TYPE_CHECKING:

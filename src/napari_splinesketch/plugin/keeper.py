@@ -1,9 +1,9 @@
 """What is known and selected, what the user chose, and the one door through which it changes."""
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -15,12 +15,28 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import settings, words
 from napari_splinesketch.plugin.choices import Changes, Choices
 from napari_splinesketch.plugin.commands import Commands
-from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, drawn_in
-from napari_splinesketch.plugin.layers.slot import OWNER
+from napari_splinesketch.plugin.layers.drawn import (
+    BREATH_MS,
+    MANY,
+    SUFFIX,
+    Drawn,
+    SuggestedLines,
+    drawn_in,
+)
+from napari_splinesketch.plugin.layers.pixels import Patch
+from napari_splinesketch.plugin.layers.results import ResultLayers
+from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
+from napari_splinesketch.plugin.model import (
+    History,
+    Key,
+    Record,
+    Review,
+    State,
+    bytes_beside,
+    key_of,
+)
 from napari_splinesketch.plugin.settings import Settings
-from napari_splinesketch.plugin.work import Drawing, Work
 
 BACK = "Undo brings them back."
 
@@ -31,6 +47,56 @@ class Notice:
 
     kind: Literal["none", "done", "cancelled", "failed"] = "none"
     text: str = ""
+
+
+class Work:
+    """The curves of an image, how they came about, and the layers that show them.
+
+    The layers of results come with the first of them; the suggested lines are among the sketches.
+    `looked_at` is (frame, id) of the curve that is selected, or None.
+    """
+
+    def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
+        self.image, self.sketches = image, sketches
+        self.looked_at: Key | None = None
+        self.history: History[State] = History(State(), bytes_beside)
+        self.layers = ResultLayers(viewer, self)
+        self.suggested = SuggestedLines(viewer, image, sketches)
+
+    @property
+    def name(self) -> str:
+        """What names of layers begin with."""
+        return self.sketches.name.removesuffix(SUFFIX)
+
+    @property
+    def state(self) -> State:
+        """What is known now."""
+        return self.history.value
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The curves of all frames."""
+        return self.state.records
+
+    @property
+    def patches(self) -> Mapping[int, Patch]:
+        """Reconstructions by frame, the latest last."""
+        return self.state.patches
+
+    @property
+    def chosen(self) -> Record | None:
+        """The record that is selected."""
+        return self.state.record(self.looked_at) if self.looked_at else None
+
+    def layer(self, role: Any) -> Any:
+        """Give the layer of a role, or None where there is none or the user removed it."""
+        return self.sketches if role == "sketches" else self.layers.layer(role)
+
+    def show(self) -> Iterator[None]:
+        """Bring the layers in step with what is known, a little at each step."""
+        yield from self.suggested.show(self.state.suggestions)
+        yield from self.layers.show()
+        self.suggested.fade(self.records)
 
 
 class Keeper:
@@ -94,10 +160,9 @@ class Keeper:
     def drawn(self) -> Drawn:
         """The lines of the frame in view."""
         image, layer = self.choices.image, self.choices.sketches
-        if self._drawn is None:
-            there = image is not None and layer is not None
-            self._drawn = drawn_in(self.viewer, layer, image, self.frame) if there else Drawn()
-        return self._drawn
+        if self._drawn is None and image is not None and layer is not None:
+            self._drawn = drawn_in(self.viewer, layer, image, self.frame)
+        return self._drawn or Drawn()
 
     def forget(self) -> None:
         """Look anew what is in view."""

@@ -16,14 +16,13 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import shaping
-from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.keeper import Notice, Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
-    from napari_splinesketch.plugin.work import Work
 
 FEWEST = 3
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."

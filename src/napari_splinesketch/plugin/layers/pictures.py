@@ -35,7 +35,7 @@ from napari_splinesketch.raster import Patch as Touched
 from napari_splinesketch.raster import label_image, rasterise
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.work import Work
+    from napari_splinesketch.plugin.keeper import Work
 
 ProofRole = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")

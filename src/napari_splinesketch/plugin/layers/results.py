@@ -45,7 +45,7 @@ from napari_splinesketch.plugin.layers.space import (
 from napari_splinesketch.plugin.model import Key, Record
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.work import Work
+    from napari_splinesketch.plugin.keeper import Work
 
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 AT_ONCE = 0.02

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+import logging
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from operator import is_
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -12,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes, Vectors
+from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels
@@ -30,11 +33,16 @@ from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.work import Work
+    from napari_splinesketch.plugin.keeper import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
 Role = Literal["curves", "outlines", "selected", "marks"]
+STEP_MS = 30
+"""Between two steps of drawing results: time for the window to paint and to answer."""
+FIRST_MS = 5
+"""Before the first one: what has changed the state is still to be seen in the dock."""
+_log = logging.getLogger(__name__)
 SAME_BREADTH = 0.1
 """Lines are not drawn anew for a breadth that differs less, relative."""
 
@@ -282,3 +290,54 @@ class CurveLines(Slot):
         if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
             layer.edge_color = colours
         self._colours = painted
+
+
+class Drawing:
+    """Changes layers in many short steps; the window lives in between.
+
+    `failed` is called with the exception if a step fails.
+    """
+
+    def __init__(self, failed: Callable[[Exception], None]):
+        self._failed = failed
+        self._steps: dict[Hashable, Iterator[object]] = {}
+        self._last: dict[Hashable, list[Callable[[], None]]] = {}
+
+    def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
+        """Take steps, in the place of others of the same key; then call `last`, also of those."""
+        running = key in self._steps
+        self._steps[key] = steps
+        self._last.setdefault(key, []).append(last)
+        if not running:
+            QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is still to be shown."""
+        return bool(self._steps)
+
+    def drop(self, key: Hashable) -> bool:
+        """Take no more steps; say whether there were some left."""
+        self._last.pop(key, None)
+        return self._steps.pop(key, None) is not None
+
+    def stop(self) -> None:
+        """Show nothing more."""
+        self._steps.clear()
+        self._last.clear()
+
+    def _go_on(self, key: Hashable) -> None:
+        if key not in self._steps:
+            return
+        try:
+            next(self._steps[key])
+        except StopIteration:
+            del self._steps[key]
+            for last in self._last.pop(key):
+                last()
+        except Exception as error:
+            _log.exception("The results could not be shown")
+            self.drop(key)
+            self._failed(error)
+        else:
+            QTimer.singleShot(STEP_MS, partial(self._go_on, key))
