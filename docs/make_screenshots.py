@@ -59,9 +59,9 @@ def reviewing(viewer: Viewer, dock: SplinesketchDock, folder: Path) -> None:
     w.shoot(viewer, folder / "colours.png")
     dock.look.by.setCurrentIndex(0)
     dock.look.by.activated.emit(0)
-    dock.eyes.entry("residual").trigger()
+    dock.eyes.entries["residual"].trigger()
     w.shoot(viewer, folder / "residual.png")
-    dock.eyes.entry("residual").trigger()
+    dock.eyes.entries["residual"].trigger()
     w.click(dock.review)
     w.wait(0.5)
 

@@ -33,7 +33,7 @@ def film(viewer: Any) -> Any:
 
 
 def ask(dock: SplinesketchDock, proof: Any) -> None:
-    dock.eyes.entry(proof).trigger()
+    dock.eyes.entries[proof].trigger()
     QTest.qWait(20)
 
 
@@ -83,7 +83,7 @@ def test_every_proof_lies_on_the_image(
     assert stack.data[1, 1, 20, 30] == 2, "where bodies cross, both have their mask"
     kinds = [type(layer) for layer in (residual, lines, masks, stack)]
     assert kinds == [Image, Vectors, Labels, Labels]
-    assert not dock.eyes.entry("body").isChecked()
+    assert not dock.eyes.entries["body"].isChecked()
     ask(dock, "body")
     assert "Select one curve" in dock.notice.text()
     assert [layer.name for layer in viewer.layers].count("film selected body") == 0
@@ -105,7 +105,7 @@ def test_proofs_follow_while_they_are_in_view(
     dock.controller.delete((1, 1))
     until(lambda: masks.data[1][20, 12] == 0, 5)
     masks.visible = False
-    assert not dock.eyes.entry("masks").isChecked()
+    assert not dock.eyes.entries["masks"].isChecked()
     made = []
     maker = pictures.MAKERS["masks"]
     slow = replace(maker, make=lambda known: made.append(1) or maker.make(known))

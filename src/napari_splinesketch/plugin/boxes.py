@@ -8,7 +8,6 @@ from typing import Any
 
 from magicgui.widgets import create_widget
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtGui import QAction
 from qtpy.QtWidgets import (
     QComboBox,
     QFileDialog,
@@ -157,20 +156,15 @@ class EyeBox(QWidget):
         more = button("More", "Show more: residual, background, uncertainty, masks")
         menu = QMenu(more)
         menu.setToolTipsVisible(True)
-        self._entries: dict[ProofRole, Any] = {}
+        self.entries: dict[ProofRole, Any] = {}
         for proof, maker in MAKERS.items():
             if maker.title:
-                self._entries[proof] = entry = QAction(maker.title, menu)
+                self.entries[proof] = entry = menu.addAction(maker.title)
                 entry.setToolTip(maker.tip)
                 entry.setCheckable(True)
                 entry.triggered.connect(partial(self._ask, proof))
-                menu.addAction(entry)
         more.setMenu(menu)
         grid(self, [*self.buttons.values(), more], 3)
-
-    def entry(self, proof: ProofRole) -> Any:
-        """Give an entry of the menu."""
-        return self._entries[proof]
 
     def show_state(self) -> None:
         """Show which layers are visible."""
@@ -179,7 +173,7 @@ class EyeBox(QWidget):
             layer = work.layer(role) if work else None
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
-        for proof, entry in self._entries.items():
+        for proof, entry in self.entries.items():
             entry.setChecked(work is not None and work.layers.proofs[proof].shown)
 
     def _show(self, role: str, on: bool) -> None:
@@ -191,7 +185,7 @@ class EyeBox(QWidget):
     def _ask(self, proof: ProofRole, on: bool) -> None:
         work = self._controller.work
         if work is not None and not work.layers.ask(proof, on):
-            self._entries[proof].setChecked(False)
+            self.entries[proof].setChecked(False)
             self._controller.say(MAKERS[proof].nothing)
 
 
@@ -220,11 +214,10 @@ class RefineMenu(QToolButton):
         for scope, name in scopes.items():
             request = self._controller.request(scope)
             possible = not request.problem and not self._controller.progress
-            action = QAction(words.button(request.plan) if possible else name, self._menu)
+            action: Any = self._menu.addAction(words.button(request.plan) if possible else name)
             action.setEnabled(possible)
             action.setToolTip(request.problem)
             action.triggered.connect(partial(self._controller.refine, scope))
-            self._menu.addAction(action)
 
 
 class SuggestBox(QWidget):
