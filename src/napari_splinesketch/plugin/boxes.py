@@ -159,7 +159,8 @@ class EyeBox(QWidget):
         self.entries: dict[ProofRole, Any] = {}
         for proof, maker in MAKERS.items():
             if maker.title:
-                self.entries[proof] = entry = menu.addAction(maker.title)
+                entry: Any = menu.addAction(maker.title)
+                self.entries[proof] = entry
                 entry.setToolTip(maker.tip)
                 entry.setCheckable(True)
                 entry.triggered.connect(partial(self._ask, proof))
