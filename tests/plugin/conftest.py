@@ -9,10 +9,10 @@ from npe2 import PluginManifest
 from qtpy.QtCore import QEvent
 from qtpy.QtWidgets import QApplication
 
-from napari_splinesketch.plugin import engine, work
+from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.autosave import saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.layers import results
+from napari_splinesketch.plugin.layers import results, slot
 
 from .fakes import FakeEngine
 from .hand import add_dock
@@ -23,8 +23,8 @@ WINDOW = 900, 640
 
 RESTS_MS = {
     (engine, "POLL_MS"): 2,
-    (work, "FIRST_MS"): 1,
-    (work, "BREATH_MS"): 1,
+    (slot, "FIRST_MS"): 1,
+    (slot, "STEP_MS"): 1,
     (results, "AFTER_MS"): 10,
     (saver, "DELAY_MS"): 100,
     (saver, "AGAIN_MS"): 200,
