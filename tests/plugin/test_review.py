@@ -10,6 +10,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog
 
 from napari_splinesketch.plugin.commands import go_to
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.review.panel import ReviewPanel
 
 from .fakes import FakeEngine
@@ -173,8 +174,11 @@ def test_the_panel_closes_and_comes_back(
     again = dock.panel
     assert again is not None and again is not panel
     assert again.count.text() == "1 of 5 reviewed"
+    dock.controller.apply("Nothing", State())
+    assert dock.review.isVisible(), "what opened the panel closes it"
     click(dock.review)
     until(lambda: dock.panel is None, 5)
+    assert not dock.review.isVisible()
 
 
 @pytest.mark.window

@@ -222,8 +222,7 @@ class Controller(Keeper):
             return
         images = [layer for layer in self.viewer.layers if isinstance(layer, Image)]
         if any(same_file(path, i.source.path) for i in images if i.source.path):
-            text = f"Not saved: {Path(path).name} is an image that is open; choose another name."
-            self.tell(Notice("failed", text))
+            self.say(f"Not saved: {Path(path).name} is an image that is open; choose another name.")
             return
         if not Path(path).parent.is_dir():
             self.say(f"Not saved: there is no folder {Path(path).parent}; choose another one.")

@@ -22,7 +22,7 @@ from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
-from napari_splinesketch.plugin.layers.space import ruler_of
+from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
 from napari_splinesketch.plugin.review.panel import ReviewPanel, open_panel
 from napari_splinesketch.plugin.widgets import (
     Column,
@@ -193,6 +193,7 @@ class SplinesketchDock(QWidget):
             self.panel.deleteLater()
         self.panel = None
         self.review.setChecked(False)
+        self._show_results()
 
     def close_work(self) -> None:
         """Write down what is still to be written, and hear of nothing any more."""
@@ -249,7 +250,8 @@ class SplinesketchDock(QWidget):
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
 
     def _show_film(self) -> None:
-        film = self.controller.films.frames() > 1
+        image = self.controller.choices.image
+        film = image is not None and frame_count(image) > 1
         self.track.setVisible(film)
         if film:
             self.track.show_state()
@@ -268,8 +270,9 @@ class SplinesketchDock(QWidget):
         notes = work.state.notes.get(controller.frame, ()) if work and here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
-        for widget in (self.eyes, self.look, self.review):
+        for widget in (self.eyes, self.look):
             widget.setVisible(bool(records))
+        self.review.setVisible(bool(records) or self.panel is not None)
         self.look.show_look(controller.settings.colour_by, records, controller.ruler)
 
     def _show_export(self) -> None:

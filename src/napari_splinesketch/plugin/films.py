@@ -69,11 +69,6 @@ class Films:
         self._choosing: Job | None = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
-    def frames(self) -> int:
-        """How many frames the chosen image has; 0 without one."""
-        image = self._controller.choices.image
-        return frame_count(image) if image is not None else 0
-
     def problem(self) -> str:
         """Why no lines can be suggested, or nothing."""
         image = self._controller.choices.image
