@@ -83,7 +83,7 @@ def wider(made: solver.Bands, start: solver.Fit, more: int) -> tuple[solver.Band
 def test_padding_changes_nothing(problem):
     made, _, theta = problem.bands()
     plain, roomy = (made, solver.start(theta, made.values.shape[1])), None
-    roomy = wider(*plain, more=3 * solver.TILE)
+    roomy = wider(*plain, more=bands.PIXELS[1] - made.values.shape[1])
     results = []
     for given, fit in (plain, roomy):
         fit = problem.sweep(given, fit, [0, 1], 1)

@@ -33,6 +33,7 @@ def test_turning_twice_changes_nothing(curve: Curve) -> None:
     turned = shaping.flipped(curve)
     np.testing.assert_array_equal(turned.points[0], curve.points[-1])
     assert turned.half_width[0] == curve.half_width[-1]
+    assert turned.sd[0] == curve.sd[-1]
     assert (turned.status, turned.reasons) == (curve.status, curve.reasons)
     same(shaping.flipped(turned), curve)
 
