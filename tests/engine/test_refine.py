@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from napari_splinesketch import Curve, Refinement, refine, suggest, synthetic
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.engine.judge.assess import as_drawn
 
 from .scenes import SHAPE, frame, miss, refined, sketches_of
 
@@ -313,11 +314,13 @@ def test_a_fixed_curve_far_away_changes_nothing():
 
 
 def test_a_failed_curve_may_be_fixed():
-    """What came back as drawn has no half-width."""
+    """What came back as drawn has no half-width; it is nobody's body and changes nothing."""
     made = frame(2, 2)
     first, second = sketches_of(made)
-    drawn = refine(made.image, [first, OUTSIDE]).curves[1]
-    assert_whole(refine(made.image, [second], fixed=[drawn]), 1)
+    beside = refine(made.image, [second], fixed=[as_drawn(first, "it was cancelled")])
+    assert_whole(beside, 1)
+    alone = refine(made.image, [second]).curves[0]
+    np.testing.assert_array_equal(beside.curves[0].points, alone.points)
 
 
 def test_same_from_the_other_end():
