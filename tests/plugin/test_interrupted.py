@@ -5,6 +5,7 @@ Every kind of run is met by every kind of interruption.
 
 import threading
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,27 @@ NEW = np.array([[0.0, 80, 20], [0, 80, 90]])
 
 
 class Running:
-    """A bench on which something runs until it is let go."""
+    """A bench with two curves, on which something runs until it is let go."""
 
     def __init__(self, fake: FakeEngine, folder: Path, monkeypatch: pytest.MonkeyPatch):
         self.fake, self.folder = fake, folder
         self.here = threading.Event()
         self.patch = monkeypatch
-        self.bench = Bench()
-        self.bench.image((FRAMES, *SIZE))
+        self.bench = Bench() if not _ready else _ready.pop()
+        if not self.bench.controller.records():
+            self.begin()
+
+    def begin(self) -> None:
+        """Open another image, draw lines and refine them."""
+        self.bench.viewer.layers.clear()
+        assert self.bench.controller.progress is None
+        self.bench.image((FRAMES, *SIZE), seed=next(_seeds))
         self.bench.sketches(LINES)
         self.bench.viewer.dims.set_point(0, 0)
         self.bench.refine()
-        assert len(self.bench.controller.records()) == 2
-        until(lambda: not self.bench.controller.drawing.busy, SOON)
+        controller = self.bench.controller
+        assert len(controller.records()) == 2, controller.notice.text
+        until(lambda: not controller.drawing.busy, SOON)
 
     def refine(self) -> None:
         self.layer.add_paths([NEW])
@@ -82,11 +91,24 @@ class Running:
 
     @property
     def image(self) -> Any:
-        return self.bench.viewer.layers["image 0"]
+        (image,) = (x for x in self.bench.viewer.layers if x.name.startswith("image "))
+        return image
 
     @property
     def layer(self) -> Any:
         return self.bench.viewer.layers["sketches"]
+
+
+_seeds = count()
+_ready: list[Bench] = []
+"""The bench of the test before, where work went on: it is where the next one begins."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def close_the_last() -> Iterator[None]:
+    yield
+    while _ready:
+        _ready.pop().close()
 
 
 @pytest.fixture
@@ -96,7 +118,8 @@ def running(
     made = Running(fake, tmp_path, monkeypatch)
     yield made
     fake.go.set()
-    made.bench.close()
+    if not _ready:
+        made.bench.close()
 
 
 def close(running: Running) -> None:
@@ -181,11 +204,5 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
         assert not problems
         saved = {r.id: r.curve.points.tobytes() for r in session.state.records if not r.frame}
         assert known.items() <= saved.items(), "what was there is still saved"
-    # And work goes on.
-    running.bench.viewer.layers.clear()
-    assert controller.progress is None
-    running.bench.image((FRAMES, *SIZE), seed=1)
-    running.bench.sketches(LINES, name="more")
-    running.bench.viewer.dims.set_point(0, 0)
-    running.bench.refine()
-    assert len(controller.records()) == 2, controller.notice.text
+    running.begin()  # work goes on
+    _ready.append(running.bench)
