@@ -60,12 +60,14 @@ def own_data_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: Any) 
 def viewer(
     request: pytest.FixtureRequest, qapp: QApplication, plugin_settings: None
 ) -> Iterator[Any]:
-    """What a window keeps, and settings of its own; with mark "window", a window that draws.
+    """What a window keeps, and settings of its own; with mark "window", a whole window.
 
-    A window costs ten times as much: it is for tests of mouse, keys, layout and what is painted.
+    A window costs five times as much, and ten times where it is shown: those are for tests of mouse
+    and keys, these for tests of layout and of what is painted.
     """
-    if request.node.get_closest_marker("window"):
-        made = request.getfixturevalue("make_napari_viewer")(show=True)
+    mark = request.node.get_closest_marker("window")
+    if mark:
+        made = request.getfixturevalue("make_napari_viewer")(show=mark.kwargs.get("shown", False))
         made.window.resize(*WINDOW)
         yield made
         return

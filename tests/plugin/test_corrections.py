@@ -112,7 +112,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     assert lines.nshapes == 3, "a short line is one"
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_splitting_joining_and_deleting(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
 ) -> None:

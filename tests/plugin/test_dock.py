@@ -42,7 +42,7 @@ def sketched(viewer: Any, **how: Any) -> Any:
     return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches", **how)
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_drawing_with_the_mouse_then_refine(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -348,7 +348,7 @@ def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDoc
     assert [b.isChecked() for b in buttons] == [False, True, True]
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_every_control_has_a_tooltip_and_fits_250_pixels(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

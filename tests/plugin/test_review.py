@@ -154,7 +154,7 @@ def test_the_table_goes_elsewhere(
     assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,,failed,open,40.0")
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_the_panel_closes_and_comes_back(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

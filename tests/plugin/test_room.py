@@ -14,7 +14,7 @@ from .fakes import FakeEngine
 from .hand import QTest, click, refine, until
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_whole(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:
@@ -54,7 +54,7 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
     assert all(plots.fontMetrics().horizontalAdvance(title) <= room for title in titles)
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_buttons_of_a_narrow_panel_are_not_cut(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

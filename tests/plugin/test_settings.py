@@ -51,7 +51,7 @@ def test_the_manifest_has_every_key_and_default(
     assert {a.id: a.key for a in dock.controller.actions} == settings.load().keys
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:
     dock = add_dock(viewer)
     viewer.add_image(np.random.default_rng(0).normal(100, 5, (64, 96)), name="x",

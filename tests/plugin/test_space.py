@@ -44,7 +44,7 @@ def pair(image: dict[str, Any], sketches: dict[str, Any], shape: tuple[int, ...]
     return viewer, layer, viewer.add_shapes(ndim=2, **sketches)
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 @pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
 def test_pixels_are_where_the_canvas_shows_them(viewer: Any) -> None:
     canvas = viewer.window._qt_viewer.canvas

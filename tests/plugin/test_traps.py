@@ -82,7 +82,7 @@ def test_editing_the_sketches(
     assert dock.refine.text() == "Refine 1 new, 2 changed"
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_drawing_goes_on(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:
@@ -140,7 +140,7 @@ def test_a_double_click_refines_once(
     assert len(fake.calls) == 1
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_closing_the_dock(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:
@@ -156,7 +156,7 @@ def test_closing_the_dock(
     check_result(viewer)
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_closing_the_window(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:
@@ -165,7 +165,7 @@ def test_closing_the_window(
     QTest.qWait(100)
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_closing_the_window_while_results_are_drawn(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:

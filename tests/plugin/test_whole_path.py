@@ -40,7 +40,7 @@ def distances(lines: Any, truth: Any) -> list[float]:
     return [average_dtw(line, body) for line, body in zip(lines, truth, strict=True)]
 
 
-@pytest.mark.window
+@pytest.mark.window(shown=True)
 def test_lines_drawn_with_the_mouse_become_the_bodies(
     viewer: Any, real: SplinesketchDock, tmp_path: Path
 ) -> None:
