@@ -85,7 +85,7 @@ def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
 
     def record(points, sd, *others):
         evidence = collect(points, sd, *others)
-        known[tuple(sd)] = evidence
+        known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
         return evidence
 
     doubt.collect = record
@@ -95,7 +95,7 @@ def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
         doubt.collect = collect
     for i, curve in enumerate(curves):
         if curve.status != "failed":
-            signs = known[tuple(curve.sd)].signs
+            signs = known[tuple(sorted(curve.sd))].signs
             yield Example(source, scene, signs, bool(wrong(i, curve)), curve.status != "good")
 
 

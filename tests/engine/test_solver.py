@@ -50,11 +50,11 @@ class Problem:
     def fitted(self, **options) -> list[fitting.Body]:
         return fitting.fit_curves(self.seen, self.theta, self.priors, SWEEPS, **options)
 
-    def sweep(self, made: solver.Bands, fit: solver.Fit, order, steps: int) -> solver.Fit:
+    def sweep(self, made: solver.Bands, fit: solver.Fit, order, steps: int, **how) -> solver.Fit:
         padded = np.zeros(len(fit.theta), np.int32)
         padded[: len(order)] = order
         numbers = np.int32(len(order)), np.int32(steps)
-        return solver.sweep(made, self.level, fit, self.basis, self.bend, padded, *numbers)
+        return solver.sweep(made, self.level, fit, self.basis, self.bend, padded, *numbers, **how)
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +132,17 @@ def test_parameters_stay_within_their_bounds(problem):
     assert ((found >= low) & (found <= high)).all()
 
 
+def test_curves_abreast_step_as_they_do_one_after_the_other(problem):
+    made, _, theta = problem.bands()
+    one, many = (
+        problem.sweep(made, solver.start(theta, made.values.shape[1]), [1, 0], 2, together=n)
+        for n in (1, 16)
+    )
+    np.testing.assert_allclose(many.theta, one.theta, atol=0.01)
+    np.testing.assert_allclose(many.cost, one.cost, rtol=1e-3)
+    assert np.abs(np.asarray(one.theta)[:2] - theta[:2]).max() > 0.5
+
+
 def test_two_crossing_bodies_are_both_recovered(problem):
     for body, truth in zip(problem.fitted(), problem.frame.centrelines, strict=True):
         before = metrics.average_dtw(synthetic.displace(truth, 2, 40), truth)
@@ -148,6 +159,9 @@ def test_of_curves_that_do_not_move_the_look_is_fitted(problem):
     held = problem.fitted(moving=1)
     assert np.abs(held[0].theta - problem.theta[0]).max() > 0.5
     np.testing.assert_allclose(held[1].knots, _knots(problem.theta[1]), atol=0.01)
+    alone = problem.fitted(moving=0)[1]
+    np.testing.assert_allclose(alone.knots, _knots(problem.theta[1]), atol=0.01)
+    assert np.abs(alone.parameters - problem.theta[1, -len(GLOBALS) :]).max() > 0.1
     assert held[1].own.max() > 0.5
 
 

@@ -41,12 +41,16 @@ class Candidates:
         (C,) share of each without evidence.
     covers
         (C, E) which pieces of the graph it runs along.
+    explains
+        What one earns that runs along no other's, for all of a usual length: nothing where the
+        sketch itself tells where its body is.
     """
 
     lines: tuple[Line, ...]
     cost: Float[Array, " C"]
     unseen: Float[Array, " C"]
     covers: Bool[Array, "C E"]
+    explains: float = EXPLAINS
 
 
 def interacting(candidates: list[Candidates]) -> list[list[int]]:
@@ -90,7 +94,6 @@ def sets(
     used = np.flatnonzero(np.any([c.covers.any(0) for c in candidates], axis=0))
     length, price = (x[used] for x in prices(graph, half_width, usual))
     keep = TAKEN * length * (taken[used] & ~graph.bridges[used])
-    earned = EXPLAINS * length
     rows = np.zeros((1, 0), dtype=int)
     covered = np.zeros((1, len(used)), np.float32)
     total = np.zeros(1)
@@ -98,6 +101,7 @@ def sets(
     for i in order:
         mine = candidates[i]
         covers = mine.covers[:, used].astype(np.float32)
+        earned = mine.explains * length
         own = mine.cost + covers @ (keep - earned * ~taken[used])
         again = (covered * (SHARED * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again

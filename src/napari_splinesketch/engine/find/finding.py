@@ -28,8 +28,8 @@ STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths that keep the sketch's order are looked for."""
 NARROW = 1.0
 """Half-widths within which a sketch that is right already has its body, but for a px."""
-WELL_SEEN = 0.1
-"""Only where every path has more of its length without evidence is the sketch itself one."""
+LEAST_OF, MOST_OF = 0.5, 0.97
+"""Shares of a path that the part between the ends of a sketch may be, to be another path."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 UNSEEN = 0.6
@@ -210,6 +210,10 @@ def _candidates(
     reaches = [share * reach for share in STRIPS]
     clicked = len(sketch) in scoring.CLICKED
     if clicked:
+        shorter = [(k, _between_ends(line, sketch)) for k, line in enumerate(lines)]
+        kept = [k for k, line in shorter if line is not None]
+        lines += [line for _, line in shorter if line is not None]
+        along = np.concatenate([along, along[kept]])
         reaches.append(min(NARROW * half_width + 1.0, reach))
     strips = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
     strips += [sketch] * clicked
@@ -219,12 +223,18 @@ def _candidates(
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
-    if clicked and known[:-1, scoring.FEATURES.index("unseen")].min() < WELL_SEEN:
-        cost[-1] = np.inf
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
     unseen = known[order, scoring.FEATURES.index("unseen")]
-    return Candidates(tuple(lines[i] for i in order), cost[order], unseen, along[order])
+    kept = tuple(lines[i] for i in order)
+    return Candidates(kept, cost[order], unseen, along[order], 0.0 if clicked else choice.EXPLAINS)
+
+
+def _between_ends(line: Line, sketch: Line) -> Line | None:
+    """The part of a path between the ends of a sketch; None where that is nearly all or little."""
+    ends = sketch[[0, -1], None] - line
+    first, last = sorted((ends**2).sum(2).argmin(1).tolist())
+    return line[first : last + 1] if MOST_OF > (last - first) / len(line) > LEAST_OF else None
 
 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:

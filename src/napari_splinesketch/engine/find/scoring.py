@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from napari_splinesketch.engine import spline
@@ -27,14 +27,14 @@ HIT, HIT_PX = 0.5, 1.5
 """A path that misses the vertices of its sketch by so many half-widths and px has hit them."""
 VERTICES = 12
 """Of a sketch, looked at."""
-CLICKED, CAREFUL = range(3, 25), 3.0
+CLICKED, CAREFUL = range(3, 25), 6.0
 """Where there are so many vertices, each was put on the body by itself, the first and last on its
 ends, and counts by this factor: two tell little of what is between, and more are a line that was
 moved as a whole, or drawn without looking at each."""
-ENDS = 0.04
-"""Of the length of a sketch: by so much more its clicked ends may miss those of the body."""
+ENDS = 0.06
+"""Of the length of a sketch: by so much more its clicked ends may miss the tips of the body."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
-WEIGHTS = np.array([19.0, 1.7, 2.0, 11.0, 10.5, 1.5])
+WEIGHTS = np.array([27.0, 1.7, 2.0, 11.0, 10.5, 1.5])
 """Fitted by tests/benchmarks/path_weights.py and rounded."""
 TOO_FAR = 1000.0
 """Cost of a path that its sketch cannot mean."""
@@ -79,7 +79,7 @@ def features(
         [
             1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
             np.log1p(apart.mean(1)),
-            _missed(lines, sketch, half_width),
+            _missed(lines, sketch, half_width, ~goes_on(evidence, lines, half_width)),
             np.clip(sharpest - BENT, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
@@ -100,8 +100,10 @@ def _kinks(
     return sharpest
 
 
-def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Float[Array, " C"]:
-    """(C,) by how much paths miss the vertices of a sketch.
+def _missed(
+    lines: Float[Array, "C S 2"], sketch: Line, half_width: float, tips: Bool[Array, "C 2"]
+) -> Float[Array, " C"]:
+    """(C,) by how much paths miss the vertices of a sketch; `tips` are ends of bodies.
 
     The logarithm of their root mean square distance: how carefully a sketch was drawn is not
     known, so that each factor counts the same.
@@ -118,7 +120,7 @@ def _missed(lines: Float[Array, "C S 2"], sketch: Line, half_width: float) -> Fl
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
     clicked, hit = len(sketch) in CLICKED, HIT * half_width + HIT_PX
     if clicked:
-        share = hit / (hit + ENDS * spline.arc_length(sketch)[-1])
+        share = hit / (hit + ENDS * tips * spline.arc_length(sketch)[-1])
         ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
         least = np.concatenate([least, share**2 * ends], axis=1)
     missed = 0.5 * np.log1p(least.mean(1) / hit**2)

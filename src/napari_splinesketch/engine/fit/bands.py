@@ -19,6 +19,8 @@ SAMPLES, PER_KNOT = 64, 2.6
 CURVES = (16, 128, 1024, 8192)
 PIXELS = tuple(TILE * n for n in (4, 16, 64))
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
+BEND = 10.0
+"""Weight of bending, of a curve's half-width and its length to the power of -3."""
 FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
 """Standard deviations of a curve's local background where the scene's own is simple."""
 
@@ -161,7 +163,7 @@ def make_bands(
         -(-there.sum(1) // TILE).astype(np.int32),
         mean,
         precision,
-        (half_width / length**3).astype(np.float32),
+        (BEND * half_width / length**3).astype(np.float32),
         ((knots - 1) / (0.1 * length)).astype(np.float32) ** 2,
     )
     return bands, shift, begin

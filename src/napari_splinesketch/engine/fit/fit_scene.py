@@ -22,7 +22,7 @@ SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """What is held in place is held within so many px: sketches without a body, and for so many more
 sweeps the ends beyond which a body goes on."""
-GROWS, GROWS_PX = 1.5, 1.5
+GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
 """Fixed curves are drawn with at least this half-width, px."""

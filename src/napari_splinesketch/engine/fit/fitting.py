@@ -18,8 +18,9 @@ from napari_splinesketch.engine.types import Array
 
 GAIN = 1.0
 """A curve that improved its χ² by less in a visit is not visited again ..."""
-RESTLESS = 500.0
-"""... and one that improved it by more in its last has not settled: it is visited again ..."""
+RESTLESS = 0.03
+"""... and one that improved it by more than this share in its last has not settled: it is visited
+again ..."""
 MORE = 24
 """... in so many more sweeps at most."""
 PIN = 0.003
@@ -143,8 +144,9 @@ def fit_curves(
         found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
         state = (fit.own, fit.cost, fit.hessian, fit.gain)
         own, cost, hessian, gain = (np.asarray(a) for a in state)
+        settled = gain < RESTLESS * cost
         return [
-            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i], gain[i] < RESTLESS)
+            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i], settled[i])
             for i, p in enumerate(pixels)
         ]
 
@@ -162,8 +164,9 @@ def fit_curves(
             visited += len(now)
             if report:
                 report(min((turn + visited / len(pending)) / (1 + len(sweeps)), 1.0), bodies)
-        moved = np.asarray(fit.gain)[:n] > (GAIN if turn < len(sweeps) else RESTLESS)
-        pending = _unsettled(moved, pending, meets, free) if turn else np.flatnonzero(free).tolist()
+        gain, cost = np.asarray(fit.gain)[:n], np.asarray(fit.cost)[:n]
+        moved = gain > (GAIN if turn < len(sweeps) else RESTLESS * cost)
+        pending = _unsettled(moved, pending, meets, free) if turn else range(n)
         if not pending:
             break
     return bodies()

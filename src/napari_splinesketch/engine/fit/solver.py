@@ -31,8 +31,8 @@ TILE = 704
 """Pixels worked on at a time: a curve costs what its band needs, whatever it is padded to, and
 the Jacobian stays in the cache."""
 
-STIFF = 1e6
-"""Damping of a parameter that is held at its bound."""
+ABREAST = 128
+"""Curves that a GPU works on at a time."""
 
 SETTLED = 0.05
 """Improvement of χ² below which a curve has arrived."""
@@ -108,7 +108,7 @@ def start(theta: Float[Array, "N D"], pixels: int) -> Fit:
     )
 
 
-@partial(jax.jit, donate_argnums=(2,))
+@partial(jax.jit, donate_argnums=(2,), static_argnames="together")
 def sweep(
     bands: Bands,
     level: Level,
@@ -118,39 +118,40 @@ def sweep(
     order: Int[Array, " N"],
     count: Int[Array, ""],
     steps: Int[Array, ""],
+    *,
+    together: int | None = None,
 ) -> Fit:
-    """Visit the first `count` curves of `order`, one after the other.
+    """Visit the first `count` curves of `order`, `together` at a time.
 
     Each takes at most `steps` evaluations; with one it stays where it is, and its brightness,
     cost and normal matrix are brought up to date. `basis` and `bend` are the spline's basis and
-    its bending matrix.
+    its bending matrix. One at a time costs least on a CPU, many at a time on a GPU: that is what
+    None chooses. The curves are the same.
     """
-    maps = brightness_maps(fit.own, bands.slots, bands.tiles)
+    if together is None:
+        together = 1 if jax.default_backend() == "cpu" else min(len(order), ABREAST)
+    maps = brightness_maps(fit.own, bands.slots, None if together > 1 else bands.tiles)
 
-    def visit_one(turn, fit):
+    def visit(i, steps):
+        one = jax.tree.map(lambda a: a[i], bands)
+        others = others_of(maps, fit.own[i], one.slots)
+        step = _visit(one, level, fit.theta[i], fit.damping[i], *others, basis, bend, steps)
+        gain = step.first - step.cost
+        return Fit(step.theta, step.own, step.cost, step.hessian, step.damping, gain)
+
+    def visit_one(turn, now):
         i = order[turn]
-        others_sum, others_max = others_of(maps, fit.own[i], bands.slots[i])
-        one = _visit(
-            jax.tree.map(lambda a: a[i], bands),
-            level,
-            fit.theta[i],
-            fit.damping[i],
-            others_sum,
-            others_max,
-            basis,
-            bend,
-            steps,
-        )
-        return Fit(
-            fit.theta.at[i].set(one.theta),
-            fit.own.at[i].set(one.own),
-            fit.cost.at[i].set(one.cost),
-            fit.hessian.at[i].set(one.hessian),
-            fit.damping.at[i].set(one.damping),
-            fit.gain.at[i].set(one.first - one.cost),
-        )
+        return jax.tree.map(lambda old, new: old.at[i].set(new), now, visit(i, steps))
 
-    return jax.lax.fori_loop(0, count, visit_one, fit)
+    def visit_some(turn, now):
+        at = together * turn + jnp.arange(together)
+        i = jnp.where(at < count, order[at], len(order))  # those beyond are dropped
+        new = jax.vmap(visit)(i, jnp.where(at < count, steps, 0))
+        return jax.tree.map(lambda old, new: old.at[i].set(new, mode="drop"), now, new)
+
+    if together == 1:
+        return jax.lax.fori_loop(0, count, visit_one, fit)
+    return jax.lax.fori_loop(0, -(-count // together), visit_some, fit)
 
 
 class Maps(NamedTuple):
@@ -162,12 +163,15 @@ class Maps(NamedTuple):
 
 
 def brightness_maps(
-    own: Float[Array, "N M"], slots: Int[Array, "N M"], tiles: Int[Array, " N"]
+    own: Float[Array, "N M"], slots: Int[Array, "N M"], tiles: Int[Array, " N"] | None
 ) -> Maps:
-    """Add up the curves that are there, one after the other."""
+    """Add up the curves, one after the other where their `tiles` are given."""
     nothing = jnp.zeros(own.size, own.dtype)
 
     def over_tiles(add, start):
+        if tiles is None:
+            return add(start, own, slots)
+
         def over_curve(i, image):
             def over_tile(t, image):
                 cut = partial(jax.lax.dynamic_slice, start_indices=(i, t * TILE))
@@ -226,10 +230,8 @@ def _visit(
         )
         first = jnp.minimum(now.first, jnp.where(now.taken == 0, cost, jnp.inf))
         damping = jnp.clip(now.damping * jnp.where(better, 0.2, 5.0), 1e-6, 1e6)
-        # Parameters that would leave their bounds stay, or the clipped step might not go downhill.
-        stay = (theta <= level.lower) & (gradient < 0) | (theta >= level.upper) & (gradient > 0)
-        scale = jnp.where(stay, STIFF, damping) * jnp.diagonal(hessian)
-        factor = jax.scipy.linalg.cho_factor(hessian + (scale + 1e-3) * jnp.eye(d))
+        damped = hessian + (damping * jnp.diagonal(hessian) + 1e-3) * jnp.eye(d)
+        factor = jax.scipy.linalg.cho_factor(damped)
         move = jax.scipy.linalg.cho_solve(factor, gradient)
         longest = jnp.abs(move[: 2 * len(bend)]).max()
         move = move * jnp.minimum(1.0, MAX_MOVE / (longest + 1e-9))
