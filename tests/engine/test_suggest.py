@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from suggested import FOUND, judged, on, worms
 
 from napari_splinesketch import suggest, synthetic
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.engine.find.suggest import prepare
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,22 @@ def test_sensitivity_moves_the_threshold() -> None:
     image = image + np.random.default_rng(0).normal(0, 0.02, (120, 120))
     assert len(suggest(image, 0.5)) == 3
     assert len(suggest(image, 1.0)) == 4
+
+
+def test_a_higher_sensitivity_keeps_what_a_lower_one_gives(crowd: np.ndarray) -> None:
+    prepared = prepare(crowd[:256, :256])
+    chosen = [prepared.choose(s) for s in (0.0, 0.5, 1.0)]
+    for fewer, more in pairwise(chosen):
+        assert {line.tobytes() for line in fewer} <= {line.tobytes() for line in more}
+
+
+def test_bodies_of_one_image_differ_in_width_and_contrast() -> None:
+    rows, inside = np.arange(200.0)[:, None] + np.zeros(200), np.abs(np.arange(200) - 100) < 80
+    bodies = {30: (1.5, 0.4), 60: (1.5, 1.0), 100: (5.0, 0.6), 160: (8.0, 1.0)}
+    image = sum(c * (np.abs(rows - r) < w) * inside for r, (w, c) in bodies.items())
+    image = image + np.random.default_rng(0).normal(0, 0.02, (200, 200))
+    truth = [np.array([[r, 20.0], [r, 180]]) for r in bodies]
+    assert {k for _, k in on(suggest(image, 1.0), truth, 4.0)} == {0, 1, 2, 3}
 
 
 def test_crossing_bodies_go_straight_on() -> None:

@@ -1,41 +1,49 @@
 """First lines for free: sketches over the bodies of an image that nobody has drawn yet."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Real
+from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import checks
-from napari_splinesketch.engine.find.cover import BODY, explain
-from napari_splinesketch.engine.find.finding import BODY as SEEN
-from napari_splinesketch.engine.find.tracing import TraceGraph, trace
-from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, enlarged
+from napari_splinesketch.engine.find.joining import joined
+from napari_splinesketch.engine.find.tracing import trace
+from napari_splinesketch.engine.look.band import band
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
-from napari_splinesketch.engine.spline import arc_length, fit_knots
+from napari_splinesketch.engine.spline import arc_length, fit_knots, resample
 from napari_splinesketch.engine.types import Array, Polarity
 
-CLEAR = (0.7, 0.55, 0.15)
-"""Ridges so high against the highest count fully, at sensitivity 0, 0.5 and 1 ..."""
-NOTHING = 0.6
-"""... and ridges lower than this share of that not at all."""
-GAP = 4.0
-"""Gaps up to so many half-widths are bridged: bodies cross there; longer ones part two bodies."""
-CAUTION = (1.5, 1.0, 0.5)
-"""Factor on what a body costs, at the same sensitivities."""
-STANDS_OUT = 2.0
-"""Bodies are where ridges are so many times as high as is usual."""
+CLEAR = (0.55, 0.45, 0.15)
+"""Lines are chosen that are at least so strong against the usual body, at sensitivity 0, 0.5, 1."""
 HIGHEST = 0.99
-"""Quantile of an image's ridges that tells its bodies' polarity and half-width."""
+"""Quantile of an image's ridges that tells the polarity of its bodies."""
 WIDEST = 0.06
 """A half-width is at most so much of the image's shorter side."""
-ENOUGH = 0.97
-"""The smallest half-width whose ridges reach this share of the best one's is the bodies'."""
+EVERY = 2
+"""Every second half-width is looked at."""
+BODY = (0.3, 0.5)
+"""Evidence from which a pixel is body where it touches one that has the second one, too."""
+SURE = 0.8
+"""Evidence from here on is a body for sure."""
+SHORTEST = 8.0
+"""Lines are at least so long, half-widths."""
+OWN = 0.95
+"""The smallest half-width whose ridges reach this share of the best one's is a line's ..."""
+OFF = 1
+"""... and is at most so many steps from the one that it was traced at."""
+COVERED, ASIDE, ASIDE_PX = 0.6, 1.2, 0.5
+"""A line lies on stronger ones if so much of it is within so many half-widths, and px, of them."""
+USUAL = 0.2
+"""A body is usually as strong as the lines of which this share of the strongest ones' length is."""
 SPACING = 4.0
 """Of the points of a sketch, half-widths."""
 BEYOND = 1.0
 """How far a sketch goes on beyond its skeleton, half-widths."""
-POINTS = (4, 16)
+POINTS = (4, 24)
 """Fewest and most points of a sketch."""
 
 Line = Float[Array, "N 2"]
@@ -43,24 +51,21 @@ Line = Float[Array, "N 2"]
 
 @dataclass(frozen=True, eq=False)
 class Suggestions:
-    """The skeleton of an image's bodies, from which lines are chosen in an instant.
+    """Lines along all that may be a body, from which some are chosen in an instant.
 
     Attributes
     ----------
-    graph
-        Pieces of skeleton.
-    clear
-        (E,) height of each piece's ridge against that of the usual body, 0 to 1.
-    half_width
-        Of the bodies, px.
+    lines
+        Sketches, strongest first; none lies on another.
+    strength
+        (N,) of each line against that of the usual body.
     """
 
-    graph: TraceGraph
-    clear: Float[Array, " E"]
-    half_width: float
+    lines: tuple[Line, ...]
+    strength: Float[Array, " N"]
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
-        """The fewest, smoothest lines that explain what stands out so much.
+        """The lines that stand out so much; what a low sensitivity gives, a higher one does too.
 
         Parameters
         ----------
@@ -70,11 +75,27 @@ class Suggestions:
         if not 0 <= sensitivity <= 1:
             raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
         least = np.interp(sensitivity, (0, 0.5, 1), CLEAR)
-        weight = np.clip((self.clear / least - NOTHING) / (1 - NOTHING), 0, 1)
-        body = BODY * float(np.interp(sensitivity, (0, 0.5, 1), CAUTION))
-        lines = explain(self.graph, weight, self.half_width, body)
-        sketches = [_sketch(line, self.half_width) for line in lines]
-        return tuple(sorted(sketches, key=lambda line: tuple(line.mean(0))))
+        chosen = self.lines[: int((self.strength >= least).sum())]
+        return tuple(sorted(chosen, key=lambda line: tuple(line.mean(0))))
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """One line as it was traced.
+
+    Attributes
+    ----------
+    line
+        (N, 2).
+    half_width
+        Of its body, px.
+    strength
+        Height of its ridge, times how surely it is one along all of it, times its slenderness.
+    """
+
+    line: Line
+    half_width: float
+    strength: float
 
 
 def suggest(
@@ -83,7 +104,7 @@ def suggest(
     polarity: Polarity = "auto",
     half_width: float | None = None,
 ) -> tuple[Line, ...]:
-    """Sketch the bodies of an image: the fewest, smoothest lines that explain its ridges.
+    """Sketch the bodies of an image: smooth lines along its ridges, of whatever width.
 
     Parameters
     ----------
@@ -124,34 +145,71 @@ def prepare(
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
-    sign, rung, height = _usual_body(ridges, image.shape, polarity, half_width)
-    evidence = ridges.evidence(rung, sign, height)
-    width = WIDTHS[rung]
-    crest = enlarged(ridges.heights(rung)[0 if sign > 0 else 1], image.shape, ridges.factor(rung))
-    body = (evidence > SEEN) & valid & (crest > NOTHING * CLEAR[-1] * height)
-    body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
-    graph = trace(body, width, gap=GAP)
-    clear = [crest[tuple(piece.astype(int).T)].mean() / height for piece in graph.pieces]
-    return Suggestions(graph, np.clip(clear, 0.0, 1.0), width)
-
-
-def _usual_body(
-    ridges: Ridges, shape, polarity: Polarity, told: float | None
-) -> tuple[int, int, float]:
-    """Sign, index of the half-width and height of the ridges that stand out most."""
-    most = int(np.searchsorted(WIDTHS, max(WIDEST * min(shape), 2.0), side="right"))
-    rungs = range(most)
-    if told is not None:
-        rungs = [int(np.abs(np.log(np.array(WIDTHS) / told)).argmin())]
-    heights = np.array([[_highest(h) for h in ridges.heights(rung)] for rung in rungs])
+    most = int(np.searchsorted(WIDTHS, max(WIDEST * min(image.shape), 2.0), side="right"))
+    rungs = range(0, most, EVERY)
+    if half_width is not None:
+        rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
+    heights = np.array([[np.quantile(h, HIGHEST) for h in ridges.heights(k)] for k in rungs])
     side = {"bright": 0, "dark": 1}.get(polarity, int(heights.max(0).argmax()))
-    mine = heights[:, side]
-    first = int(np.argmax(mine >= ENOUGH * mine.max()))
-    return 1 - 2 * side, list(rungs)[first], float(max(mine[first], 1e-30))
+    found = []
+    for rung in rungs:
+        evidence = ridges.alone(rung, 1 - 2 * side, float(heights[:, side].max()))
+        evidence[~valid] = 0
+        near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
+        found += _traced(ridges, evidence, side, rung, near)
+    best = _apart(found, image.shape)
+    if not best:
+        return Suggestions((), np.zeros(0))
+    strength = np.array([one.strength for one in best])
+    length = np.cumsum([arc_length(one.line)[-1] for one in best])
+    usual = strength[np.searchsorted(length, USUAL * length[-1])]
+    lines = tuple(_sketch(one.line, one.half_width) for one in best)
+    return Suggestions(lines, strength / usual)
 
 
-def _highest(heights: Float[Array, "H W"]) -> float:
-    return float(np.quantile(heights, HIGHEST) - STANDS_OUT * np.median(np.abs(heights)))
+def _traced(
+    ridges: Ridges, evidence: Float[Array, "H W"], side: int, rung: int, near: range
+) -> list[Traced]:
+    """Lines along bodies of one half-width."""
+    width = WIDTHS[rung]
+    body = apply_hysteresis_threshold(evidence, *BODY)
+    body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
+    graph = trace(body, width, np.inf, gap=0.0)
+    found = []
+    for line in joined(graph, evidence, width):
+        length = arc_length(line)[-1]
+        if length < SHORTEST * width:
+            continue
+        points = resample(line, max(8, int(length / 2)))
+        heights = [_median(ridges, k, side, points) for k in near]
+        own = near[int(np.argmax(np.array(heights) >= OWN * max(heights)))]
+        seen = evidence[tuple(np.rint(points).astype(int).T)]
+        if abs(own - rung) <= OFF:
+            sure = np.minimum(seen / SURE, 1).mean()
+            strength = max(heights) * sure**3 * np.log(length / width)
+            found.append(Traced(line, WIDTHS[own], float(strength)))
+    return found
+
+
+def _median(ridges: Ridges, rung: int, side: int, points: Line) -> float:
+    """Usual height of the ridge of one half-width along a line."""
+    heights, factor = ridges.heights(rung)[side], ridges.factor(rung)
+    at = np.rint((points + 0.5) / factor - 0.5).astype(int)
+    return float(np.median(heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]))
+
+
+def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
+    """The strongest lines first, without those that lie on stronger ones."""
+    best: list[Traced] = []
+    taken = np.zeros(shape, dtype=bool)
+    for one in sorted(found, key=lambda one: -one.strength):
+        if taken[tuple(np.rint(one.line).astype(int).T)].mean() > COVERED:
+            continue
+        best.append(one)
+        reach = ASIDE * one.half_width + ASIDE_PX
+        rows, columns, inside = band(one.line, reach, taken.shape)
+        taken[rows, columns] |= inside
+    return best
 
 
 def _sketch(line: Line, half_width: float) -> Line:

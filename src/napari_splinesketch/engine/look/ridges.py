@@ -84,15 +84,20 @@ class Ridges:
         height
             Of the bodies' ridges, typically.
         """
-        best = np.zeros(self._image.shape, np.float32)
-        for k in range(max(rung - 1, 0), min(rung + 2, len(WIDTHS))):
-            mine, factor = self.heights(k)[0 if sign > 0 else 1], self.factor(k)
-            sigma = max(BLUR * WIDTHS[k], BLUR_PX)
-            left = LEFT * self.noise / (2 * np.sqrt(np.pi) * sigma)
-            usual = _usual(mine, max(AROUND * WIDTHS[rung], AROUND_PX) / factor)
-            share = mine / np.maximum(usual, max(left, FLOOR * height, 1e-30))
-            np.maximum(best, enlarged(share, best.shape, factor), out=best)
-        return np.clip(best / CERTAIN, 0.0, 1.0)
+        near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
+        around = AROUND * WIDTHS[rung]
+        return np.max([self.alone(k, sign, height, around) for k in near], axis=0)
+
+    def alone(
+        self, rung: int, sign: int, height: float, around: float | None = None
+    ) -> Float[Array, "H W"]:
+        """The same of one half-width without its neighbours; blocks have the side `around`, px."""
+        mine, factor = self.heights(rung)[0 if sign > 0 else 1], self.factor(rung)
+        block = max(AROUND * WIDTHS[rung] if around is None else around, AROUND_PX)
+        left = LEFT * self.noise / (2 * np.sqrt(np.pi) * max(BLUR * WIDTHS[rung], BLUR_PX))
+        usual = _usual(mine, block / factor)
+        share = mine / np.maximum(usual, max(left, FLOOR * height, 1e-30))
+        return np.clip(enlarged(share, self._image.shape, factor) / CERTAIN, 0.0, 1.0)
 
 
 def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:

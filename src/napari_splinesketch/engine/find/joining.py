@@ -1,0 +1,135 @@
+"""From pieces of skeleton to whole lines: each end goes on in the piece that it points at."""
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from napari_splinesketch.engine.find.tracing import TraceGraph
+from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine.types import Array
+
+SHARPEST, SHARP = 0.9, 0.8
+"""Largest turn of a line within two stretches of STRETCH half-widths, and where ends are joined,
+radians."""
+STRETCH, STEP = 2.5, 0.5
+"""Turns are measured between stretches of so many half-widths, at points that are so far apart."""
+CROOKED, TANGENT = 0.75, 3.0
+"""Where bodies cross, the last so many half-widths of a skeleton run askew: they are cut off where
+ends are joined, and an end points where so many before them do."""
+REACH = 8.0
+"""Ends are joined over at most so many half-widths: bodies cross there, or are hidden."""
+TURN, FAR, UNSEEN = 8.0, 0.1, 1.5
+"""Costs of a join: of a turn by a radian, squared; of a half-width; of one without evidence."""
+DEAREST = 6.0
+"""Joins that cost more are not made."""
+SEEN = 0.6
+"""Evidence from here on is a body for sure."""
+
+Line = Float[Array, "N 2"]
+
+
+def joined(graph: TraceGraph, evidence: Float[Array, "H W"], half_width: float) -> list[Line]:
+    """Lines of a graph of whole chains, cut where they kink and joined where they go on.
+
+    Where bodies cross, or evidence has a gap, the cheapest joins are made first, and every end is
+    joined once.
+    """
+    chains = [part for piece in graph.pieces for part in _unkinked(piece, half_width)]
+    if not chains:
+        return []
+    mate: dict[int, int] = {}
+    whole = list(range(len(chains)))
+    for _, i, j in sorted(_joins(chains, evidence, half_width)):
+        if i not in mate and j not in mate and whole[i >> 1] != whole[j >> 1]:
+            mate[i], mate[j] = j, i
+            old, new = whole[i >> 1], whole[j >> 1]
+            whole = [new if number == old else number for number in whole]
+    begins = [end for end in range(2 * len(chains)) if _begins(mate, end)]
+    return [_walked(chains, mate, end, half_width) for end in begins]
+
+
+def _begins(mate: dict[int, int], end: int) -> bool:
+    """Whether a line begins here: one of its two free ends, the one with the lower number."""
+    if end in mate:
+        return False
+    other = end ^ 1
+    while other in mate:
+        other = mate[other] ^ 1
+    return end < other
+
+
+def _walked(chains: list[Line], mate: dict[int, int], end: int, half_width: float) -> Line:
+    """The chains from a free end on; end 2i is the first of chain i, and 2i + 1 its last."""
+    parts = []
+    at: int | None = end
+    while at is not None:
+        chain = chains[at >> 1][:: 1 - 2 * (at & 1)]
+        begin = _crooked(chain, half_width) if at in mate else 0
+        beyond = _crooked(chain[::-1], half_width) if at ^ 1 in mate else 0
+        parts.append(chain[begin : len(chain) - beyond])
+        at = mate.get(at ^ 1)
+    return np.concatenate(parts)
+
+
+def _unkinked(chain: Line, half_width: float) -> list[Line]:
+    """A chain in parts, none of which turns sharply."""
+    length = arc_length(chain)[-1]
+    count = int(length / (STEP * half_width)) + 1
+    away = round(STRETCH / STEP)
+    if count < 2 * away + 3:
+        return [chain]
+    points = resample(chain, count)
+    ahead = points[away:] - points[:-away]
+    ahead /= np.linalg.norm(ahead, axis=1)[:, None] + 1e-9
+    turn = np.arccos(np.clip((ahead[away:] * ahead[:-away]).sum(1), -1, 1))
+    cuts = [0, count - 1]
+    while turn.max() > SHARPEST:
+        sharpest = int(turn.argmax())
+        cuts.append(sharpest + away)
+        turn[max(0, sharpest - away) : sharpest + away + 1] = 0
+    return [points[a : b + 1] for a, b in pairwise(sorted(cuts))]
+
+
+def _joins(
+    chains: list[Line], evidence: Float[Array, "H W"], half_width: float
+) -> list[tuple[float, int, int]]:
+    """Cost of every join of two ends that is possible, and the ends."""
+    ends, out = np.array([_end(c[::way], half_width) for c in chains for way in (1, -1)]).swapaxes(
+        0, 1
+    )
+    pairs = KDTree(ends).query_pairs(REACH * half_width, output_type="ndarray")
+    one, two = pairs[pairs[:, 0] >> 1 != pairs[:, 1] >> 1].T
+    between = ends[two] - ends[one]
+    far = np.linalg.norm(between, axis=1)
+    ahead = between / np.maximum(far, 1e-9)[:, None]
+    turns = _angle(out[one], -out[two]), _angle(out[one], ahead), _angle(ahead, -out[two])
+    turn = np.max(turns, axis=0)
+    share = np.linspace(0, 1, 1 + int(2 * REACH))
+    points = ends[one, None] + share[None, :, None] * between[:, None]
+    seen = evidence[tuple(np.rint(points).astype(int).transpose(2, 0, 1))]
+    unseen = 1 - np.minimum(seen / SEEN, 1).mean(1)
+    cost = TURN * turn**2 + far / half_width * (FAR + UNSEEN * unseen)
+    good = (turn < SHARP) & (cost < DEAREST)
+    return list(zip(cost[good].tolist(), one[good].tolist(), two[good].tolist(), strict=True))
+
+
+def _end(line: Line, half_width: float) -> tuple[Line, Line]:
+    """Where the first end of a line is straight, and a unit vector that points out of it."""
+    first = _crooked(line, half_width)
+    inner = line[
+        min(np.searchsorted(arc_length(line), (CROOKED + TANGENT) * half_width), len(line) - 1)
+    ]
+    out = line[first] - inner
+    return line[first], out / (np.linalg.norm(out) + 1e-9)
+
+
+def _crooked(line: Line, half_width: float) -> int:
+    """How many points at the beginning of a line run askew."""
+    length = arc_length(line)
+    return int(np.searchsorted(length, min(CROOKED * half_width, length[-1] / 4)))
+
+
+def _angle(one: Float[Array, "N 2"], two: Float[Array, "N 2"]) -> Float[Array, " N"]:
+    return np.arccos(np.clip((one * two).sum(1), -1, 1))
