@@ -171,6 +171,7 @@ def brightness_maps(
     def over_tiles(add, start):
         if tiles is None:
             return add(start, own, slots)
+        count = tiles
 
         def over_curve(i, image):
             def over_tile(t, image):
@@ -178,9 +179,9 @@ def brightness_maps(
                 here, at = (cut(a, slice_sizes=(1, TILE))[0] for a in (own, slots))
                 return add(image, here, at)
 
-            return jax.lax.fori_loop(0, tiles[i], over_tile, image)
+            return jax.lax.fori_loop(0, count[i], over_tile, image)
 
-        return jax.lax.fori_loop(0, (tiles > 0).sum(), over_curve, start)
+        return jax.lax.fori_loop(0, (count > 0).sum(), over_curve, start)
 
     # One image a loop, never read where it is written: XLA would copy it in every turn.
     total = over_tiles(lambda image, here, at: image.at[at].add(here), nothing)
