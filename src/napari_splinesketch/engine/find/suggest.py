@@ -35,14 +35,12 @@ OWN = 0.95
 """The smallest half-width whose ridges reach this share of the best one's is a line's ..."""
 OFF = 1
 """... and is at most so many steps from the one that it was traced at."""
-COVERED, ASIDE, ASIDE_PX = 0.6, 1.2, 0.5
+COVERED, ASIDE, ASIDE_PX = 0.7, 1.2, 0.5
 """A line lies on stronger ones if so much of it is within so many half-widths, and px, of them."""
 USUAL = 0.2
 """A body is usually as strong as the lines of which this share of the strongest ones' length is."""
 SPACING = 4.0
 """Of the points of a sketch, half-widths."""
-BEYOND = 1.0
-"""How far a sketch goes on beyond its skeleton, half-widths."""
 POINTS = (4, 24)
 """Fewest and most points of a sketch."""
 
@@ -213,10 +211,6 @@ def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
 
 
 def _sketch(line: Line, half_width: float) -> Line:
-    """A smooth line of few points, which a hand can mend; a skeleton ends short of its body."""
+    """A smooth line of few points, which a hand can mend."""
     count = round(arc_length(line)[-1] / (SPACING * half_width)) + 1
-    points = fit_knots(line, int(np.clip(count, *POINTS)))
-    first, last = points[0] - points[1], points[-1] - points[-2]
-    points[0] += BEYOND * half_width * first / max(np.linalg.norm(first), 1e-9)
-    points[-1] += BEYOND * half_width * last / max(np.linalg.norm(last), 1e-9)
-    return points
+    return fit_knots(line, int(np.clip(count, *POINTS)))
