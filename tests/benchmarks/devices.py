@@ -26,7 +26,7 @@ FIGURES = Path(__file__).parents[2] / "docs" / "benchmarks" / "devices.csv"
 FIELDS = ("device", "together", "bodies", "refine_s", "fits_s", "first_s", "median_px")
 REPEATS, POINTS = 3, 6
 TILE = 10
-"""Bodies are drawn in squares of so many: a film of one square costs less to make than all."""
+"""Bodies lie in squares of so many, which cross within their square."""
 
 
 def squares(bodies: int) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -16,10 +16,9 @@ from pathlib import Path
 
 import frames
 import numpy as np
-import real_foreign
 from jaxtyping import Bool, Float
-from path_weights import CELLS
-from real_cases import FOLDERS, in_folders, jittered
+from path_weights import CELLS, grey, tunable
+from real_cases import FOLDERS, jittered
 from real_judge import MOST, shares
 from scipy.optimize import minimize
 
@@ -63,19 +62,14 @@ def examples(count: int, folders) -> Iterator[Example]:
 
                 scene = f"{bodies}_{kind}_{index}"
                 yield from _of(made.image, made.sketches, wrong, "generated", scene)
-    for case in [*real_foreign.cases(), *in_folders(folders)]:
-        if case.split == "held":
-            continue
-        source = "foreign" if case.name.startswith(real_foreign.NAME) else "real"
+    for source, case in tunable(folders):
         for mine in (case, jittered(case)):
-            image = np.asarray(mine.image, float)
-            image = image[..., :3].mean(-1) if image.ndim == 3 else image
 
             def missed(i, curve, case=case):
                 return min(shares(curve.points, case.references[i], case.half_width)) < MOST
 
             for sketches in mine.sketches.values():
-                yield from _of(image, sketches, missed, source, case.name)
+                yield from _of(grey(mine), sketches, missed, source, case.name)
 
 
 def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:

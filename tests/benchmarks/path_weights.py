@@ -92,11 +92,12 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     for i, c in zip(cluster, of, strict=True)
                 ]
                 covers = _sums([c.covers for c in of], paths)
+                earns = _sums([c.covers * bool(c.explains) for c in of], paths)
                 terms = np.column_stack(
                     [
                         _sums(known, paths),
                         np.maximum(covers - 1, 0) @ price,
-                        -(covers > 0).astype(float) @ length,
+                        -(earns > 0).astype(float) @ length,
                     ]
                 )
                 count = _sums([np.array(g) for g in good], paths)
@@ -126,17 +127,27 @@ def everything(count: int, folders) -> Iterator[Group]:
 
                 name = f"{bodies}_{kind}_{index}"
                 yield from groups(made.image, made.sketches, right, "generated", name)
-    for case in [*real_foreign.cases(), *in_folders(folders)]:
-        if case.split == "held":
-            continue
-        source = "foreign" if case.name.startswith(real_foreign.NAME) else "real"
+    for source, case in tunable(folders):
         yield from _of_case(case, source)
         yield from _of_case(jittered(case), RIGHT)
 
 
-def _of_case(case: Case, source: str) -> Iterator[Group]:
+def tunable(folders) -> Iterator[tuple[str, Case]]:
+    """Scenes of foreign make and real images that are not held out, with where they are from."""
+    for case in [*real_foreign.cases(), *in_folders(folders)]:
+        if case.split == "tune":
+            source = "foreign" if case.name.startswith(real_foreign.NAME) else "real"
+            yield source, case
+
+
+def grey(case: Case) -> Float[np.ndarray, "H W"]:
+    """The mean of a case's colours."""
     image = np.asarray(case.image, float)
-    image = image[..., :3].mean(-1) if image.ndim == 3 else image
+    return image[..., :3].mean(-1) if image.ndim == 3 else image
+
+
+def _of_case(case: Case, source: str) -> Iterator[Group]:
+    image = grey(case)
 
     def right(i, line):
         least = min(shares(line, case.references[i], case.half_width))

@@ -106,6 +106,15 @@ def test_a_body_that_goes_on_beyond_its_sketch_is_known():
     assert not start.goes_on[0]
 
 
+@pytest.mark.parametrize("first", [25.0, 33.0, 41.0])
+def test_a_clicked_sketch_ends_where_it_was_clicked_on_a_body_that_goes_on(first):
+    """A sketch of two points only tells the direction; five were put there one by one."""
+    line = np.column_stack([np.full(120, 45.0), np.arange(120.0)])
+    sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(first, first + 44, 5)])
+    (start,) = found(drawn([line]), [sketch]).starts
+    np.testing.assert_allclose(start.line[[0, -1], 1], sketch[[0, -1], 1], atol=2)
+
+
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.5])
 def test_cost_does_not_depend_on_the_scale(scale):
     sketch = np.column_stack([np.zeros(41), np.linspace(0, 80, 41)])

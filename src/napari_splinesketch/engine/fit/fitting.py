@@ -51,8 +51,6 @@ class Body:
         χ² of its band and its priors.
     hessian
         (D, D) normal matrix of band and priors, for the noise that was assumed.
-    settled
-        Whether it had arrived when the steps were over.
     """
 
     theta: Float[Array, " D"]
@@ -60,7 +58,6 @@ class Body:
     own: Float[Array, " m"]
     cost: float
     hessian: Float[Array, "D D"]
-    settled: bool
 
     @cached_property
     def covariance(self) -> Float[Array, "D D"]:
@@ -142,11 +139,9 @@ def fit_curves(
 
     def bodies() -> list[Body]:
         found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
-        state = (fit.own, fit.cost, fit.hessian, fit.gain)
-        own, cost, hessian, gain = (np.asarray(a) for a in state)
-        settled = gain < RESTLESS * cost
+        own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
         return [
-            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i], settled[i])
+            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i])
             for i, p in enumerate(pixels)
         ]
 

@@ -18,8 +18,9 @@ WEIGHTS = np.array([1.3, 2.1, 6.6, 4.4])
 USUAL = np.array([-1.2, -2.7, 0.01, 0.0])
 """Weights of the signs, and their values in curves that are right."""
 THRESHOLD = 3.0
-"""Of the weighted sum, above which a curve needs review; all three are fitted to real images and
-generated ones by tests/benchmarks/doubt_weights.py."""
+"""Of the weighted sum, above which a curve needs review. The weights are fitted to real images and
+generated ones by tests/benchmarks/doubt_weights.py, but for that of "goes_on", which marks a curve
+by itself; the threshold is chosen from what the command prints."""
 TELLING = 0.5
 """Signs that add more than this are named."""
 
