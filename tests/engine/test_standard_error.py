@@ -36,7 +36,7 @@ def body() -> Body:
     rows = np.abs(np.arange(SHAPE[0]) - 45) < 7
     pixels = np.flatnonzero(rows[:, None] & np.ones(SHAPE, bool))
     theta = np.concatenate([knots.T.ravel(), look])
-    return Body(theta, pixels, np.ones(len(pixels)), 0.0, 100 * np.eye(len(theta)), True)
+    return Body(theta, pixels, np.ones(len(pixels)), 0.0, 100 * np.eye(len(theta)))
 
 
 @pytest.mark.parametrize("half_width", [0.7, 3.0, 8.0])

@@ -108,7 +108,7 @@ def suggest(
     on_progress(Progress("reading the image", 0.0))
     grid, pixels = block.grid, block.read()
     on_progress(Progress("looking for bodies", 0.2))
-    found = prepare(pixels, *_options(how, grid.size).values())
+    found = prepare(pixels, **_options(how, grid.size))
 
     def choose(sensitivity: float) -> tuple[Line, ...]:
         lines = [grid.to_image(line) for line in found.choose(sensitivity)]
