@@ -122,7 +122,7 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
     prepare, looked = import_module("napari_splinesketch.engine.find.suggest").prepare, []
     monkeypatch.setattr(
         "napari_splinesketch.engine.find.suggest.prepare",
-        lambda *given: looked.append(1) or prepare(*given),
+        lambda *given, **how: looked.append(1) or prepare(*given, **how),
     )
     press_suggest(dock)
     layer, slider = viewer.layers["worms sketches"], dock.suggest.slider
