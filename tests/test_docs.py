@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hatchling.metadata.core import ProjectMetadata
+from hatchling.plugin.manager import PluginManager
 from npe2 import PluginManifest
 
 from napari_splinesketch import __version__, synthetic, write_labels
@@ -86,9 +88,26 @@ def test_there_is_one_version_and_the_hub_finds_what_it_shows() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     place = ROOT / settings["tool"]["hatch"]["version"]["path"]
     assert f'__version__ = "{__version__}"' in place.read_text(encoding="utf-8")
-    assert settings["project"]["readme"] == "README.md"
     assert "Framework :: napari" in settings["project"]["classifiers"]
     assert PluginManifest.from_distribution("napari-splinesketch").categories
+
+
+@pytest.mark.parametrize("repository", [None, "https://example.org/splines"])
+def test_pypi_shows_the_readme_without_paths_into_the_repository(repository: str | None) -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    settings["project"]["urls"] = {"Repository": repository} if repository else {}
+    core = ProjectMetadata(str(ROOT), PluginManager(), settings).core
+    targets = re.findall(r"\]\((.*?)\)", core.readme)
+    assert core.readme_content_type == "text/markdown"
+    assert "## In Python" in core.readme
+    assert all(target.startswith("https://") for target in targets)
+    pictures = re.findall(r"^!\[.*?\]\((.*?)\)$", core.readme, re.M)
+    ours = f"{repository}/raw/v{__version__}/"
+    shown = [target.removeprefix(ours) for target in pictures if target.startswith(ours)]
+    there = re.findall(r"^!\[.*?\]\((.*?)\)$", TEXTS["README.md"], re.M)
+    assert len(there) > 3
+    assert shown == (there if repository else [])
+    assert (f"{repository}/blob/v{__version__}/docs/index.md" in targets) == bool(repository)
 
 
 def test_every_extra_is_explained() -> None:
