@@ -89,7 +89,7 @@ def made(case: str, index: int, held_out: bool) -> Film:
 
 def tracked(shown: Film, **options: Any) -> tuple[list[dict[int, Any]], float]:
     """Curves by body for each frame, and the seconds that it took."""
-    sketches = [line[::20] for line in shown.centrelines[0]]
+    sketches = [line[::11] for line in shown.centrelines[0]]  # from end to end
     first = refine(shown.images[0], sketches, polarity=shown.look.polarity)
     curves = [dict(enumerate(first.curves))]
     bodies = [Body(i, ((0, c),)) for i, c in enumerate(first.curves) if c.status != "failed"]

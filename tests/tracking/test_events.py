@@ -6,7 +6,7 @@ import numpy as np
 
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, Tracked, View, follow
-from napari_splinesketch.tracking.events import parts
+from napari_splinesketch.tracking.events import border, parts
 
 from .test_follow import LINE, curve
 
@@ -66,3 +66,11 @@ def test_a_body_that_comes_in_over_the_border_is_reported_once() -> None:
     assert inside[frame, 1] > 0.3
     apart = np.linalg.norm(line[:, None] - lines[frame, 1], axis=2).min(1)
     assert np.median(apart) < 3
+
+
+def test_only_the_border_of_a_large_image_is_searched() -> None:
+    shown = np.zeros((50, 80), int)
+    for part in border(shown.shape, 10):
+        shown[part] += 1
+    assert (shown[10:-10, 10:-10] == 0).all() and shown.astype(bool).sum() == 50 * 80 - 30 * 60
+    assert [shown[part].shape for part in border(shown.shape, 25)] == [shown.shape]

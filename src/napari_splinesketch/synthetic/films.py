@@ -72,6 +72,7 @@ def film(
     half_width: float = 2.5,
     speed: float = 1.5,
     crossing: bool = True,
+    touching: bool = False,
     hidden: int = 0,
     cover: float = 0.0,
     drift: bool = False,
@@ -93,6 +94,8 @@ def film(
         Typical values, px and px a frame.
     crossing
         Whether the bodies meet in the middle of the frame halfway through the film.
+    touching
+        Whether bodies that do not meet there may still cross, wherever they go.
     hidden
         Every second body vanishes for so many frames, about when bodies meet.
     cover
@@ -110,7 +113,7 @@ def film(
     chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
     pace = 0.0 if motion == "still" else speed
     lines = _placed(
-        rng, motion, frames, bodies, np.array(shape), length, half_width, pace, crossing
+        rng, motion, frames, bodies, np.array(shape), length, half_width, pace, crossing, touching
     )
     widths = half_width * rng.uniform(0.85, 1.15, bodies)[:, None] * taper(chosen)
     if divides:
@@ -137,6 +140,7 @@ def _placed(
     half_width: float,
     speed: float,
     crossing: bool,
+    touching: bool,
 ) -> Float[np.ndarray, "T n 100 2"]:
     """Bodies that stay in the frame, apart from each other in the first one."""
     found: list[np.ndarray] = []
@@ -150,8 +154,13 @@ def _placed(
         line = line + meeting
         if line.min() < _MARGIN or (line > shape - 1 - _MARGIN).any():
             continue
-        reach, together = _APART * half_width, slice(1) if crossing else slice(None)
-        pairs = ((a, b) for o in found for a, b in zip(line[together], o[together], strict=True))
+        reach, together = _APART * half_width, slice(1 if crossing or touching else None)
+        pairs = (
+            (a, b)
+            for o in found
+            for a, b in zip(line[together], o[together], strict=True)
+            if np.linalg.norm(a[50] - b[50]) < 1.2 * length + reach
+        )
         if all(_distance(a, b) > reach for a, b in pairs):
             found.append(line)
         if len(found) == bodies:

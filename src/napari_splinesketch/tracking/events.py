@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from scipy.ndimage import binary_closing
 
 from napari_splinesketch.engine.spline import arc_length
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import Curve, Polarity
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import distance, mostly_on
 from napari_splinesketch.tracking.motion import of_length
@@ -30,6 +30,8 @@ GAP, HOLE = 1.5, 0.5
 """Half-widths between the parts, at least; and that may look empty inside one."""
 BEYOND = 1.6
 """By which a curve is looked at beyond its ends, where the parts may have gone."""
+DEEP = 1.5
+"""Depth of the border in which they are looked for, as a share of the usual length."""
 TAKEN = 4.0
 """Distance at which a line lies on a curve that is there, px."""
 Parts = tuple[float, float, float]
@@ -63,7 +65,7 @@ class Entering:
         self._count = 0
 
     def __call__(
-        self, view: View, bodies: Mapping[int, Body], curves: Sequence[Curve]
+        self, view: View, polarity: Polarity, bodies: Mapping[int, Body], curves: Sequence[Curve]
     ) -> tuple[Line, ...]:
         """Give lines over the bodies that have come into view since the last search.
 
@@ -74,10 +76,19 @@ class Entering:
             return ()
         from napari_splinesketch.engine.find.suggest import suggest
 
-        lines = [view.place.to_image(line) for line in suggest(view.pixels)]
-        free = [line for line in lines if not any(mostly_on(line, c.points, TAKEN) for c in curves)]
         usual = float(np.median([body.length for body in bodies.values()]))
         half_width = float(np.nanmedian([body.half_width for body in bodies.values()]))
+        unit = np.ptp(view.place.to_block(np.eye(2) * [0, 1])[:, 1])
+        free: list[Line] = []
+        taken = [curve.points for curve in curves]
+        for part in border(view.pixels.shape, int(DEEP * usual * unit) + 1):
+            if not np.isfinite(view.pixels[part]).any():
+                continue
+            corner = [side.start for side in part]
+            for line in suggest(view.pixels[part], polarity=polarity):
+                there = view.place.to_image(line + corner)
+                if not any(mostly_on(there, other, TAKEN) for other in (*taken, *free)):
+                    free.append(there)
         before, self._before = self._before, free
         if before is None:
             return ()
@@ -89,6 +100,16 @@ class Entering:
             and min(line.min(), (size - line).min()) < EDGE * half_width
             and not any(_apart(line, other) < MOVED * usual for other in before)
         )
+
+
+def border(shape: tuple[int, ...], depth: int) -> list[tuple[slice, slice]]:
+    """Parts of an image that make up its border, so deep; all of it where that is not less."""
+    high, wide = shape
+    if min(shape) <= 2 * depth:
+        return [(slice(0, high), slice(0, wide))]
+    rows = slice(0, depth), slice(high - depth, high)
+    columns = slice(0, depth), slice(wide - depth, wide)
+    return [*((r, slice(0, wide)) for r in rows), *((slice(0, high), c) for c in columns)]
 
 
 def _apart(line: Line, other: Line) -> float:

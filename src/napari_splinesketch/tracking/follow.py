@@ -165,10 +165,11 @@ class _Step:
         gone = {body.id: LEFT for body in wanted if body not in inside}
         judged = _judged(frame, inside, found, gone, divided, self._patience)
         here = (*given.curves.values(), *judged.curves)
+        polarity = search.refinement.model.polarity if search.refinement else "auto"
         return replace(
             judged,
             given=kept,
-            entered=self._entering(view, bodies, here) if self._smooth else (),
+            entered=self._entering(view, polarity, bodies, here) if self._smooth else (),
             refinement=search.refinement,
             view=view,
         )
