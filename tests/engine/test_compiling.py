@@ -76,6 +76,7 @@ assert dict(jax.config.values) == before, "changed by the import"
 inside = []
 def look(progress):
     inside.append(jax.config.values["jax_compilation_cache_dir"])
+    return not any(pathlib.Path(sys.argv[1], "jax").glob("*"))  # one program is enough
 rng = np.random.default_rng(0)
 image = rng.normal(0, 0.05, (40, 60))
 image[18:22, 8:52] += 1
