@@ -9,9 +9,9 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 
-from napari_splinesketch.plugin.autosave.resume import resume
-from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.resume import resume
+from napari_splinesketch.plugin.saver import Saver
 
 from .hand import until
 

@@ -9,8 +9,7 @@ from npe2 import PluginManifest
 from qtpy.QtCore import QEvent
 from qtpy.QtWidgets import QApplication
 
-from napari_splinesketch.plugin import engine
-from napari_splinesketch.plugin.autosave import saver
+from napari_splinesketch.plugin import engine, saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers import results, slot
 

@@ -15,7 +15,8 @@ import tifffile
 from napari.components import ViewerModel
 from npe2 import PluginManifest
 
-from napari_splinesketch.plugin.autosave import folder, saver
+from napari_splinesketch.plugin import folders as folder
+from napari_splinesketch.plugin import saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine

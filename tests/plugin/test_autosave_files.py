@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave import folder as folder_files
-from napari_splinesketch.plugin.autosave.folder import Folder, read, summary
-from napari_splinesketch.plugin.autosave.resume import LISTED, describe
-from napari_splinesketch.plugin.autosave.saver import Offer
-from napari_splinesketch.plugin.autosave.session import EVERY, Head, Session, Shape
+from napari_splinesketch.plugin import folders as folder_files
+from napari_splinesketch.plugin.folders import Folder, read, summary
 from napari_splinesketch.plugin.layers.pixels import Grid, Patch
 from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.resume import LISTED, describe
+from napari_splinesketch.plugin.saver import Offer
+from napari_splinesketch.plugin.sessions import EVERY, Head, Session, Shape
 
 from .fakes import as_drawn
 
@@ -54,7 +54,6 @@ def session() -> Session:
         records=(record(1), record(2, **failed)),
         deleted=(record(9),),
         patches={3: patch()},
-        seconds={3: 1.25},
         notes={3: ("a line", "another")},
     )
     return Session("worms sketches", {"name": "worms", "sha256": "ab"}, drawn, state)
@@ -181,7 +180,6 @@ def packed(values: np.ndarray) -> str:
         (("records", 0, "sd"), packed(np.full(100, -np.inf)), "sd is no distance"),
         (("sketches", 0, "kind"), "blob", "blob"),
         (("notes",), None, "array"),
-        (("seconds",), "1", "number"),
     ],
 )
 def test_every_mistake_is_named(tmp_path: Path, place: tuple, value: Any, words: str) -> None:

@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.columns import (
 )
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
-from napari_splinesketch.plugin.review.table import CurvesModel, Shown
+from napari_splinesketch.plugin.review import CurvesModel, Shown
 
 from .fakes import as_drawn
 
@@ -79,7 +79,7 @@ def test_lengths_are_in_the_unit_whichever_way_a_body_runs() -> None:
 
 def test_the_worst_come_first() -> None:
     model = CurvesModel()
-    model.show_records(MIXED, Ruler())
+    model.show(MIXED, Ruler())
     # Failed; to check, by residual; good, by standard error or residual.
     assert column(model, "Curve") == ["3", "4", "1", "2", "5", "1"]
     assert severity(MIXED[4].curve) > severity(MIXED[0].curve)
@@ -98,14 +98,13 @@ def test_the_worst_come_first() -> None:
 )
 def test_filters(shown: Shown, ids: str) -> None:
     model = CurvesModel()
-    model.show_records(MIXED, Ruler())
-    model.show_only(shown, 7)
+    model.show(MIXED, Ruler(), shown, 7)
     assert "".join(column(model, "Curve")) == ids
 
 
 def test_cells_speak_of_status_review_and_unit() -> None:
     model = in_order(CurvesModel())
-    model.show_records(MIXED, Ruler((0.5, 0.5), "µm"))
+    model.show(MIXED, Ruler((0.5, 0.5), "µm"))
     assert column(model, "Status") == [
         "good", "to check ?", "failed !", "to check ?", "good", "to check ?"
     ]  # fmt: skip
@@ -123,18 +122,18 @@ def test_cells_speak_of_status_review_and_unit() -> None:
 def test_only_what_changed_is_shown_anew() -> None:
     model = in_order(CurvesModel())
     records = tuple(record(i) for i in range(1, 1001))
-    model.show_records(records, Ruler())
+    model.show(records, Ruler())
     told: list[Any] = []
     model.dataChanged.connect(lambda a, b: told.append("changed"))
     model.modelReset.connect(lambda: told.append("reset"))
-    model.show_records(records, Ruler())
+    model.show(records, Ruler())
     assert not told
     changed = (*records[:500], replace(records[500], review="accepted"), *records[501:])
-    model.show_records(changed, Ruler())
+    model.show(changed, Ruler())
     assert told == ["changed"], "the rows stay where they are, and so does what is selected"
     assert column(model, "Reviewed")[500] == "✓ accepted"
     fewer = (*changed[:10], *changed[12:], record(1, frame=3))
-    model.show_records(fewer, Ruler())
+    model.show(fewer, Ruler())
     assert column(model, "Curve") == [str(r.id) for r in fewer]
     assert model.row_of((0, 13)) == 10
     assert model.row_of((0, 11)) is None
@@ -145,7 +144,7 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
     real = Ruler.along
     monkeypatch.setattr(Ruler, "along", lambda self, p: asked.append(p) or real(self, p))
     model = CurvesModel()
-    model.show_records(tuple(record(i) for i in range(1, 301)), Ruler())
+    model.show(tuple(record(i) for i in range(1, 301)), Ruler())
     assert not asked
     assert model.index(5, 5).data() == "50.0"
     assert model.index(5, 5).data() == "50.0"
@@ -154,7 +153,7 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
 
 def text(records: tuple[Record, ...], ruler: Ruler, **options: str) -> str:
     model = CurvesModel()
-    model.show_records(records, ruler)
+    model.show(records, ruler)
     return as_text(records, ruler, model.curve_at, **options)
 
 
@@ -162,11 +161,11 @@ def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
     one, two, far = record(1), record(1, frame=1), record(1, frame=5)
     moved = replace(two, curve=replace(two.curve, points=two.curve.points + np.array([0, 3])))
     model = in_order(CurvesModel())
-    model.show_records((one, two, far), Ruler((2.0, 2.0), "µm"))
+    model.show((one, two, far), Ruler((2.0, 2.0), "µm"))
     assert column(model, "Speed (%/frame)") == ["0", "0", "–"]
-    model.show_records((one, moved, far), Ruler((2.0, 2.0), "µm"))
+    model.show((one, moved, far), Ruler((2.0, 2.0), "µm"))
     assert column(model, "Speed (%/frame)") == ["6.00", "6.00", "–"]
-    model.show_records((moved, far), Ruler((2.0, 2.0), "µm"))
+    model.show((moved, far), Ruler((2.0, 2.0), "µm"))
     assert column(model, "Speed (%/frame)") == ["–", "–"]
     assert list(features((one, moved, far))["speed"].round(3))[:2] == [3, 3]
 

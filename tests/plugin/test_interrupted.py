@@ -14,7 +14,7 @@ import pytest
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine, files
-from napari_splinesketch.plugin.autosave.folder import read
+from napari_splinesketch.plugin.folders import read
 
 from .bench import SOON, Bench
 from .fakes import FakeEngine
@@ -70,7 +70,7 @@ class Running:
 
     def suggest(self) -> None:
         self._held(engine, "suggest")
-        self.bench.controller.films.suggest()
+        self.bench.controller.suggestions.suggest()
         until(self.here.is_set, SOON)
 
     def export(self) -> None:

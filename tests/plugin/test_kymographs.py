@@ -8,9 +8,8 @@ import pytest
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
-from napari_splinesketch.plugin.review.kymographs import pictures
-from napari_splinesketch.plugin.review.panel import ReviewPanel
-from napari_splinesketch.plugin.review.plots import ticks
+from napari_splinesketch.plugin.plots import pictures, ticks
+from napari_splinesketch.plugin.review import ReviewPanel
 
 from .fakes import FakeEngine, as_drawn
 from .hand import refine

@@ -18,7 +18,8 @@ from napari.layers import Image
 from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
-from napari_splinesketch.plugin.autosave import folder, saver
+from napari_splinesketch.plugin import folders as folder
+from napari_splinesketch.plugin import saver
 
 from .bench import LINES, SOON, bench, session_files
 from .fakes import FakeEngine
@@ -199,7 +200,7 @@ def test_two_windows_never_write_into_one_folder(home: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from napari_splinesketch.plugin.autosave.folder import Folder
+from napari_splinesketch.plugin.folders import Folder
 held = Folder(Path(sys.argv[1]))
 print("held", flush=True)
 time.sleep(60)
@@ -240,7 +241,7 @@ def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
 def test_what_cannot_be_shown_never_stops_the_dock(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from napari_splinesketch.plugin.autosave import resume
+    from napari_splinesketch.plugin import resume
 
     with bench() as first:
         first.image()

@@ -29,7 +29,7 @@ from napari_splinesketch.plugin.columns import as_text, features
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record, State
-from napari_splinesketch.plugin.review.panel import ReviewPanel
+from napari_splinesketch.plugin.review import ReviewPanel
 from plugin.fakes import as_drawn
 
 engine.warm_up = lambda report: None

@@ -11,7 +11,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog
 from napari_splinesketch.plugin.commands import go_to
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.review.panel import ReviewPanel
+from napari_splinesketch.plugin.review import ReviewPanel
 
 from .fakes import FakeEngine
 from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, refine, until

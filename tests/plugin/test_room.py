@@ -8,7 +8,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QDockWidget, QScrollArea
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.review.plots import GAP, CurvePlots, Profile, theme_of, titles_of
+from napari_splinesketch.plugin.plots import GAP, CurvePlots, Profile, theme_of, titles_of
 
 from .fakes import FakeEngine
 from .hand import QTest, click, refine, until

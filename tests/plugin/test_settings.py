@@ -11,9 +11,9 @@ from npe2 import PluginManifest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QLabel
 
-from napari_splinesketch.plugin import settings
+from napari_splinesketch.plugin import choices as settings
+from napari_splinesketch.plugin.choices import PLUGIN, Settings
 from napari_splinesketch.plugin.layers.space import Ruler
-from napari_splinesketch.plugin.settings import PLUGIN, Settings
 
 from .fakes import FakeEngine
 from .hand import QTest, add_dock, canvas, click, refine, until

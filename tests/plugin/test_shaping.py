@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import shaping
+from napari_splinesketch.plugin import knots as shaping
 
 KNOTS = 9
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from napari.layers import Shapes
 
-from napari_splinesketch.plugin.autosave.folder import read
+from napari_splinesketch.plugin.folders import read
 from napari_splinesketch.plugin.layers import slot
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED

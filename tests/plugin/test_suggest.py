@@ -79,7 +79,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     fit_view(viewer)
     slider = dock.suggest.slider
     QTest.keyClick(slider, Qt.Key.Key_Home)
-    assert dock.controller.films.sensitivity == 0
+    assert dock.controller.suggestions.sensitivity == 0
     press_suggest(dock)
     layer = viewer.layers["worms sketches"]
     few = layer.nshapes
@@ -90,7 +90,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     assert len(dock.controller.records()) == 1
     layer.selected_data = set()
     QTest.keyClick(slider, Qt.Key.Key_End)
-    assert dock.controller.films.sensitivity == 1
+    assert dock.controller.suggestions.sensitivity == 1
     press_suggest(dock)
     assert layer.nshapes >= few
     lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
@@ -108,7 +108,7 @@ def test_nothing_new_is_said_and_cancel_changes_nothing(
     assert "No further body stands out" in dock.notice.text()
     assert not dock.undo.isVisible()
     viewer.add_image(film[0], name="worms")
-    dock.controller.films.suggest()
+    dock.controller.suggestions.suggest()
     click(dock.progress.cancel)
     QTest.qWait(1500)
     assert "Nothing was changed" in dock.notice.text()

@@ -12,8 +12,8 @@ import pytest
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.films import Progressing, bodies_at
 from napari_splinesketch.plugin.model import Record, State
-from napari_splinesketch.plugin.tracks import Progressing, bodies_at
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 

@@ -25,13 +25,13 @@ from superqt import QElidingLabel
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import MAKERS, ProofRole
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
-from napari_splinesketch.plugin.settings import FORM, Settings
 from napari_splinesketch.plugin.widgets import (
     NARROW,
     CommandButton,
@@ -93,8 +93,7 @@ class CurveBox(QWidget):
     def show_state(self) -> None:
         """Show what is selected, and what can be done to it."""
         controller = self._controller
-        deleted = bool(controller.work and controller.work.state.deleted)
-        known = bool(controller.records() or deleted)
+        known = bool(controller.records() or controller.state.deleted)
         self.setVisible(known)
         if not known:
             return
@@ -226,11 +225,11 @@ class SuggestBox(QWidget):
 
     def __init__(self, controller: Controller):
         super().__init__()
-        self._films = controller.films
+        self._suggestions = controller.suggestions
         self.button = CommandButton(controller.actions, "suggest")
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setRange(0, 100)
-        self.slider.setValue(round(100 * controller.films.sensitivity))
+        self.slider.setValue(round(100 * controller.suggestions.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
         name, ends = QLabel("Sensitivity"), QWidget()
@@ -242,7 +241,7 @@ class SuggestBox(QWidget):
 
     def _on_slider(self, value: int) -> None:
         self.slider.setToolTip(f"Sensitivity of Suggest, {value} %: {words.SENSITIVITY_TIP}")
-        self._films.change_sensitivity(value / 100)
+        self._suggestions.change_sensitivity(value / 100)
 
 
 class SettingsForm(QWidget):
@@ -258,7 +257,9 @@ class SettingsForm(QWidget):
         rest = form(*(made for name, made in self.widgets.items() if name != "preset"))
         keys = button("Change keys…", KEYS_TIP, _open_preferences)
         elsewhere = button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
-        beside = button("Save work beside the image", FOLDER_TIP, partial(self._take_folder, ""))
+        beside = button(
+            "Save work beside the image", FOLDER_TIP, partial(self._take, "work_folder", "")
+        )
         stack(self, rest, keys, elsewhere, beside)
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
@@ -283,13 +284,10 @@ class SettingsForm(QWidget):
         if replace(self._settings, **changes) != self._settings:
             self._choose(**changes)
 
-    def _take_folder(self, folder: str) -> None:
-        self._take("work_folder", folder)
-
     def _ask_for_folder(self) -> None:
         folder = QFileDialog.getExistingDirectory(self, "Save work in", self._settings.work_folder)
         if folder:
-            self._take_folder(folder)
+            self._take("work_folder", folder)
 
 
 def _widget(each: Any) -> Any:

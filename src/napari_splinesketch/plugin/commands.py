@@ -10,7 +10,7 @@ from napari.components import ViewerModel
 from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import shaping, words
+from napari_splinesketch.plugin import knots, words
 from napari_splinesketch.plugin.columns import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -22,6 +22,7 @@ else:
 
 REACH = 8.0
 """How far from a curve the pointer may be to mean it, px, where its body is not broader."""
+NO_CURVES = "There are no curves yet: refine first"
 Place = Literal["", "curve", "film", "review"]
 """Where a command has a button: with the selected curve, with a film, in the table of curves."""
 ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
@@ -54,22 +55,22 @@ def flip(controller: Controller) -> None:
     """Let the selected curves begin where they ended."""
     chosen = _chosen(controller)
     if chosen:
-        turned = [replace(r, curve=shaping.flipped(r.curve)) for r in chosen]
+        turned = [replace(r, curve=knots.flipped(r.curve)) for r in chosen]
         _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
 
 
 def split(controller: Controller) -> None:
     """Cut a curve at the point that is nearest to the pointer."""
     record = _one(controller, "Select the curve to split, and point at the place.")
-    if record is None or controller.work is None:
+    if record is None:
         return
     try:
-        at = shaping.nearest(record.curve, _place(controller))[0]
-        pieces = shaping.split(record.curve, at)
+        at = knots.nearest(record.curve, _place(controller))[0]
+        pieces = knots.split(record.curve, at)
     except ValueError as error:
         controller.say(str(error))
         return
-    state = controller.work.state
+    state = controller.state
     number = max(other.id for other in (*state.records, *state.deleted)) + 1
     second = Record(number, record.frame, pieces[1].points, pieces[1], drawn=False, edited=True)
     _put(controller, f"Split curve {record.id}", [_edited(record, pieces[0]), second])
@@ -77,13 +78,13 @@ def split(controller: Controller) -> None:
 
 def join(controller: Controller) -> None:
     """Make one curve of the two that are selected; it keeps the first one's number."""
-    chosen, work = _chosen(controller), controller.work
-    if len(chosen) != 2 or chosen[0].frame != chosen[1].frame or work is None:
+    chosen = _chosen(controller)
+    if len(chosen) != 2 or chosen[0].frame != chosen[1].frame:
         controller.say("Select two curves of this frame to join: click one, Shift-click the other.")
         return
     first, second = chosen
-    made = _edited(first, shaping.joined(first.curve, second.curve))
-    state = work.state.without([key_of(second)]).with_records(made)
+    made = _edited(first, knots.joined(first.curve, second.curve))
+    state = controller.state.without([key_of(second)]).with_records(made)
     controller.apply(f"Join curves {first.id} and {second.id}", state)
     controller.selected = key_of(made)
 
@@ -94,7 +95,7 @@ def extend(controller: Controller) -> None:
     if record is not None:
         curve = record.curve
         apart = np.linalg.norm(curve.points[[0, -1]] - _place(controller), axis=1)
-        longer = shaping.extended(curve, bool(apart[1] <= apart[0]), shaping.body_width(curve))
+        longer = knots.extended(curve, bool(apart[1] <= apart[0]), knots.body_width(curve))
         _put(controller, f"Extend curve {record.id}", [_edited(record, longer)])
         controller.refine("selected")
 
@@ -109,10 +110,6 @@ def _refine(controller: Controller) -> str:
     if controller.knots and controller.selection:
         return f"Refine curve {controller.selection[0][1]}"
     return words.button(controller.request().plan)
-
-
-def _unseen(controller: Controller) -> str:
-    return "" if controller.records() else "There are no curves yet: refine first"
 
 
 def pick(controller: Controller, *, add: bool = False) -> None:
@@ -140,16 +137,15 @@ def judge(controller: Controller, review: Review) -> None:
 
 def go_to(controller: Controller, key: Key) -> None:
     """Select a curve, and bring it to the middle of the canvas."""
-    work = controller.work
-    record = work.state.record(key) if work else None
-    if work is not None and record is not None:
+    record, image = controller.state.record(key), controller.choices.image
+    if record is not None and image is not None:
         controller.selected = key
-        look_at(controller.viewer, work.image, record.frame, record.curve.points)
+        look_at(controller.viewer, image, record.frame, record.curve.points)
 
 
 def _go_on(controller: Controller, order: Sequence[Record]) -> None:
     """Go to the first open curve after the selected one, or to the first of all."""
-    now = controller.work.state.by_key if controller.work else {}
+    now = controller.state.by_key
     keys = [key for key in map(key_of, order) if key in now]
     chosen = set(controller.selection)
     at = max((i for i, key in enumerate(keys) if key in chosen), default=-1)
@@ -161,15 +157,15 @@ def _go_on(controller: Controller, order: Sequence[Record]) -> None:
 def _pointed(controller: Controller) -> Record | None:
     """Give the curve in view that the pointer is at."""
     place, here = _place(controller), controller.records(controller.frame)
-    near = [(shaping.nearest(record.curve, place)[1], record) for record in here]
-    reached = [pair for pair in near if pair[0] < max(REACH, shaping.body_width(pair[1].curve))]
+    near = [(knots.nearest(record.curve, place)[1], record) for record in here]
+    reached = [pair for pair in near if pair[0] < max(REACH, knots.body_width(pair[1].curve))]
     return min(reached, key=lambda pair: pair[0])[1] if reached else None
 
 
 def _chosen(controller: Controller) -> list[Record]:
     """Give the selected curves, or else the one pointed at; say so if there is none."""
     pointed = None if controller.selection else _pointed(controller)
-    chosen = controller.selected_records() or ([pointed] if pointed else [])
+    chosen = list(controller.selected_records()) or ([pointed] if pointed else [])
     if not chosen:
         controller.say("Select a curve first, or point at it.")
     locked = [record for record in chosen if record.locked]
@@ -186,9 +182,8 @@ def _one(controller: Controller, otherwise: str) -> Record | None:
 
 
 def _put(controller: Controller, what: str, changed: list[Record]) -> None:
-    if controller.work is not None:
-        controller.apply(what, controller.work.state.with_records(*changed))
-        controller.select(map(key_of, changed))
+    controller.apply(what, controller.state.with_records(*changed))
+    controller.select(map(key_of, changed))
 
 
 def _edited(record: Record, curve: Curve) -> Record:
@@ -232,7 +227,7 @@ COMMANDS = (
             "Delete the selected curves; their lines stay", "curve", ANY),
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
-            problem=lambda c: "" if c.work and c.work.state.deleted else "No curve is deleted"),
+            problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
     Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots or c).undo(),
             "Undo the last step",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
@@ -243,16 +238,16 @@ COMMANDS = (
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
             "Accept the curve and go on to the next", "review",
-            problem=_unseen, meanwhile=True),
+            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
     Command("reject", "Reject", "K", lambda c: judge(c, "rejected"),
             "Reject the curve and go on to the next", "review",
-            problem=_unseen, meanwhile=True),
+            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
     Command("next", "Next", "N", lambda c: _go_on(c, c.order(c.records())),
             "Go on to the next curve to review", "review",
-            problem=_unseen, meanwhile=True),
-    Command("suggest", "Suggest lines", "W", lambda c: c.films.suggest(),
+            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
+    Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
-            problem=lambda c: c.films.problem()),
+            problem=lambda c: c.suggestions.problem()),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: c.films.track(-1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: c.films.tracking_problem(-1)),
@@ -338,7 +333,13 @@ class Commands:
             taken = self._viewer.keymap.get(key) if key else None
             # One that is ours is of a dock that was closed, or shown again: this one takes over.
             if key and (taken is None or getattr(taken, "__module__", "") == __name__):
-                self._bound[command.id] = key, self._key_of(chosen)
+
+                def press(viewer: ViewerModel, run: Callable[[Any], object] = chosen.run) -> None:
+                    if self._heard():
+                        run(self._controller)
+
+                press.__name__, press.__doc__ = chosen.id, chosen.tip
+                self._bound[command.id] = key, press
                 self._viewer.bind_key(*self._bound[command.id], overwrite=True)
 
     def bound(self, name: str) -> bool:
@@ -351,13 +352,3 @@ class Commands:
             if self._viewer.keymap.get(key) is bound:
                 self._viewer.bind_key(key, None)
         self._bound.clear()
-
-    def _key_of(self, command: Command) -> Bound:
-        """Give what is bound: a plain function, as napari wants it."""
-
-        def press(viewer: ViewerModel) -> None:
-            if self._heard():
-                command.run(self._controller)
-
-        press.__name__, press.__doc__ = command.id, command.tip
-        return press

@@ -32,10 +32,11 @@ from napari_splinesketch.plugin.layers.drawn import (
     shapes_in,
 )
 from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.slot import OWNER, Preview, is_result
+from napari_splinesketch.plugin.layers.slot import Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Scope, make_plan, request
+from napari_splinesketch.plugin.suggest import Suggestions
 
 SAVING = "Saving"
 KNOWN_AFTER = 2.0
@@ -68,7 +69,7 @@ class Controller(Keeper):
         self._told: list[Image] = []
         self._began = 0.0
         self.knots: KnotEditing | None = None
-        self.films = Films(self)
+        self.suggestions, self.films = Suggestions(self), Films(self)
         self.actions = Commands(viewer, self, self._is_meant)
         self.actions.rebind(self.settings.keys)
         self.changes.clicked.connect(lambda shift: pick(self, add=shift))
@@ -127,14 +128,26 @@ class Controller(Keeper):
         the user cancels, and says what has become of what was done by then. What runs ends when a
         layer is removed that it is `on`.
         """
+
+        def show(outcome: Any) -> None:
+            self._job = None  # it can no longer be cancelled
+            self.changes.busy.emit()
+            done(outcome)
+
+        def failed(message: str) -> None:
+            text = f"{name} failed, nothing was changed. {message}"
+            if name == SAVING:
+                text = f"Not saved: {message.partition(': ')[2]}"
+            self.finish(Notice("failed", text))
+
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
         self._job = Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
-        self._job.done.connect(partial(self._on_ended, done))
-        self._job.failed.connect(partial(self._on_failed, name))
+        self._job.done.connect(show)
+        self._job.failed.connect(failed)
         self._job.start()
         self.tell(Notice())
         self.changes.busy.emit()
@@ -182,17 +195,13 @@ class Controller(Keeper):
         if self.knots:
             self.knots.keep()
             return
-        record = self.work.state.record(self.selected) if self.work and self.selected else None
+        record = self.state.record(self.selected) if self.selected else None
         if self.work is None or record is None or record.locked or self.progress:
             locked = record is not None and record.locked
             self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
         else:
             self.knots = KnotEditing(self, self.work, record)
             self.changes.mode.emit()
-
-    def _leave_knots(self) -> None:
-        if self.knots:
-            self.knots.discard()
 
     def draw(self) -> None:
         """Draw lines into the chosen layer, or into a new one where there is none."""
@@ -246,7 +255,8 @@ class Controller(Keeper):
         if self._closed:
             return
         self._closed = True
-        self._leave_knots()
+        if self.knots:
+            self.knots.discard()
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self._soon.cancel()
         super().close()
@@ -283,18 +293,6 @@ class Controller(Keeper):
         known = spent > KNOWN_AFTER and share > 0.05
         self.left = spent * (1 - share) / share if known else None
         self.changes.progress.emit()
-
-    def _on_failed(self, name: str, message: str) -> None:
-        text = f"{name} failed, nothing was changed. {message}"
-        if name == SAVING:
-            text = f"Not saved: {message.partition(': ')[2]}"
-        self.finish(Notice("failed", text))
-
-    def _on_ended(self, done: Callable[[Any], None], outcome: Any) -> None:
-        """What the thread was to do is done: what is left is to show it."""
-        self._job = None
-        self.changes.busy.emit()
-        done(outcome)
 
     def _on_refined(self, work: Work, request: Request, refined: Refined) -> None:
         targets = request.plan.targets
@@ -335,7 +333,8 @@ class Controller(Keeper):
         if pair != self._pair:
             self._pair = pair
             self.tell(Notice())
-            self._leave_knots()
+            if self.knots:
+                self.knots.discard()
         there = set(self.viewer.layers)
         gone = [work for work in self.works if not {work.image, work.sketches} <= there]
         self.works = [work for work in self.works if work not in gone]
@@ -343,7 +342,7 @@ class Controller(Keeper):
         for work in gone:
             half = self.drawing.drop(work)  # what is half shown goes with it
             if half:
-                QTimer.singleShot(0, partial(self._remove_results, work))
+                QTimer.singleShot(0, work.remove)
             if half or (self.progress and self._on is work):
                 name = (work.sketches if work.image in there else work.image).name
                 said = f"{name!r} was removed: what was running on it ended."
@@ -352,7 +351,3 @@ class Controller(Keeper):
             if work.layers.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changes.curves.emit()
-
-    def _remove_results(self, work: Work) -> None:
-        for layer in [layer for layer in self.viewer.layers if layer.metadata.get(OWNER) is work]:
-            self.viewer.layers.remove(layer)

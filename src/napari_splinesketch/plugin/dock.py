@@ -17,13 +17,13 @@ from qtpy.QtWidgets import QCheckBox, QDockWidget, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import boxes, engine, words
-from napari_splinesketch.plugin.autosave.resume import OfferBox
-from napari_splinesketch.plugin.autosave.saver import Saver
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
-from napari_splinesketch.plugin.review.panel import ReviewPanel, open_panel
+from napari_splinesketch.plugin.resume import OfferBox
+from napari_splinesketch.plugin.review import ReviewPanel, open_panel
+from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.widgets import (
     Column,
     CommandButton,
@@ -43,6 +43,8 @@ WARM_UP_AFTER_MS = 500
 """The window is shown first."""
 LINES = 3
 """Of text that there is always room for above Export, so that nothing moves."""
+EDGE = 12
+"""From a shortened text to the edge of the dock, px."""
 IMAGE_TIP = "The image that the bodies are in"
 SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
 DRAW_TIP = "Draw lines: press where a body begins, release where it ends"
@@ -109,6 +111,7 @@ class SplinesketchDock(QWidget):
         self.progress = boxes.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
+        self.saved.setEllipsesWidth(EDGE)
         self.export = button("Export…", "", self._ask_where)
         self.rejected = QCheckBox("Export rejected curves too")
         self.rejected.setToolTip("Normally, rejected curves are left out of the file")

@@ -77,7 +77,7 @@ def _taken(
     pictures = (result.reconstruction, result.background)
     patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
     region = grid.to_image(low), grid.to_image(high)
-    return Refined(tuple(curves), patch, result.seconds, result.model.notes, region)
+    return Refined(tuple(curves), patch, result.model.notes, region)
 
 
 def _region(lines: Sequence[Line]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:

@@ -1,148 +1,49 @@
-"""Suggesting sketches, and carrying curves from frame to frame."""
+"""Carrying curves from frame to frame: what is known of a film, and what tracking makes of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import numpy as np
-from jaxtyping import Float
-from napari.layers import Image, Shapes
-from qtpy.QtCore import QTimer
-from superqt.utils import qdebounced
-
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import Notice, Work
-from napari_splinesketch.plugin.layers.drawn import (
-    BREATH_MS,
-    begin_drawing,
-    drawn_in,
-    new_sketch_layer,
-)
 from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame, plane_problem, size_of
-from napari_splinesketch.plugin.model import Line, State
-from napari_splinesketch.plugin.plan import OPEN
-from napari_splinesketch.plugin.tracks import (
-    Progressing,
-    bodies_at,
-    corrected_at,
-    curves_by_frame,
-    given_by_frame,
-    taken_in,
-    usable,
-)
-from napari_splinesketch.tracking import Body
+from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
+from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
+from napari_splinesketch.tracking import Body, Given, Tracked
+from napari_splinesketch.tracking.bodies import MEMORY
+from napari_splinesketch.tracking.follow import DIVIDED, LEFT, PATIENCE
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
-SAME = 0.02
-"""Lines no further apart are the same, px: layers hold single precision."""
-PREVIEW_AFTER_MS = 60
-"""Suggestions follow the slider when it has stood still for so long."""
-SUGGEST = "Suggest lines"
-"""The name of the step."""
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-
-
-class Suggested(NamedTuple):
-    """What chose the last suggestions, and chooses others when the slider moves."""
-
-    work: Work
-    frame: int
-    choose: engine.Choose
+NUMBERS = 6
+"""Most bodies that are named."""
+ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
+"""What is said of bodies that end, by how the reason begins; of others that they are lost."""
 
 
 class Films:
-    """What the dock offers beside refining one frame.
-
-    The `sensitivity` of suggestions: 0 gives only what stands out, 1 also what is faint or short.
-    """
+    """What the dock offers beside refining one frame."""
 
     def __init__(self, controller: Controller):
-        self.sensitivity = 0.5
         self._controller = controller
-        self._suggested: Suggested | None = None
-        self._choosing: Job | None = None
-        self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
-
-    def problem(self) -> str:
-        """Why no lines can be suggested, or nothing."""
-        image = self._controller.choices.image
-        if self._controller.progress:
-            return "Something is running"
-        return plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def tracking_problem(self, way: int) -> str:
         """Why there is nothing to carry on (1) or back (-1), or nothing."""
-        image = self._controller.choices.image
-        problem = self.problem()
+        controller, image = self._controller, self._controller.choices.image
+        problem = controller.suggestions.problem()
         if problem or image is None:
             return problem
-        frame = self._controller.frame
-        if not 0 <= frame + way < frame_count(image):
+        if not 0 <= controller.frame + way < frame_count(image):
             return "This is the last frame" if way > 0 else "This is the first frame"
-        work = self._controller.work
-        here = [r for r in work.records if r.frame == frame] if work else []
-        if not any(map(usable, here)):
+        if not any(map(usable, controller.records(controller.frame))):
             return "There are no curves in this frame: refine it first"
         return ""
-
-    def suggest(self) -> None:
-        """Suggest lines in the frame in view, in the place of those that were not taken up."""
-        controller = self._controller
-        image = controller.choices.image
-        if self.problem() or image is None:
-            return
-        layer = controller.choices.sketches
-        if layer is None:
-            # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
-            layer = new_sketch_layer(controller.viewer, image, visible=False)
-            QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
-        work = controller.begin(image, layer)
-        frame = controller.frame
-        corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
-        known = self._known(work, layer, image, frame, work.state.suggested(frame, ()))
-        block = block_around(image, frame, [corners])
-        look = partial(engine.suggest, block, known, self.sensitivity, controller.how(image))
-        controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
-
-    def change_sensitivity(self, value: float) -> None:
-        """Suggest other lines in the place of the last ones, soon."""
-        self.sensitivity = value
-        if self._suggested is not None:
-            self._soon()
-
-    def _choose(self) -> None:
-        """Choose lines for another sensitivity, from what was found before."""
-        last, controller = self._suggested, self._controller
-        if last is None or last.work is not controller.work or controller.progress:
-            return
-        if self._choosing is not None:
-            self._soon()
-            return
-        sensitivity = self.sensitivity
-        self._choosing = Job(lambda _: last.choose(sensitivity))
-        self._choosing.done.connect(partial(self._on_chosen, last, sensitivity))
-        self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
-        self._choosing.start()
-
-    def _on_chosen(self, last: Suggested, sensitivity: float, lines: tuple[Line, ...]) -> None:
-        self._choosing = None
-        controller, work = self._controller, last.work
-        if work is not controller.work or controller.progress or last is not self._suggested:
-            return
-        if sensitivity != self.sensitivity:
-            self._soon()
-        state = work.state.suggested(last.frame, lines)
-        if work.history.done == SUGGEST:
-            controller.amend(state)
-        else:
-            controller.apply(SUGGEST, state)
-        controller.tell(Notice("done", _suggested(len(lines))))
 
     def track(self, way: int, most: int | None = None) -> None:
         """Carry the curves on (1) or back (-1), to the end or over some frames."""
@@ -154,7 +55,8 @@ class Films:
 
     def around_problem(self) -> str:
         """Why there is nothing to fit again around the frame in view, or nothing."""
-        return self.problem() or ("" if self._corrected() else NOT_CORRECTED)
+        problem = self._controller.suggestions.problem()
+        return problem or ("" if self._corrected() else NOT_CORRECTED)
 
     def around(self) -> None:
         """Carry corrected curves of the frame in view both ways, until nothing changes."""
@@ -165,10 +67,8 @@ class Films:
             self._start(work, self._corrected(), ways, corrected=here)
 
     def _corrected(self) -> tuple[Body, ...]:
-        controller = self._controller
-        if controller.work is None:
-            return ()
-        return corrected_at(controller.work.state, controller.frame, controller.selection)
+        c = self._controller
+        return corrected_at(c.state, c.frame, c.selection)
 
     def _start(
         self,
@@ -197,32 +97,6 @@ class Films:
             cancelled=going.cancelled,
             on=work,
         )
-
-    def _known(
-        self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
-    ) -> Sequence[Line]:
-        """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
-        drawn = drawn_in(self._controller.viewer, layer, image, frame).lines
-        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
-        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
-        mine = [line for line in drawn if not _among(line, groups.get(len(line)))]
-        curves = [r.curve.points for r in work.records if r.frame == frame]
-        return [*mine, *curves]
-
-    def _on_suggested(
-        self, work: Work, frame: int, found: tuple[engine.Choose, tuple[Line, ...]]
-    ) -> None:
-        controller = self._controller
-        if work is not controller.work:
-            controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
-            return
-        choose, lines = found
-        self._suggested = Suggested(work, frame, choose)
-        over = partial(controller.finish, Notice("done", _suggested(len(lines))))
-        if lines or work.state.suggested(frame, ()).suggestions != work.state.suggestions:
-            controller.apply(SUGGEST, work.state.suggested(frame, lines), over)
-        else:
-            over()
 
     def _take(self, work: Work, going: Progressing) -> None:
         """Take over the frames that are done by now."""
@@ -254,14 +128,157 @@ class Films:
         controller.show(work, partial(controller.finish, notice))
 
 
-def _among(line: Line, others: Float[np.ndarray, "L N 2"] | None) -> bool:
-    """Whether a line is one of others with as many points, up to the precision of layers."""
-    return others is not None and bool((np.abs(others - line).max(axis=(1, 2)) < SAME).any())
+def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
+    """Give the bodies that are known in a frame or not long before on that way.
+
+    What comes before tells how they move; one that is not in the frame itself is out of sight
+    there, unless it was deleted.
+    """
+    ways: dict[int, list[tuple[int, Curve]]] = {}
+    for record in filter(usable, sorted(state.records, key=lambda r: way * r.frame)):
+        if 0 <= way * (frame - record.frame) < PATIENCE:
+            ways.setdefault(record.id, []).append((record.frame, record.curve))
+    ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
+    return tuple(
+        Body(number, tuple(seen[-MEMORY:]), abs(frame - seen[-1][0]))
+        for number, seen in ways.items()
+        if seen[-1][0] == frame or number not in ended
+    )
 
 
-def _suggested(number: int) -> str:
-    """Say how many lines were suggested."""
-    if not number:
-        return "No further body stands out. Move the slider to the right to find fainter ones."
-    said = words.count(number, "line")
-    return f"Suggested {said}. Correct or delete what is wrong, then refine."
+def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[Body, ...]:
+    """Give the bodies that the user has corrected in a frame and that are in others as well.
+
+    Of the selected curves, if any of them is in the frame.
+    """
+    beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
+    mine = [
+        r
+        for r in state.records
+        if r.frame == frame and (r.drawn or r.edited) and usable(r) and r.id in beside
+    ]
+    chosen = [r for r in mine if key_of(r) in selected] or mine
+    return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
+
+
+def curves_by_frame(state: State) -> dict[int, dict[int, Curve]]:
+    """Give all curves that may stay as they are, by frame and number."""
+    return {
+        frame: {r.id: r.curve for r in here if usable(r)}
+        for frame, here in by_frame(state.records).items()
+    }
+
+
+def given_by_frame(state: State) -> dict[int, Given]:
+    """Give what stays as it is: what the user has accepted, locked, drawn or changed."""
+    return {
+        frame: Given(
+            {r.id: r.curve for r in here if _decided(r) and usable(r)},
+            whole=all(r.review == "accepted" or r.locked for r in here),
+        )
+        for frame, here in by_frame(state.records).items()
+    }
+
+
+def taken_in(state: State, tracked: Tracked) -> State:
+    """Put a tracked frame into what is known; what was decided meanwhile stays."""
+    view, refinement = tracked.view, tracked.refinement
+    if view is None or refinement is None:
+        return state
+    frame = tracked.frame
+    decided = {r.id for r in state.records if r.frame == frame and _decided(r)}
+    deleted = {r.id for r in state.deleted if r.frame == frame}
+    fresh = [
+        Record(number, frame, sketch, curve, drawn=False)
+        for number, sketch, curve in zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
+        if number not in decided | deleted
+    ]
+    return state.refined(frame, fresh, engine.refined_of(view, refinement, tracked.curves))
+
+
+def usable(record: Record) -> bool:
+    """Whether a curve can be carried on."""
+    return record.curve.status != "failed" and record.review != "rejected"
+
+
+def _decided(record: Record) -> bool:
+    """Whether the user has decided on a curve, or made it herself."""
+    return record.review == "accepted" or record.locked or record.drawn or record.edited
+
+
+class Progressing:
+    """How far tracking has come over some `frames`, and what became of the bodies.
+
+    Where curves were `corrected` in a frame, those around it are fitted again. It has `begun` once
+    any frame has been taken over; `results` are those that are still to be.
+    """
+
+    def __init__(self, frames: Sequence[int], corrected: int | None = None):
+        self.begun, self.results = False, list[Tracked]()
+        self._frames, self._corrected = frames, corrected
+        self._taken: list[Tracked] = []
+
+    @property
+    def name(self) -> str:
+        """Name of the step."""
+        if self._corrected is not None:
+            return f"Refit around frame {self._corrected}"
+        return f"Track to frame {self._frames[-1]}"
+
+    @property
+    def single(self) -> int | None:
+        """The frame, where there is but one to go to."""
+        return self._frames[0] if len(self._frames) == 1 and self._corrected is None else None
+
+    def new(self) -> list[Tracked]:
+        """Give the results that have come since the last call; of those before little is kept."""
+        fresh = [self.results.pop(0) for _ in range(len(self.results))]
+        # The pictures of a long film would fill the memory.
+        self._taken += [replace(one, view=None, refinement=None) for one in fresh]
+        return fresh
+
+    def cancelled(self) -> str:
+        """Say what became of it when the user has cancelled."""
+        kept = len(self._taken)
+        if not kept:
+            return "Nothing was changed."
+        return f"{words.count(kept, 'frame')} tracked by then {'stays' if kept == 1 else 'stay'}."
+
+    def said(self) -> str:
+        """Say what came of it."""
+        if self._corrected is not None:
+            frames = sorted(one.frame for one in self._taken)
+            span = f", from {frames[0]} to {frames[-1]}" if frames else ""
+            fitted = words.count(len(frames), "frame")
+            return f"Refitted {fitted} around frame {self._corrected}{span}."
+        if not self._taken:
+            return "Nothing was tracked."
+        last = self._taken[-1]
+        arrived = words.count(len(last.ids) + len(last.given), "curve")
+        text = [f"Tracked to frame {last.frame}: {arrived} there.", *self._ended()]
+        entered = [one.frame for one in self._taken for _ in one.entered]
+        if entered:
+            said = words.count(len(entered), "body").replace("bodys", "bodies")
+            where = _some([str(frame) for frame in entered])
+            text.append(f"{said} came into view, without a curve: frame {where}.")
+        drifting = sum(len(one.drifting) for one in self._taken)
+        if drifting:
+            text.append(f"{words.count(drifting, 'curve')} to check for drift.")
+        bad = [one for one in self._taken if one.error]
+        text += [f"Frame {one.frame} could not be refined: {one.error}" for one in bad[:1]]
+        return " ".join(text)
+
+    def _ended(self) -> list[str]:
+        """Name the bodies that are not followed to the end, by what became of them."""
+        ended: dict[str, list[str]] = {}
+        for one in self._taken:
+            for number in one.lost:
+                why = one.missing.get(number, "")
+                kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
+                ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
+        return [f"{kind}: {_some(named)}." for kind, named in ended.items()]
+
+
+def _some(named: Sequence[str]) -> str:
+    more = f" and {len(named) - NUMBERS} more" if len(named) > NUMBERS else ""
+    return ", ".join(named[:NUMBERS]) + more

@@ -1,9 +1,11 @@
 """What is known and selected, what the user chose, and the one door through which it changes."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -12,9 +14,8 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin import settings, words
-from napari_splinesketch.plugin.choices import Changes, Choices
-from napari_splinesketch.plugin.commands import Commands
+from napari_splinesketch.plugin import choices, words
+from napari_splinesketch.plugin.choices import Changes, Choices, Settings
 from napari_splinesketch.plugin.layers.drawn import (
     BREATH_MS,
     MANY,
@@ -23,7 +24,6 @@ from napari_splinesketch.plugin.layers.drawn import (
     SuggestedLines,
     drawn_in,
 )
-from napari_splinesketch.plugin.layers.pixels import Patch
 from napari_splinesketch.plugin.layers.results import ResultLayers
 from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
@@ -36,9 +36,12 @@ from napari_splinesketch.plugin.model import (
     bytes_beside,
     key_of,
 )
-from napari_splinesketch.plugin.settings import Settings
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.commands import Commands
 
 BACK = "Undo brings them back."
+NOTHING = State()
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,14 @@ class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
     The layers of results come with the first of them; the suggested lines are among the sketches.
-    `looked_at` is (frame, id) of the curve that is selected, or None.
+    `selection` are (frame, id) of curves that are selected; some may be gone.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches = image, sketches
-        self.looked_at: Key | None = None
+        self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
-        self.layers = ResultLayers(viewer, self)
+        self.layers, self._layers = ResultLayers(viewer, self), viewer.layers
         self.suggested = SuggestedLines(viewer, image, sketches)
 
     @property
@@ -79,18 +82,19 @@ class Work:
         return self.state.records
 
     @property
-    def patches(self) -> Mapping[int, Patch]:
-        """Reconstructions by frame, the latest last."""
-        return self.state.patches
-
-    @property
-    def chosen(self) -> Record | None:
-        """The record that is selected."""
-        return self.state.record(self.looked_at) if self.looked_at else None
+    def selected(self) -> tuple[Record, ...]:
+        """The curves that are selected."""
+        known = self.state.by_key
+        return tuple(known[key] for key in self.selection if key in known)
 
     def layer(self, role: Any) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
         return self.sketches if role == "sketches" else self.layers.layer(role)
+
+    def remove(self) -> None:
+        """Remove the layers of results."""
+        for layer in [layer for layer in self._layers if layer.metadata.get(OWNER) is self]:
+            self._layers.remove(layer)
 
     def show(self) -> Iterator[None]:
         """Bring the layers in step with what is known, a little at each step."""
@@ -113,7 +117,7 @@ class Keeper:
         self.viewer = viewer
         self.changes = Changes(instance=self)
         self.choices = Choices(viewer, self.changes)
-        self.settings = settings.load()
+        self.settings = choices.load()
         self.progress: Progress | None = None
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
@@ -121,13 +125,12 @@ class Keeper:
         self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
-        self._selection: tuple[Key, ...] = ()
         self._soon_marked = qdebounced(self._mark_selected, BREATH_MS)
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
         self.works = [owner for owner in owners if isinstance(owner, Work)]
         for work in self.works:
             self._attend(work)
-        self._end = settings.on_change(lambda: self._take(settings.load()))
+        self._end = choices.on_change(lambda: self._take(choices.load()))
 
     @property
     def work(self) -> Work | None:
@@ -168,16 +171,20 @@ class Keeper:
         """Look anew what is in view."""
         self._frame = self._drawn = None
 
+    @property
+    def state(self) -> State:
+        """What is known now."""
+        return self.work.state if self.work else NOTHING
+
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
-        records = self.work.records if self.work else ()
+        records = self.state.records
         return records if frame is None else tuple([r for r in records if r.frame == frame])
 
     @property
     def selection(self) -> tuple[Key, ...]:
         """(frame, id) of the selected curves."""
-        known = self.work.state.by_key if self.work else {}
-        return tuple(key for key in self._selection if key in known)
+        return tuple(map(key_of, self.selected_records()))
 
     @property
     def selected(self) -> Key | None:
@@ -189,6 +196,10 @@ class Keeper:
     def selected(self, key: Key | None) -> None:
         self.select(() if key is None else (key,))
 
+    def selected_records(self) -> tuple[Record, ...]:
+        """Give the selected curves."""
+        return self.work.selected if self.work else ()
+
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
         chosen = tuple(keys)
@@ -197,10 +208,6 @@ class Keeper:
         else:
             self._soon_marked()
         self._note_selected(chosen)
-
-    def selected_records(self) -> list[Record]:
-        """Give the selected curves."""
-        return [self.work.state.by_key[key] for key in self.selection] if self.work else []
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
@@ -265,8 +272,7 @@ class Keeper:
 
     def restore(self, *keys: Key) -> None:
         """Bring deleted curves back, the latest if none are named."""
-        deleted = self.work.state.deleted if self.work else ()
-        chosen = keys or tuple(map(key_of, deleted[-1:]))
+        chosen = keys or tuple(map(key_of, self.state.deleted[-1:]))
         if chosen:
             self._change("Restore", chosen, State.restored)
             self.select(chosen)
@@ -283,7 +289,7 @@ class Keeper:
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions."""
         self._take(replace(self.settings, **chosen))
-        settings.save(self.settings)
+        choices.save(self.settings)
 
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
@@ -306,7 +312,7 @@ class Keeper:
         if chosen.keys != before.keys:
             self.settings = chosen.without_doubles(before)
             if self.settings is not chosen:
-                settings.save(self.settings)
+                choices.save(self.settings)
             self.actions.rebind(self.settings.keys)
         for work in self.works:
             self._colour(work)
@@ -355,20 +361,17 @@ class Keeper:
                 self.show(work)
 
     def _on_selected(self, work: Work) -> None:
-        if work is self.work and work.layers.selection() != self._selection:
+        if work is self.work and work.layers.selection() != work.selection:
             # Later: napari is still busy with the click, and with its own mark of the curve.
             QTimer.singleShot(BREATH_MS, work.layers.emphasise)
             self._note_selected(work.layers.selection())
 
     def _note_selected(self, chosen: tuple[Key, ...]) -> None:
-        if chosen == self._selection:
-            return
-        self._selection = chosen
-        if self.work:
-            self.work.looked_at = self.selected
+        if self.work and chosen != self.work.selection:
+            self.work.selection = chosen
             for _ in self.work.layers.prove():  # the body of the curve that is looked at
                 pass
-        self.changes.selection.emit()
+            self.changes.selection.emit()
 
     def _mark_selected(self) -> None:
         if self.work:

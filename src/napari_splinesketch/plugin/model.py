@@ -71,7 +71,6 @@ class Refined:
 
     curves: tuple[Curve, ...]
     patch: Patch
-    seconds: float
     notes: tuple[str, ...]
     region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
@@ -156,7 +155,7 @@ def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The curves of an image and what came with them: reconstructions, seconds, notes by frame.
+    """The curves of an image and what came with them: reconstructions and notes by frame.
 
     Whatever the plugin shows and the user may want to take back belongs in here: one step of
     undo is one such value. The latest are last among the `patches`, and among the `deleted`, whose
@@ -167,7 +166,6 @@ class State:
     suggestions: tuple[Suggestion, ...] = ()
     deleted: tuple[Record, ...] = ()
     patches: Mapping[int, Patch] = field(default_factory=dict)
-    seconds: Mapping[int, float] = field(default_factory=dict)
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     def record(self, key: Key) -> Record | None:
@@ -234,7 +232,6 @@ class State:
             self.with_records(*fresh),
             deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
             patches={**older, frame: patch},
-            seconds={**self.seconds, frame: refined.seconds},
             notes={**self.notes, frame: refined.notes},
         )
 

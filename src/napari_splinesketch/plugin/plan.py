@@ -5,13 +5,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
-from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import (
     SAMPLES,
@@ -38,7 +36,6 @@ LEAST = 1.5
 """Half-width that counts at least, px: a hand is no steadier."""
 BEGIN = "Press Draw lines, then draw a line over each body."
 OPEN = "Open an image: drop a file on the window, or File > Open Sample."
-NOTHING = State()
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +179,8 @@ def _drawn_again(
     found: dict[int, int] = {}
     if not (fresh and here):
         return found
-    low, high = np.swapaxes([_box(record.curve) for record in here], 0, 1)
+    points = np.stack([record.curve.points for record in here])
+    low, high = points.min(axis=1), points.max(axis=1)
     for i in fresh:
         beside = (lines[i].min(axis=0) <= high) & (lines[i].max(axis=0) >= low)
         near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
@@ -190,12 +188,6 @@ def _drawn_again(
         if min(apart, default=np.inf) < WITHIN:
             found[i] = apart[min(apart)]
     return found
-
-
-@once
-def _box(curve: Curve) -> Float[np.ndarray, "2 2"]:
-    """Corners of the rectangle around a curve, px."""
-    return np.stack([curve.points.min(axis=0), curve.points.max(axis=0)])
 
 
 def _apart(line: Line, record: Record) -> float:
@@ -237,7 +229,7 @@ def request(c: "Controller", scope: Scope) -> Request:
         scope = "selected"
         if not chosen:
             return Request(frame, Plan(scope), drawn, words.NO_LINE)
-    state = c.work.state if c.work else NOTHING
+    state = c.state
     plan = c.plan(drawn, state, frame, scope, chosen, () if scope == "new" else selection)
     if plan.targets:
         return Request(frame, plan, drawn)

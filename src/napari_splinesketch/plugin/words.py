@@ -161,6 +161,13 @@ def done(verb: str, number: int, thing: str, seconds: float) -> str:
     return f"{verb} {count(number, thing)} in {seconds:.1f} s."
 
 
+def suggested(number: int) -> str:
+    """Say how many lines were suggested."""
+    if not number:
+        return "No further body stands out. Move the slider to the right to find fainter ones."
+    return f"Suggested {count(number, 'line')}. Correct or delete what is wrong, then refine."
+
+
 def stage(progress: Progress | None, left: float | None) -> str:
     """Say what runs, and for about how long it still will."""
     if progress is None:

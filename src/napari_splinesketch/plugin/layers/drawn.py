@@ -65,10 +65,7 @@ class Drawn:
 
 
 def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Drawn:
-    """Read the sketches of one frame.
-
-    A layer without an axis for frames belongs to all of them.
-    """
+    """Read the sketches of one frame. A layer without an axis for frames belongs to all of them."""
     read = shapes_in(viewer, layer, image)
     if not read:
         return Drawn()

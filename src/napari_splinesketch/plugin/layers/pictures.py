@@ -12,16 +12,17 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Integer
+from jaxtyping import Float, Integer, Real
 from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
+from scipy.ndimage import map_coordinates
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.layers.looks import breadth, ribbon
-from napari_splinesketch.plugin.layers.pixels import Film, Patch, Planes, block_on
+from napari_splinesketch.plugin.layers.looks import breadth, normals, ribbon
+from napari_splinesketch.plugin.layers.pixels import Film, Grid, Patch, Planes, block_on
 from napari_splinesketch.plugin.layers.slot import Slot, in_vectors, same
 from napari_splinesketch.plugin.layers.space import (
     frame_count,
@@ -46,8 +47,13 @@ BODY = "body"
 """Name of the axis along which a stack has its bodies."""
 SOFT = 3.0
 """How far beyond its edge a body may be seen, px of the picture."""
+SPACING = 0.5
+"""Between the places across a body at which a picture is read, px at most."""
 BIN = 0.5
 """Width of the rings in which a body is taken to be equally bright, px."""
+
+
+Along = Float[np.ndarray, " P"]
 
 
 class Made(NamedTuple):
@@ -120,7 +126,7 @@ class Proof(Slot):
 
 
 def _patches(work: Work) -> list[Any]:
-    return list(work.patches.values())
+    return list(work.state.patches.values())
 
 
 def _curves(work: Work) -> list[Any]:
@@ -128,8 +134,8 @@ def _curves(work: Work) -> list[Any]:
 
 
 def _chosen(work: Work) -> list[Any]:
-    chosen = work.chosen
-    return [chosen.curve, work.patches.get(chosen.frame)] if chosen else []
+    chosen = work.selected
+    return [chosen[0].curve, work.state.patches.get(chosen[0].frame)] if len(chosen) == 1 else []
 
 
 def _like(image: Image) -> dict[str, Any]:
@@ -155,22 +161,22 @@ def _residual(work: Work) -> Made | None:
         return np.full(shape, np.nan) if block is None else block.read() - patch.pixels
 
     most = 0.0
-    for frame, patch in list(work.patches.items())[-1:]:
+    for frame, patch in list(work.state.patches.items())[-1:]:
         last = np.abs(rest(frame, patch))
         last = last[np.isfinite(last)]
         most = float(np.quantile(last, TYPICAL)) if last.size else 0.0
     look = {"colormap": DIVERGING, "contrast_limits": (-(most or 1.0), most or 1.0)}
-    return _film(work, work.patches, look, rest)
+    return _film(work, work.state.patches, look, rest)
 
 
 def _background(work: Work) -> Made | None:
-    known = {f: p for f, p in work.patches.items() if p.background is not None}
+    known = {f: p for f, p in work.state.patches.items() if p.background is not None}
     return _film(work, known, _like(work.image), lambda frame, patch: patch.background)
 
 
 def _body(work: Work) -> Made | None:
-    chosen = work.chosen
-    patch = work.patches.get(chosen.frame) if chosen else None
+    chosen = work.selected[0] if len(work.selected) == 1 else None
+    patch = work.state.patches.get(chosen.frame) if chosen else None
     if chosen is None or patch is None:
         return None
     others = [r.curve for r in work.records if r.frame == chosen.frame and r is not chosen]
@@ -232,7 +238,7 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
 
 MAKERS: dict[ProofRole, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches,
-                            lambda work: _film(work, work.patches, _like(work.image))),
+                            lambda work: _film(work, work.state.patches, _like(work.image))),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",
@@ -286,3 +292,48 @@ def _touched(patch: Patch, curve: Curve) -> Touched | None:
     reach = curve.half_width / patch.grid.size + SOFT
     height, width = patch.pixels.shape
     return rasterise(patch.grid.to_block(curve.points), reach, (height, width))
+
+
+def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
+    """Average image minus reconstruction across a body; None where the image is not there.
+
+    Only the pixels around the body are read.
+    """
+    points = patch.grid.to_block(record.curve.points)
+    half_width = record.curve.half_width / patch.grid.size
+    places = across(points, half_width)
+    low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
+    high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
+    if (high <= low).any():
+        return None
+    grid = Grid(patch.grid.to_image(low), patch.grid.step)
+    block = block_on(image, record.frame, grid, tuple(high - low))
+    if block is None:
+        return None
+    rest = block.read() - patch.pixels[low[0] : high[0], low[1] : high[1]]
+    return mean_across(rest, points - low, half_width)
+
+
+def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
+    """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
+    reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
+    count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
+    share = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
+    return points[:, None] + (reach[:, None] * share)[..., None] * normals(points)[:, None]
+
+
+def mean_across(
+    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
+) -> Along:
+    """Average a picture over a body's cross-section at each point of its centreline.
+
+    Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
+    left. Points and half-widths as for `across`, in pixels of the picture.
+    """
+    where = np.moveaxis(across(points, half_width), -1, 0)
+    finite = np.isfinite(picture)
+    filled = np.where(finite, picture, 0.0).astype(float)
+    values = map_coordinates(filled, where, order=1, cval=0.0).sum(axis=1)
+    # Weights fall to zero with the pixels that are missing, as the values do.
+    total = map_coordinates(finite.astype(float), where, order=1, cval=0.0).sum(axis=1)
+    return np.divide(values, total, out=np.full(len(points), np.nan), where=total > 1e-6)

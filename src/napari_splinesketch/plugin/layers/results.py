@@ -19,20 +19,9 @@ from superqt.utils import qthrottled
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.columns import Look, colours_of, severity
+from napari_splinesketch.plugin.layers import looks
 from napari_splinesketch.plugin.layers.drawn import BREATH_MS, CLICK
-from napari_splinesketch.plugin.layers.looks import (
-    COLOURS,
-    MARKS,
-    Line,
-    breadth,
-    coarse,
-    halo,
-    has_outline,
-    normals,
-    once,
-    outline,
-    reach,
-)
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, Line
 from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof, ProofRole
 from napari_splinesketch.plugin.layers.slot import CurveLines, Lines, Role, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
@@ -81,8 +70,7 @@ def readable(
     ends = np.stack([_stands(r.curve)[0] for r in here])
     near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
     here = [here[i] for i in np.flatnonzero(near).tolist()]
-    taken, sizes = np.zeros((MOST, 2)), np.zeros((MOST, 2))
-    count = 0
+    taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
     for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
@@ -101,11 +89,11 @@ def _text(record: Record) -> str:
     return f"{record.id} {MARKS[record.curve.status]}"
 
 
-@once
+@looks.once
 def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
     """Points of a curve beside which its mark may stand, and the way there: above it first."""
     at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
-    across = normals(curve.points)[at]
+    across = looks.normals(curve.points)[at]
     return curve.points[at], np.where(across[:, :1] > 0, -across, across)
 
 
@@ -113,7 +101,7 @@ def _places(curve: Curve, size: Float[np.ndarray, 2], view: View) -> Float[np.nd
     """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
     points, up = _stands(curve)
     half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
-    away = (reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
+    away = (looks.reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
     return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
 
 
@@ -133,7 +121,7 @@ class Marks(Slot):
         self._soon = qthrottled(self._write, AFTER_MS, leading=False)
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
+        """Add the layer, with nothing in it, and follow what is in view."""
         self._shown = ()
         self.viewer.scene.camera.events.connect(self._on_move)
         self.viewer.dims.events.current_step.connect(self._on_move)
@@ -210,13 +198,13 @@ class ResultLayers:
         self._viewer, self._image, self._owner = viewer, owner.image, owner
         self._look: Look = ("status", Ruler())
         self._busy = False
-        self._veiled: set[Role] = set()
         self.slots: dict[Role, Any] = {
             role: kind(viewer, owner.image, role, f"{owner.name} {role}", owner)
             for role, kind in KINDS.items()
         }
         self._curves: CurveLines = self.slots["curves"]
         self.proofs = {role: Proof(viewer, role, owner) for role in MAKERS}
+        self.missing, self.selection = self._curves.missing, self._curves.selection
 
     @property
     def signals(self) -> tuple[SignalInstance, ...]:
@@ -273,15 +261,6 @@ class ResultLayers:
             for slot in self.slots.values():
                 slot.remove()
 
-    def missing(self) -> set[Key]:
-        """(frame, id) of the curves that the user has deleted from their layer."""
-        return self._curves.missing()
-
-    def selection(self) -> tuple[Key, ...]:
-        """(frame, id) of the curves that are selected in their layer."""
-        keys, layer = self._curves.keys(), self._curves.layer
-        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
-
     def select(self, keys: Collection[Key]) -> None:
         """Select curves in their layer."""
         layer, chosen = self._curves.layer, set(keys)
@@ -306,10 +285,10 @@ class ResultLayers:
             QTimer.singleShot(BREATH_MS, self.emphasise)
             return
         curves = [record.curve for record in records]
-        unit = breadth(curves)
+        unit = looks.breadth(curves)
 
         def lines() -> Iterator[tuple[int, Line]]:
-            around = coarse([halo(curve, GAP * unit) for curve in curves])
+            around = looks.coarse([looks.halo(curve, GAP * unit) for curve in curves])
             return zip([record.frame for record in records], around, strict=True)
 
         halos.draw(curves, lines, [palette.MOVING] * len(curves), THIN * unit)
@@ -322,46 +301,36 @@ class ResultLayers:
             proof.layer.events.visible.connect(self._on_visible)
 
     def _add(self) -> Iterator[None]:
-        """Add the layers that are not there; those that will be full are hidden until they are."""
+        """Add the layers that are not there, hidden; each is drawn once while it is empty."""
         for role, slot in self.slots.items() if self._owner.records else ():
             if slot.layer is None:
+                layer = slot.make(visible=False)
                 if role in ("outlines", "curves"):
-                    self._veiled.add(role)
-                layer = slot.make(visible=role not in self._veiled)
-                if role in self._veiled:
                     layer.events.visible.connect(self._on_visible)
                 if role == "curves":
                     layer.events.data.connect(self._on_data)
                     layer.selected_data.events.items_changed.connect(self._on_selected)
                     layer.mouse_drag_callbacks.append(self._on_press)
                 yield
-        if self._unveil("curves"):  # drawn once while it is empty
-            yield
-
-    def _unveil(self, role: Role) -> bool:
-        """Show a layer that was hidden while it was made; say whether it was."""
-        layer, veiled = self.slots[role].layer, role in self._veiled
-        self._veiled.discard(role)
-        if veiled and layer is not None:
-            layer.visible = True
-        return veiled
+                if slot.layer is layer:
+                    layer.visible = True
+                    yield
 
     def _fill_outlines(self) -> Iterator[None]:
-        kept = [record for record in self._owner.records if has_outline(record.curve)]
+        kept = [record for record in self._owner.records if looks.has_outline(record.curve)]
         began = perf_counter()
         for record in kept:
-            outline(record.curve)  # worked out once
+            looks.outline(record.curve)  # worked out once
             if perf_counter() - began > AT_ONCE:
                 yield
                 began = perf_counter()
         curves = [record.curve for record in kept]
         self.slots["outlines"].draw(
             curves,
-            lambda: [(record.frame, outline(record.curve)) for record in kept],
+            lambda: [(record.frame, looks.outline(record.curve)) for record in kept],
             colours_of(kept, self._look),
-            THIN * breadth(curves),
+            THIN * looks.breadth(curves),
         )
-        self._unveil("outlines")
 
     def _fill_curves(self) -> Iterator[None]:
         if self._curves.layer is not None:

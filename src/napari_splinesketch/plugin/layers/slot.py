@@ -229,6 +229,11 @@ class CurveLines(Slot):
         written = map(key_of, self._described)
         return set(written).difference(self.keys()) if self.layer is not None else set()
 
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the curves that are selected."""
+        keys, layer = self.keys(), self.layer
+        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
+
     def records(self, keys: Collection[Key]) -> list[Record]:
         """Give some of the curves that are there."""
         return [record for record in self._shown if key_of(record) in keys]

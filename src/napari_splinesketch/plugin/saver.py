@@ -14,22 +14,13 @@ from psygnal import Signal
 from qtpy.compat import isalive
 from qtpy.QtCore import QObject, QTimer
 
-from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.folder import (
-    HEAD,
-    OLD,
-    Folder,
-    Picture,
-    put_aside,
-    summary,
-)
-from napari_splinesketch.plugin.autosave.session import EVERY, Drawn, Head, Session, Shape
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import Keeper
+from napari_splinesketch.plugin.folders import OLD, Folder, Picture, put_aside, stamp, summary
+from napari_splinesketch.plugin.keeper import NOTHING, Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
-from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.sessions import EVERY, Drawn, Head, Session, Shape
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
@@ -40,7 +31,6 @@ _log = logging.getLogger(__name__)
 _left: WeakKeyDictionary[Shapes, tuple[Path, str]] = WeakKeyDictionary()
 """Where layers were written that a closed dock has left in the window, and the head there."""
 Pair = tuple[Image, Shapes]
-NOTHING = State()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +58,17 @@ class Seen:
 class Kept:
     """One layer of sketches on one image, and the folder that it is written to.
 
-    `state` is written, or on its way, and None before; lines may have been `edited` since. What is
-    `resuming` is being brought back: nothing is written before all of it is there.
+    `known` is written, or on its way. What is `resuming` is being brought back: nothing is written
+    before all of it is there.
     """
 
     folder: Folder | None = None
-    state: State | None = None
-    edited: bool = True
+    known: object = None
     resuming: bool = False
+
+
+Order = tuple[Kept, Session, Path]
+"""What is to be written, and where a folder is made if there is none yet."""
 
 
 class Saver(QObject):
@@ -101,9 +94,9 @@ class Saver(QObject):
         changes, layers = keeper.changes, keeper.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._on_choice),
-            (changes.edited, self._on_edit),
-            (changes.curves, self._on_change),
-            (changes.settings, self._on_change),
+            (changes.edited, self._follow),
+            (changes.curves, self._wait),
+            (changes.settings, self._on_settings),
             (layers.removing, self._on_removing),
             (layers.removed, self._on_removed),
         )
@@ -186,25 +179,24 @@ class Saver(QObject):
         if pair in self._kept:
             return self._kept[pair]
         kept = self._kept[pair] = Kept()
-        path, stamp = _left.pop(pair[1], (None, ""))
-        if path and _stamp(path) == stamp:
+        path, head = _left.pop(pair[1], (None, ""))
+        if path and stamp(path) == head:
             try:
                 kept.folder = Folder(path)
             except OSError:
                 _log.info("Another window has taken over %s", path)
-        if sum(layer is pair[1] for _, layer in self._kept) == 1:
-            pair[1].events.data.connect(self._on_edit)
+        pair[1].events.data.connect(self._follow)
         return kept
 
     def _drop(self, pair: Pair) -> None:
         """Let go of a pair, and of its folder."""
-        kept = self._kept.pop(pair)
+        folder = self._kept.pop(pair).folder
         if not any(layer is pair[1] for _, layer in self._kept):
-            pair[1].events.data.disconnect(self._on_edit)
-        if kept.folder:
-            if kept.folder.stamp and pair[1] in self._keeper.viewer.layers:
-                _left[pair[1]] = kept.folder.path, kept.folder.stamp
-            kept.folder.release()
+            pair[1].events.data.disconnect(self._follow)
+        if folder:
+            if folder.stamp and pair[1] in self._keeper.viewer.layers:
+                _left[pair[1]] = folder.path, folder.stamp
+            folder.release()
 
     def _pairs(self) -> set[Pair]:
         """Give all that there is to save."""
@@ -216,17 +208,23 @@ class Saver(QObject):
         return {pair for pair in pairs if set(pair) <= set(self._keeper.viewer.layers)}
 
     def _on_choice(self) -> None:
+        self._follow()
+        self.found.emit()
+
+    def _follow(self, event: object = None) -> None:
+        """Look at the chosen image, unless that was done, and write what has changed, soon."""
         for pair in self._pairs():  # another one may be chosen before it is written
             self._keep(pair)
         image = self._keeper.choices.image
         wanted, folder = self._choice
         if wanted and image is not None and image not in self._seen:
-            job = Job(partial(_look, Picture.of(image), folder))
+            picture = Picture.of(image)
+            job = Job(lambda _: _look(picture, folder))
             self._seen[image] = Seen(job)
             job.done.connect(partial(self._on_looked, image))
             job.failed.connect(partial(self._on_not_looked, image))
             job.start()
-        self.found.emit()
+        self._wait()
 
     def _tell(self, about: str, problem: str) -> None:
         self._problems[about] = problem
@@ -246,18 +244,7 @@ class Saver(QObject):
         said = f"{image.name} could not be read, and work on it is not saved: {problem}."
         self._tell("look", said)
 
-    def _on_edit(self, event: Any = None) -> None:
-        layer = getattr(event, "source", None)
-        for pair in self._pairs():
-            self._keep(pair)
-        for pair, kept in self._kept.items():
-            kept.edited |= layer in (None, pair[1])
-        image = self._keeper.choices.image
-        if image is not None and image not in self._seen:
-            self._on_choice()
-        self._wait()
-
-    def _on_change(self) -> None:
+    def _on_settings(self) -> None:
         if self._choice != self._keeper.settings.saving:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self.flush()
@@ -267,7 +254,6 @@ class Saver(QObject):
             for layer in layers:
                 _left.pop(layer, None)
             self._on_choice()
-        self._wait()
 
     def _on_removing(self, event: Any) -> None:
         if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
@@ -295,80 +281,68 @@ class Saver(QObject):
             self._writing.failed.connect(self._on_written)
             self._writing.start()
 
-    def _orders(self) -> list[Callable[[], None]]:
+    def _orders(self) -> list[Order]:
         """Take a snapshot of what has changed; give what writes it."""
         orders = []
         for pair in self._pairs():
             kept, seen = self._keep(pair), self._seen.get(pair[0])
             if seen is None or seen.folder is None or kept.resuming:
                 continue
-            work, new = self._keeper.work_on(*pair), kept.state is None
+            work = self._keeper.work_on(*pair)
             state = work.state if work else NOTHING
-            if kept.edited or kept.state is not state:
-                drawn = self._drawn(pair)
-                kept.edited = False
-                if not new or kept.folder or drawn or state.records:
-                    kept.state = state
-                    session = Session(pair[1].name, seen.about, drawn, state)
-                    orders.append(partial(_carry_out, kept, session, seen.folder))
+            drawn = drawn_by_frame(self._keeper.viewer, *pair)
+            prints = [(f, s.kind, s.points.tobytes()) for f in drawn for s in drawn[f]]
+            known = pair[1].name, state, prints
+            if kept.known != known and (kept.folder or drawn or state.records):
+                kept.known = known
+                session = Session(pair[1].name, seen.about, drawn, state)
+                orders.append((kept, session, seen.folder))
         return orders
-
-    def _drawn(self, pair: Pair) -> Drawn:
-        """Read what is drawn in a layer."""
-        image, layer = pair
-        found: dict[int, list[Shape]] = defaultdict(list)
-        read = shapes_in(self._keeper.viewer, layer, image)
-        for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
-            found[EVERY if layer.ndim < image.ndim else frame].append(Shape(kind, line))
-        return dict(found)
 
     def _on_written(self, problem: str) -> None:
         self._writing = None
         if problem:  # all of it is written again
             for kept in self._kept.values():
-                kept.state = None
+                kept.known = None
             self._wait(AGAIN_MS)
         if problem != self._problems["write"]:
             self._tell("write", problem)
 
 
-def _look(picture: Picture, chosen: str, _: OnProgress) -> tuple[Seen, str]:
+def drawn_by_frame(viewer: Any, image: Image, layer: Shapes) -> Drawn:
+    """Read what is drawn in a layer."""
+    found: dict[int, list[Shape]] = defaultdict(list)
+    read = shapes_in(viewer, layer, image)
+    for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
+        found[EVERY if layer.ndim < image.ndim else frame].append(Shape(kind, line))
+    return dict(found)
+
+
+def _look(picture: Picture, chosen: str) -> tuple[Seen, str]:
     """Find out which image it is, and what is written of it; says what could not be read."""
     checksum = picture.checksum()
-    folders = picture.folders(checksum, chosen)
-    seen, problem = Seen(None, picture.describe(checksum), folders[0]), ""
-    for folder in filter(Path.is_dir, folders):
-        for path in sorted(folder.iterdir()):
-            try:
-                held = summary(path) if path.is_dir() and path.suffix != OLD else None
-            except (OSError, LabelsError) as error:
-                problem = f"Saved work could not be read, and stays where it is: {error}."
-                continue
-            if held and held.sha256 == checksum:
-                seen.offers.append(Offer(path, held))
+    home, folders = picture.folders(checksum, chosen)
+    seen, problem = Seen(None, picture.describe(checksum), home), ""
+    for path in (path for folder in folders for path in sorted(folder.iterdir())):
+        try:
+            held = summary(path) if path.is_dir() and path.suffix != OLD else None
+        except (OSError, LabelsError) as error:
+            problem = f"Saved work could not be read, and stays where it is: {error}."
+            continue
+        if held and held.sha256 == checksum:
+            seen.offers.append(Offer(path, held))
     return seen, problem
 
 
-def _carry_out(kept: Kept, session: Session, parent: Path) -> None:
-    if kept.folder is None:
-        kept.folder = Folder.fresh(parent)
-    kept.folder.write(session)
-
-
-def _write(orders: Sequence[Callable[[], None]]) -> str:
+def _write(orders: Sequence[Order]) -> str:
     """Write what was ordered, in a thread; says what went wrong."""
     problems = []
-    for order in orders:
+    for kept, session, parent in orders:
         try:
-            order()
+            if kept.folder is None:
+                kept.folder = Folder.fresh(parent)
+            kept.folder.write(session)
         except OSError as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems.append(f"The work could not be saved: {error}.")
     return " ".join(dict.fromkeys(problems))
-
-
-def _stamp(path: Path) -> str:
-    try:
-        return (path / HEAD).read_text(encoding="utf-8").removesuffix("\n")
-    except OSError:
-        return ""

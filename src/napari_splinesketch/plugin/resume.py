@@ -3,31 +3,29 @@
 import logging
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from functools import partial
 from html import escape
-from pathlib import Path
-from typing import NamedTuple
 
 from napari.layers import Image
 from qtpy.QtWidgets import QFrame
 
-from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import BusyError
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.autosave.folder import Folder, read
-from napari_splinesketch.plugin.autosave.saver import Offer, Saver
-from napari_splinesketch.plugin.autosave.session import EVERY, Session
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import read_with, records_of
+from napari_splinesketch.plugin.folders import Folder, read
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.saver import Offer, Saver
+from napari_splinesketch.plugin.sessions import EVERY, Session
 from napari_splinesketch.plugin.widgets import TextLabel, button, stack
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""
+Found = tuple[Offer, Session, Folder | None]
+"""A session that was read, and the folder that it goes on in; None for a new one."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,20 +71,16 @@ class OfferBox(QFrame):
 
 def describe(offers: Sequence[Offer]) -> str:
     """Say what was saved, and when; rich text."""
+    said = []
+    for held in (offer.summary for offer in offers[:LISTED]):
+        parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
+        where = f" in {held.frames} frames" if held.frames > 1 else ""
+        name = f"• {escape(held.layer)}" if len(offers) > 1 else "<b>Saved work</b>"
+        said.append(f"{name} ({_when(held.saved)}): {' and '.join(parts)}{where}")
     if len(offers) < 2:
-        return "".join(f"<b>Saved work</b> ({_when(o.summary.saved)}): {_held(o)}." for o in offers)
-    shown = offers[:LISTED]
-    lines = [f"• {escape(o.summary.layer)} ({_when(o.summary.saved)}): {_held(o)}" for o in shown]
-    if len(offers) > LISTED:
-        lines.append(f"and {len(offers) - LISTED} more")
-    return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *lines])
-
-
-def _held(offer: Offer) -> str:
-    held = offer.summary
-    parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
-    where = f" in {held.frames} frames" if held.frames > 1 else ""
-    return f"{' and '.join(parts)}{where}"
+        return "".join(f"{line}." for line in said)
+    more = [f"and {len(offers) - LISTED} more"] if len(offers) > LISTED else []
+    return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *said, *more])
 
 
 def _when(saved: datetime) -> str:
@@ -96,35 +90,43 @@ def _when(saved: datetime) -> str:
     return saved.astimezone().strftime("%d %B %Y, %H:%M")
 
 
-class Found(NamedTuple):
-    """A session that was read, and the folder that it goes on in; None for a new one."""
-
-    offer: Offer
-    session: Session
-    folder: Folder | None
-
-
 def resume(controller: Controller, saver: Saver) -> None:
     """Bring back all that is offered for the chosen image: one layer of sketches for each."""
     image, offers = controller.choices.image, saver.offers()
-    if image is not None and offers and not controller.progress:
-        done = partial(_restore_all, controller, saver, image)
-        work = partial(_read_all, offers, frame_count(image), size_of(image))
-        controller.start(work, done, "Reading the saved work")
+    if image is None or not offers or controller.progress:
+        return
+    frames, size = frame_count(image), size_of(image)
+
+    def show(answer: tuple[list[Found], list[str]]) -> None:
+        found, problems = answer
+        every = (_restore(controller, saver, image, one, problems) for one in reversed(found))
+
+        def over() -> None:
+            text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+            controller.finish(Notice("failed", text) if problems else Notice())
+
+        controller.drawing.start(image, (step for steps in every for step in steps), over)
+
+    controller.start(lambda _: _read_all(offers, frames, size), show, "Reading the saved work")
 
 
 def _read_all(
-    offers: list[Offer], frames: int, size: tuple[int, int], _: OnProgress
+    offers: Sequence[Offer], frames: int, size: tuple[int, int]
 ) -> tuple[list[Found], list[str]]:
     """Read what nobody else works on, and say what could not be read."""
-    all_found, problems = [], []
+    found, problems = list[Found](), list[str]()
     for offer in offers:
         folder = None
         try:
-            folder = _own(offer.folder)
+            try:
+                folder = Folder(offer.folder)
+            except BusyError:
+                raise
+            except OSError:  # it cannot be written to: the work goes on in a new one
+                pass
             session, said = read(offer.folder, frames, size)
         except (OSError, LabelsError) as error:
-            said, session = (f"{error}.",), None
+            session, said = None, (f"{error}.",)
         problems += said
         if folder and (said or not session):
             # What could not be read is not written over: the rest goes on in a new folder.
@@ -133,50 +135,23 @@ def _read_all(
         if session:
             if folder:
                 folder.holds(session.state.patches)
-            all_found.append(Found(offer, session, folder))
-    return all_found, problems
-
-
-def _own(path: Path) -> Folder | None:
-    """Take a folder over; None where it cannot be written to: the work goes on in a new one."""
-    try:
-        return Folder(path)
-    except BusyError:
-        raise
-    except OSError:
-        return None
-
-
-def _restore_all(
-    controller: Controller, saver: Saver, image: Image, answer: tuple[list[Found], list[str]]
-) -> None:
-    all_found, problems = answer
-    steps = (
-        step
-        for found in reversed(all_found)
-        for step in _restore(controller, saver, image, found, problems)
-    )
-
-    def over() -> None:
-        text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
-        controller.finish(Notice("failed", text) if problems else Notice())
-
-    controller.drawing.start(image, steps, over)
+            found.append((offer, session, folder))
+    return found, problems
 
 
 def _restore(
     controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
     """Bring one session back; where that goes wrong its files stay as they are."""
-    session, layers = found.session, controller.viewer.layers
+    (offer, session, folder), layers = found, controller.viewer.layers
     if image not in layers:
-        if found.folder:
-            found.folder.release()
+        if folder:
+            folder.release()
         return
     drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     layer = empty_layer(image, session.layer, flat=flat)
-    kept = saver.take(found.offer, (image, layer), found.folder)
+    kept = saver.take(offer, (image, layer), folder)
     try:
         layers.append(layer)
         yield
@@ -192,7 +167,7 @@ def _restore(
             controller.amend(session.state)
     except Exception as error:
         _log.exception("Saved work could not be brought back")
-        problems.append(f"{found.offer.folder}: {type(error).__name__}: {error}.")
+        problems.append(f"{offer.folder}: {type(error).__name__}: {error}.")
         if kept.folder:
             kept.folder.release()
             kept.folder = None

@@ -1,26 +1,27 @@
 """Plots beside the table: of the selected curve along it, and of its body over the frames."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float
 from napari.layers import Image
+from napari.utils.colormaps import Colormap
 from napari.utils.theme import get_theme
 from qtpy.QtCore import QPointF, QRectF, Qt
-from qtpy.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPolygonF
 from qtpy.QtWidgets import QWidget
-from scipy.ndimage import map_coordinates
 
-from napari_splinesketch.plugin.columns import half_widths, three_digits
-from napari_splinesketch.plugin.layers.looks import normals
-from napari_splinesketch.plugin.layers.pixels import Grid, Patch, block_on
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.plugin.columns import RAMP, half_widths, three_digits
+from napari_splinesketch.plugin.layers.pictures import Along, residual_along
+from napari_splinesketch.plugin.layers.pixels import Patch
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
-from napari_splinesketch.plugin.review.kymographs import Picture
+from napari_splinesketch.tracking import kymograph
 
-Along = Float[np.ndarray, " P"]
 Range = tuple[float, float]
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
 """What steps from tick to tick begin with."""
@@ -38,18 +39,18 @@ SWATCH = 14
 """Length of a line in the legend, px."""
 ROOM, LEGEND = 0.08, 0.35
 """Left free above and below the lines, and for the legend, as a share of what they span."""
-SPACING = 0.5
-"""Between the places across a body at which the picture is read, px at most."""
+SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
+"""From negative over zero to positive, in colours that can be told apart by everybody."""
+SHARE = 98.0
+"""Of the values that the colours span, %: few that stand out do not flatten the others."""
 EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
 NO_MODEL = "There is no model of this frame to compare with"
 ALIGN = Qt.AlignmentFlag
 CENTRE = ALIGN.AlignCenter
-BEGIN = ALIGN.AlignLeft | ALIGN.AlignVCenter
-BESIDE = ALIGN.AlignRight | ALIGN.AlignVCenter
+BEGIN, BESIDE = (side | ALIGN.AlignVCenter for side in (ALIGN.AlignLeft, ALIGN.AlignRight))
 
 
-@dataclass(frozen=True)
-class Theme:
+class Theme(NamedTuple):
     """Colours that can be told apart by everybody, on the window's background."""
 
     background: str
@@ -62,10 +63,10 @@ class Theme:
 def theme_of(name: str) -> Theme:
     """Give the colours that go with one of napari's themes."""
     theme = get_theme(name)
-    line, other = ("#56b4e9", "#e69f00") if theme.type == "dark" else ("#0072b2", "#a34700")
-    own = (theme.background, theme.text, theme.secondary)
+    lines = ("#56b4e9", "#e69f00") if theme.type == "dark" else ("#0072b2", "#a34700")
+    own = theme.background, theme.text, theme.secondary
     background, text, faint = (colour.as_hex(format="long") for colour in own)
-    return Theme(background, text, faint, line, other)
+    return Theme(background, text, faint, *lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +109,78 @@ def _mean_half_width(records: tuple[Record, ...], ruler: Ruler) -> Along | None:
     return known.mean(axis=0) if len(known) else None
 
 
+class Picture:
+    """A quantity of one body over its length and over the frames, from the first to the last.
+
+    Its (T, P) values are NaN where the body has no curve; `length` is its mean, in the unit. Where
+    they are signed, zero is in the middle of the colours, whose ends stand for the `span`.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        values: Float[np.ndarray, "T P"],
+        frames: tuple[int, int],
+        length: float,
+        unit: str,
+        signed: bool,
+    ):
+        self.title, self.values, self.frames = title, values, frames
+        self.length, self.unit = length, unit
+        known = np.abs(values[np.isfinite(values)])
+        high = float(np.percentile(known, SHARE)) if known.size else 0.0
+        high = high or 1.0
+        low = -high if signed else 0.0
+        colours = SIGNED if signed else RAMP
+        self.span = low, high
+        self.image = _image(np.clip((values - low) / (high - low), 0, 1), colours)
+        self.bar = _image(np.linspace(1, 0, 64)[:, None], colours)
+
+    def row(self, box: QRectF, frame: int) -> QRectF:
+        """Where a frame is in a box that the picture fills."""
+        first, last = self.frames
+        high = box.height() / (last - first + 1)
+        return QRectF(box.left(), box.top() + (frame - first) * high, box.width(), high)
+
+
+def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
+    """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
+    if len(body) < 2:
+        return ()
+    scale = np.array([*ruler.scale, 1.0])
+    made = kymograph(
+        {
+            frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)
+            for frame, curve in body.items()
+        }
+    )
+    frames = int(made.frames[0]), int(made.frames[-1])
+    length = float(np.mean([ruler.along(curve.points)[-1] for curve in body.values()]))
+    unit = ruler.unit
+    named = (
+        (f"Curvature (1/{unit})", made.curvature, True),
+        (f"Speed ({unit}/frame)", np.hypot(made.along, made.across), False),
+        (f"Velocity along ({unit}/frame)", made.along, True),
+        (f"Velocity across ({unit}/frame)", made.across, True),
+    )
+    return tuple(Picture(title, v, frames, length, unit, signed) for title, v, signed in named)
+
+
+def _image(share: Float[np.ndarray, "T P"], colours: Sequence[str]) -> QImage:
+    """Colours of values from 0 to 1, a pixel each; transparent where they are not known."""
+    rgba = (Colormap(list(colours)).map(share) * 255).round().astype(np.uint8)
+    high, wide = share.shape
+    image = QImage(rgba.tobytes(), wide, high, 4 * wide, QImage.Format.Format_RGBA8888)
+    return image.copy()  # which owns its pixels
+
+
 class CurvePlots(QWidget):
     """Half-width and residual against arc length, or two pictures over the frames."""
 
     def __init__(self, theme: Theme):
         super().__init__()
-        self.profile: Profile | None = None
-        self.pictures: tuple[Picture, ...] = ()
-        self._frame, self._empty = 0, EMPTY
-        self._theme = theme
+        self.theme = theme
+        self.show_plots()
         font = self.font()
         font.setPointSizeF(SMALL)
         self.setFont(font)
@@ -125,33 +189,34 @@ class CurvePlots(QWidget):
 
     def show_theme(self, name: str) -> None:
         """Take the colours of one of napari's themes."""
-        self._theme = theme_of(name)
+        self.theme = theme_of(name)
         self.update()
 
-    def show_profile(self, profile: Profile | None, empty: tuple[str, str] = EMPTY) -> None:
-        """Draw a curve, or say why there is none."""
-        self.profile, self.pictures, self._empty = profile, (), empty
-        self.update()
-
-    def show_pictures(self, pictures: tuple[Picture, Picture], frame: int) -> None:
-        """Draw pictures of a body over the frames, one of which is marked."""
-        self.profile, self.pictures, self._frame = None, pictures, frame
+    def show_plots(
+        self,
+        profile: Profile | None = None,
+        pictures: tuple[Picture, ...] = (),
+        frame: int = 0,
+        empty: tuple[str, str] = EMPTY,
+    ) -> None:
+        """Draw a curve, or two pictures of a body with a frame marked, or say why there is none."""
+        self.profile, self.pictures, self._frame, self._empty = profile, pictures, frame, empty
         self.update()
 
     def paintEvent(self, a0: QPaintEvent | None) -> None:
         """Draw both plots."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), QColor(self._theme.background))
+        painter.fillRect(self.rect(), QColor(self.theme.background))
         half = self.width() / 2
-        for i, draw in enumerate((_draw_width, _draw_residual)):
-            axes = Axes(painter, self._theme, QRectF(i * half, 0, half, self.height()))
+        for i in range(2):
+            axes = Axes(painter, self.theme, QRectF(i * half, 0, half, self.height()))
             if self.pictures:
                 _draw_picture(axes, self.pictures[i], self._frame)
             elif self.profile is None:
                 axes.say(self._empty[i])
             else:
-                draw(axes, self.profile)
+                _draw_profile(axes, self.profile, i)
         painter.end()
 
 
@@ -160,29 +225,26 @@ def titles_of(profile: Profile) -> tuple[str, str]:
     return f"Half-width ({profile.unit})", "Image − model, across"
 
 
-def _draw_width(axes: "Axes", profile: Profile) -> None:
-    x, y = profile.distance, profile.half_width
-    sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-    lines = [(y, axes.pen(axes.theme.line, 1.6), f"{profile.name} ± sd")]
-    if profile.mean is not None:
-        dashed = axes.pen(axes.theme.other, 1.3, Qt.PenStyle.DashLine)
-        lines.append((profile.mean, dashed, "mean of all"))
-    shown = [y + sd, y - sd, np.zeros(1), *(line for line, _, _ in lines)]
-    axes.x, axes.y = _over(x), spanned(shown, ROOM, LEGEND)
-    axes.frame(titles_of(profile)[0], profile.unit)
-    axes.band(x, np.maximum(y - sd, 0), y + sd)
-    axes.lines(x, lines)
-
-
-def _draw_residual(axes: "Axes", profile: Profile) -> None:
-    x, y = profile.distance, profile.residual
+def _draw_profile(axes: "Axes", profile: Profile, which: int) -> None:
+    """Draw half-widths, 0, or residuals, 1, along a curve."""
+    x, y = profile.distance, (profile.half_width, profile.residual)[which]
     if y is None:
         axes.say(NO_MODEL)
         return
-    axes.x, axes.y = _over(x), spanned([y, np.zeros(1)], ROOM, ROOM)
-    axes.frame(titles_of(profile)[1], profile.unit)
-    zero = axes.pen(axes.theme.other, 1.3, Qt.PenStyle.DashLine)
-    axes.lines(x, [(np.zeros(len(x)), zero, ""), (y, axes.pen(axes.theme.line, 1.6), "")])
+    zero = np.zeros(len(x))
+    sd = zero if which else np.where(np.isfinite(profile.sd), profile.sd, 0.0)
+    lines = [(y, "" if which else f"{profile.name} ± sd")]
+    other = zero if which else profile.mean
+    if other is not None:
+        lines.append((other, "" if which else "mean of all"))
+    shown = [y + sd, y - sd, zero, *(line for line, _ in lines)]
+    # A curve may have no length.
+    axes.x = float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
+    axes.y = spanned(shown, ROOM, ROOM if which else LEGEND)
+    axes.frame(titles_of(profile)[which], profile.unit)
+    if not which:
+        axes.band(x, np.maximum(y - sd, 0), y + sd)
+    axes.lines(x, lines)
 
 
 def _draw_picture(axes: "Axes", picture: Picture, frame: int) -> None:
@@ -190,7 +252,7 @@ def _draw_picture(axes: "Axes", picture: Picture, frame: int) -> None:
     painter = axes.painter
     box = axes.box = axes.box.adjusted(0, 0, -BAR[1], 0)
     painter.drawImage(box, picture.image)
-    painter.setPen(axes.pen(axes.theme.text, 1.2))
+    painter.setPen(QPen(QColor(axes.theme.text), 1.2))
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.drawRect(picture.row(box, frame))
     first, last = picture.frames
@@ -210,12 +272,8 @@ class Axes:
     def __init__(self, painter: QPainter, theme: Theme, room: QRectF):
         self.painter, self.theme, self._room = painter, theme, room
         self.box = room.adjusted(LEFT, TOP, -RIGHT, -BOTTOM)
-        self.x: Range = (0.0, 1.0)
-        self.y: Range = (0.0, 1.0)
-
-    def pen(self, colour: str, width: float = 1.0, style: Qt.PenStyle = Qt.PenStyle.SolidLine):
-        """Make a pen."""
-        return QPen(QColor(colour), width, style)
+        self.x: Range = 0.0, 1.0
+        self.y: Range = 0.0, 1.0
 
     def say(self, text: str) -> None:
         """Say why there is nothing to see."""
@@ -226,7 +284,7 @@ class Axes:
     def frame(self, title: str, unit: str, *, whole: bool = False) -> None:
         """Draw two edges with their ticks, upwards maybe whole numbers, and say what they mean."""
         painter, box = self.painter, self.box
-        edge, text = self.pen(self.theme.faint), self.pen(self.theme.text)
+        edge, text = QColor(self.theme.faint), QColor(self.theme.text)
         fonts, high = painter.fontMetrics(), painter.fontMetrics().height()
         painter.setPen(edge)
         painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
@@ -251,14 +309,18 @@ class Axes:
         place = QRectF(room.left(), box.bottom() + TICK + high, room.width(), high)
         painter.drawText(place, CENTRE, f"distance along it ({unit})")
 
-    def lines(self, x: Along, lines: Sequence[tuple[Along, QPen, str]]) -> None:
-        """Draw lines, each with its pen, broken where it is not known; name those with a name."""
+    def lines(self, x: Along, lines: Sequence[tuple[Along, str]]) -> None:
+        """Draw a line and a dashed one, broken where they are not known; name those with a name."""
         painter, box = self.painter, self.box
         at, middle = box.left() + 6, box.top()
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        for y, pen, name in lines:
+        pens = (
+            QPen(QColor(self.theme.line), 1.6),
+            QPen(QColor(self.theme.other), 1.3, Qt.PenStyle.DashLine),
+        )
+        for (y, name), pen in zip(lines, pens, strict=False):
             painter.setPen(pen)
-            for part in known(x, y):
+            for part in known(y):
                 painter.drawPolyline(QPolygonF(self._places(x[part], y[part])))
             if name:
                 high = painter.fontMetrics().height()
@@ -275,7 +337,7 @@ class Axes:
         colour.setAlphaF(0.35)
         self.painter.setPen(Qt.PenStyle.NoPen)
         self.painter.setBrush(colour)
-        for part in known(x, low, high):
+        for part in known(low + high):
             back = self._places(x[part][::-1], low[part][::-1])
             self.painter.drawPolygon(QPolygonF([*self._places(x[part], high[part]), *back]))
 
@@ -286,16 +348,9 @@ class Axes:
         return [QPointF(a, b) for a, b in zip(right.tolist(), up.tolist(), strict=True)]
 
 
-def _over(x: Along) -> Range:
-    """Give the ends of an axis along a curve, which may have no length."""
-    return float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
-
-
-def known(*values: Along) -> Iterator[slice]:
-    """Give the stretches where all are finite."""
-    finite = np.concatenate([[False], np.isfinite(np.stack(values)).all(axis=0), [False]])
-    edges = np.flatnonzero(np.diff(finite)).tolist()
-    return (slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True))
+def known(values: Along) -> list[slice]:
+    """Give the stretches that are finite."""
+    return np.ma.clump_unmasked(np.ma.masked_invalid(values))  # pyright: ignore
 
 
 def spanned(values: Sequence[Along], below: float, above: float) -> Range:
@@ -316,48 +371,3 @@ def ticks(low: float, high: float, most: int, *, whole: bool = False) -> list[tu
     decimals = next(d for d in range(20) if abs(round(step, d) - step) < 1e-9 * step)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return [(n * step, f"{n * step + 0.0:.{decimals}f}") for n in np.arange(first, last + 1)]
-
-
-def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
-    """Average image minus reconstruction across a body; None where the image is not there.
-
-    Only the pixels around the body are read.
-    """
-    points = patch.grid.to_block(record.curve.points)
-    half_width = record.curve.half_width / patch.grid.size
-    places = across(points, half_width)
-    low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
-    high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
-    if (high <= low).any():
-        return None
-    grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    block = block_on(image, record.frame, grid, tuple(high - low))
-    if block is None:
-        return None
-    rest = block.read() - patch.pixels[low[0] : high[0], low[1] : high[1]]
-    return mean_across(rest, points - low, half_width)
-
-
-def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
-    """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
-    reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
-    count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
-    share = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
-    return points[:, None] + (reach[:, None] * share)[..., None] * normals(points)[:, None]
-
-
-def mean_across(
-    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
-) -> Along:
-    """Average a picture over a body's cross-section at each point of its centreline.
-
-    Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
-    left. Points and half-widths as for `across`, in pixels of the picture.
-    """
-    where = np.moveaxis(across(points, half_width), -1, 0)
-    finite = np.isfinite(picture)
-    filled = np.where(finite, picture, 0.0).astype(float)
-    values = map_coordinates(filled, where, order=1, cval=0.0).sum(axis=1)
-    # Weights fall to zero with the pixels that are missing, as the values do.
-    total = map_coordinates(finite.astype(float), where, order=1, cval=0.0).sum(axis=1)
-    return np.divide(values, total, out=np.full(len(points), np.nan), where=total > 1e-6)

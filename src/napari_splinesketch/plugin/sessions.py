@@ -1,4 +1,4 @@
-"""What is written down of an image: values, and their coding to the last bit.
+"""What is written down of an image: values, coded to the last bit, in folders of files.
 
 Files are read as if anybody had written them: no more memory is taken than a small multiple of
 what they may hold, and whatever is wrong is a `LabelsError` that names file and place.
@@ -14,22 +14,9 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
+import pydantic
 from jaxtyping import Float
-from pydantic import (
-    AfterValidator,
-    AwareDatetime,
-    BaseModel,
-    ConfigDict,
-    FailFast,
-    Field,
-    FiniteFloat,
-    NonNegativeInt,
-    PlainSerializer,
-    PlainValidator,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
@@ -38,7 +25,7 @@ from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.layers.looks import once
 from napari_splinesketch.plugin.layers.pixels import Grid, Patch
-from napari_splinesketch.plugin.model import Record, Review, State
+from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
 FORMAT = 1
 MOST_BYTES = 2**27
@@ -50,13 +37,14 @@ EVERY = -1
 VERTICES = {"line": (2, 2), "path": (2, None), "polygon": (3, None), "rectangle": (4, 4)}
 VERTICES["ellipse"] = (4, 4)
 """The kinds of shapes that napari has, and how many vertices they may have."""
+HEAD = "session.json"
 
 
 def _packed(array: Float[np.ndarray, "..."]) -> str:
     return base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
 
 
-def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
+def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainValidator:
     """Read rows of numbers: base64 of little-endian doubles."""
 
     def unpack(value: Any) -> np.ndarray:
@@ -71,13 +59,14 @@ def _rows(columns: int, least: int, *, places: bool = False) -> PlainValidator:
             raise ValueError("has a point that is nowhere")
         return numbers if columns > 1 else numbers[:, 0]
 
-    return PlainValidator(unpack)
+    return pydantic.PlainValidator(unpack)
 
 
-_Places = Annotated[np.ndarray, _rows(2, 2, places=True), PlainSerializer(_packed)]
-_Knots = Annotated[np.ndarray, _rows(3, 2, places=True), PlainSerializer(_packed)]
-_Numbers = Annotated[np.ndarray, _rows(1, 1), PlainSerializer(_packed)]
-_STRICT = ConfigDict(strict=True, arbitrary_types_allowed=True)
+_written = pydantic.PlainSerializer(_packed)
+_Places = Annotated[np.ndarray, _rows(2, 2, places=True), _written]
+_Knots = Annotated[np.ndarray, _rows(3, 2, places=True), _written]
+_Numbers = Annotated[np.ndarray, _rows(1, 1), _written]
+_STRICT = pydantic.ConfigDict(strict=True, arbitrary_types_allowed=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +78,7 @@ class Shape:
     points: _Places
 
 
-def _drawable(shape: Shape) -> Shape:
-    least, most = VERTICES[shape.kind]
-    if not least <= len(shape.points) <= (most or len(shape.points)):
-        raise ValueError(f"a {shape.kind} of {len(shape.points)} vertices")
-    return shape
-
-
-_SHAPES = TypeAdapter(Sequence[Shape])
+_SHAPES = pydantic.TypeAdapter(Sequence[Shape])
 Drawn = Mapping[int, Sequence[Shape]]
 """What the user drew, by frame, in the order of its layer; `EVERY` for what is in all frames."""
 
@@ -111,9 +93,11 @@ class Session:
     state: State = field(default_factory=State)
 
 
-class _Record(BaseModel):
+class _Strict(pydantic.BaseModel):
     model_config = _STRICT
 
+
+class _Record(_Strict):
     id: Annotated[NonNegativeInt, Field(le=MAX_INTEGER)]
     sketch: _Places
     knots: _Knots
@@ -128,7 +112,7 @@ class _Record(BaseModel):
     drawn: bool
     edited: bool
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _is_along(self) -> "_Record":
         for name in ("half_width", "sd"):
             values = getattr(self, name)
@@ -147,28 +131,27 @@ class _Record(BaseModel):
         return Record(self.id, frame, self.sketch, curve, *marks)
 
 
-class Page(BaseModel):
+class Page(_Strict):
     """The file of one frame; every fault that is collected takes a kilobyte: the first will do."""
 
-    model_config = _STRICT
-
-    sketches: Annotated[tuple[Annotated[Shape, AfterValidator(_drawable)], ...], FailFast()]
+    sketches: Annotated[tuple[Shape, ...], FailFast()]
     records: Annotated[tuple[_Record, ...], FailFast()]
     deleted: Annotated[tuple[_Record, ...], FailFast()]
-    seconds: FiniteFloat | None = None
     notes: Annotated[tuple[str, ...], FailFast()]
 
-    @model_validator(mode="after")
-    def _has_each_once(self) -> "Page":
+    @pydantic.model_validator(mode="after")
+    def _is_possible(self) -> "Page":
+        for shape in self.sketches:
+            least, most = VERTICES[shape.kind]
+            if not least <= len(shape.points) <= (most or len(shape.points)):
+                raise ValueError(f"has a {shape.kind} of {len(shape.points)} vertices")
         if len({record.id for record in self.records}) < len(self.records):
             raise ValueError("has a curve twice")
         return self
 
 
-class Head(BaseModel):
+class Head(_Strict):
     """What a folder holds, for the question whether to go on with it."""
-
-    model_config = _STRICT
 
     layer: Annotated[str, Field(max_length=1000)]
     sketches: NonNegativeInt
@@ -184,16 +167,7 @@ class Head(BaseModel):
         return str(self.image.get("sha256", ""))
 
 
-M = TypeVar("M", bound=BaseModel)
-
-
-def read_head(path: Path) -> Head:
-    """Read the head of a session."""
-    head = _read(Head, path, MOST_OF_HEAD)
-    if head.format > FORMAT:
-        reason = "was written by a newer version; update napari-splinesketch"
-        raise LabelsError(path, "format", reason)
-    return head
+M = TypeVar("M", bound=_Strict)
 
 
 def read_page(path: Path) -> Page:
@@ -207,12 +181,21 @@ def _read(model: type[M], path: Path, most: int) -> M:
         raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
     try:
         return model.model_validate_json(path.read_bytes())
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         place = ".".join(map(str, first["loc"]))
         given = first["input"] if isinstance(first["input"], str | int | float) else ""
         found = f" (it is {str(given)[:40]!r})" if place and given != "" else ""
         raise LabelsError(path, place, first["msg"].removeprefix("Value error, ") + found) from None
+
+
+def read_head(path: Path) -> Head:
+    """Read the head of the session in a folder."""
+    head = _read(Head, path / HEAD, MOST_OF_HEAD)
+    if head.format > FORMAT:
+        reason = "was written by a newer version; update napari-splinesketch"
+        raise LabelsError(path / HEAD, "format", reason)
+    return head
 
 
 def head_text(session: Session) -> str:
@@ -233,7 +216,7 @@ def head_text(session: Session) -> str:
 
 
 @once
-def record_text(record: Record) -> str:
+def _record_text(record: Record) -> str:
     """Write a curve; it never changes, and so that is done once."""
     values = vars(record.curve) | vars(record)
     values["residual"] = np.array([record.curve.residual])
@@ -242,20 +225,21 @@ def record_text(record: Record) -> str:
     ).model_dump_json()
 
 
-ByFrame = Mapping[int, Sequence[Record]]
-
-
-def page_text(frame: int, session: Session, records: ByFrame, deleted: ByFrame) -> str:
-    """Write a frame of a session, whose curves they are."""
-    shapes = _SHAPES.dump_json(session.drawn.get(frame, ())).decode()
+def pages_of(session: Session) -> dict[int, str]:
+    """Write each frame of a session."""
     state = session.state
-    return (
-        f'{{"frame":{frame},"sketches":{shapes},'
-        f'"records":[{",".join(map(record_text, records.get(frame, ())))}],'
-        f'"deleted":[{",".join(map(record_text, deleted.get(frame, ())))}],'
-        f'"seconds":{json.dumps(state.seconds.get(frame))},'
-        f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
-    )
+    records, deleted = by_frame(state.records), by_frame(state.deleted)
+
+    def page(frame: int) -> str:
+        return (
+            f'{{"frame":{frame},'
+            f'"sketches":{_SHAPES.dump_json(session.drawn.get(frame, ())).decode()},'
+            f'"records":[{",".join(map(_record_text, records.get(frame, ())))}],'
+            f'"deleted":[{",".join(map(_record_text, deleted.get(frame, ())))}],'
+            f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
+        )
+
+    return {frame: page(frame) for frame in sorted({*session.drawn, *records, *deleted})}
 
 
 def write_patch(path: Path, patch: Patch) -> None:
@@ -268,13 +252,8 @@ def write_patch(path: Path, patch: Patch) -> None:
         np.savez_compressed(temporary, **arrays)
 
 
-def read_patch(path: Path, size: tuple[int, int]) -> Patch | None:
-    """Read a picture that is no larger than an image of (H, W) px, and within it; None without.
-
-    LabelsError where there is a file, but no such picture in it.
-    """
-    if not path.exists():
-        return None
+def read_patch(path: Path, size: tuple[int, int]) -> Patch:
+    """Read a picture that is no larger than an image of (H, W) px, and within it."""
     try:
         with zipfile.ZipFile(path) as archive:
             most = max(size[0] * size[1], 4)
@@ -304,9 +283,9 @@ def _array(archive: zipfile.ZipFile, name: str, most: int) -> Float[np.ndarray, 
         if version != (1, 0):
             raise ValueError(f"{name}: version {version} of the format")
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-        count = int(np.prod(shape, dtype=object))
-        if dtype.kind != "f" or len(shape) != 2 or not 0 <= count <= most:
+        number = int(np.prod(shape, dtype=object))
+        if dtype.kind != "f" or len(shape) != 2 or not 0 <= number <= most:
             raise ValueError(f"{name}: {dtype} {shape}")
-        data = stream.read(count * dtype.itemsize)
-    array = np.frombuffer(data, dtype, count).reshape(shape, order="F" if fortran else "C")
+        data = stream.read(number * dtype.itemsize)
+    array = np.frombuffer(data, dtype, number).reshape(shape, order="F" if fortran else "C")
     return array.copy()

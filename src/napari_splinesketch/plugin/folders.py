@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,21 @@ from platformdirs import user_data_path
 
 from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin.autosave.session import (
+from napari_splinesketch.plugin.layers.pixels import Patch
+from napari_splinesketch.plugin.model import Record, State
+from napari_splinesketch.plugin.sessions import (
     EVERY,
+    HEAD,
     Head,
     Session,
     head_text,
-    page_text,
+    pages_of,
     read_head,
     read_page,
     read_patch,
     write_patch,
 )
-from napari_splinesketch.plugin.layers.pixels import Patch
-from napari_splinesketch.plugin.model import State, by_frame
 
-HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 OLD = ".old"
 """Added to the name of a folder that is not offered again."""
@@ -38,10 +39,8 @@ LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
 LONGEST_NAME = 255
 """Of a file or folder, bytes; disks take no longer ones."""
-LETTERS = 50
-"""Of a layer's name, in a folder's: at most 200 bytes."""
-DIGITS = 12
-"""Of the checksum, in a folder's name."""
+LETTERS, DIGITS = 50, 12
+"""Of a layer's name and of the checksum, in a folder's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,50 +68,39 @@ class Picture:
         shape = tuple(map(int, self.pixels.shape))
         digest = hashlib.sha256(repr((shape, np.dtype(self.pixels.dtype).str)).encode())
         leading, (rows, columns) = shape[: self.frames], shape[self.frames : self.frames + 2]
-        step = max(1, int(np.ceil(np.sqrt(rows * columns / LOOKED_AT))))
-        count = int(np.prod(leading)) if leading else 1
-        for frame in sorted({0, count // 2, count - 1}):
+        every = slice(None, None, max(1, int(np.ceil(np.sqrt(rows * columns / LOOKED_AT)))))
+        total = int(np.prod(leading, dtype=int))
+        for frame in sorted({0, total // 2, total - 1}):
             index = tuple(int(i) for i in np.unravel_index(frame, leading)) if leading else ()
-            every = slice(None, None, step)
             part = np.asarray(self.pixels[(*index, every, every)])
             digest.update(np.ascontiguousarray(part).tobytes())
         return digest.hexdigest()
 
     def describe(self, checksum: str) -> dict[str, object]:
         """Give what is written down of the image."""
-        return {
-            "name": self.name,
-            "path": str(self.path) if self.path else None,
-            "shape": [int(size) for size in self.pixels.shape],
-            "sha256": checksum,
-        }
+        path, shape = str(self.path) if self.path else None, [int(n) for n in self.pixels.shape]
+        return {"name": self.name, "path": path, "shape": shape, "sha256": checksum}
 
-    def folders(self, checksum: str, chosen: str = "") -> tuple[Path, ...]:
-        """Give the folders where work on it lies; the first is for new work.
+    def folders(self, checksum: str, chosen: str = "") -> tuple[Path, list[Path]]:
+        """Give the folder for new work on it, and those that have some, whatever they are called.
 
-        That is where the user wants it, or beside the file, or with the user's own data where that
-        is not possible. What lies in the others, because it was different once, is found as well;
-        and without a file, whatever the layer was called then.
+        New work goes where the user wants it, or beside the file, or with the user's own data where
+        that is not possible.
         """
         ending = f"{checksum[:DIGITS]}{SUFFIX}"
         # Of a layer's name, what any disk takes.
         plain = re.sub(r"[^\w-]+", " ", self.name)[:LETTERS].strip() or "image"
-        known = self.path.name if self.path else plain
-        name = f"{known}.{ending}"
+        name = f"{self.path.name if self.path else plain}.{ending}"
         name = name if len(os.fsencode(name)) <= LONGEST_NAME else ending
-        home = user_data_path("napari-splinesketch") / "sessions"
-        parents = [home]
+        parents = [user_data_path("napari-splinesketch") / "sessions"]
         if self.path is not None:
             beside = self.path.parent / name
             writable = os.access(beside if beside.is_dir() else beside.parent, os.W_OK)
             parents.insert(0 if writable else 1, self.path.parent)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
-        found = {parent / name: None for parent in parents}
-        for parent in parents:
-            if parent == home or self.path is None:
-                found |= dict.fromkeys(sorted(parent.glob(f"*{ending}")))
-        return tuple(found)
+        found = [path for parent in parents for path in sorted(parent.glob(f"*{ending}"))]
+        return parents[0] / name, list(dict.fromkeys(filter(Path.is_dir, found)))
 
 
 class Folder:
@@ -123,8 +111,7 @@ class Folder:
     """
 
     def __init__(self, path: Path):
-        self.path = path
-        self.stamp, self._layer = "", ""
+        self.path, self.stamp, self._layer = path, "", ""
         self._hold = ExitStack()
         try:
             self._hold.enter_context(owned(path))
@@ -140,15 +127,13 @@ class Folder:
     def fresh(cls, parent: Path) -> "Folder":
         """Make a folder in another one, with a number that nobody has."""
         parent.mkdir(parents=True, exist_ok=True)
-        number = 1
-        while True:
-            path = parent / str(number)
+        for number in count(1):
             try:
-                path.mkdir()
+                (parent / str(number)).mkdir()
             except FileExistsError:
-                number += 1
-            else:
-                return cls(path)
+                continue
+            return cls(parent / str(number))
+        raise AssertionError
 
     def holds(self, pictures: Mapping[int, Patch]) -> None:
         """Take note of reconstructions that were read from it: they need not be written again."""
@@ -163,32 +148,29 @@ class Folder:
     def write(self, session: Session) -> None:
         """Bring the files in step with a session; the head counts them once they are written.
 
-        Where nothing has changed, nothing is written.
-
         Pictures, which take longest, come last; one that no longer fits its frame goes first.
         """
-        records = by_frame(session.state.records)
-        deleted = by_frame(session.state.deleted)
-        frames = sorted({*session.drawn, *records, *deleted})
-        patches = {_name(f, "npz"): p for f, p in session.state.patches.items() if f in frames}
-        pages = {_name(f): page_text(f, session, records, deleted) for f in frames}
-        before, self._layer = {**self._written, HEAD: self._layer}, ""  # until all is written
-        for name, written in tuple(self._written.items()):
-            if name.endswith(".npz") and patches.get(name) is not written:
-                self._remove(name)
-        for name, text in pages.items():
-            if self._written.get(name) != text:
-                _write(self.path / name, text)
-                self._written[name] = text
-        for name in set(self._written).difference(pages, patches):
+        texts = {_name(frame): text for frame, text in pages_of(session).items()}
+        patches = {_name(frame, "npz"): p for frame, p in session.state.patches.items()}
+        patches = {name: p for name, p in patches.items() if f"{name[:-3]}json" in texts}
+        wanted: dict[str, Any] = texts | patches
+        fresh = {name for name, what in wanted.items() if self._written.get(name) != what}
+        gone = set(self._written).difference(wanted)
+        if not (fresh or gone) and self._layer == session.layer:
+            return
+        self._layer = ""  # until all is written
+        for name in [name for name in fresh.intersection(patches) if name in self._written]:
             self._remove(name)
-        if {**self._written, HEAD: session.layer} != before:
-            self.stamp = head_text(session)
-            _write(self.path / HEAD, self.stamp)
-        for name, patch in patches.items():
-            if name not in self._written:
-                write_patch(self.path / name, patch)
-                self._written[name] = patch
+        for name in fresh.intersection(texts):
+            _write(self.path / name, texts[name])
+            self._written[name] = texts[name]
+        for name in gone:
+            self._remove(name)
+        self.stamp = head_text(session)
+        _write(self.path / HEAD, self.stamp)
+        for name in fresh.intersection(patches):
+            write_patch(self.path / name, patches[name])
+            self._written[name] = patches[name]
         self._layer = session.layer
 
     def _remove(self, name: str) -> None:
@@ -208,7 +190,7 @@ def _name(frame: int, ending: str = "json") -> str:
 def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
-        head = read_head(path / HEAD)
+        head = read_head(path)
     except FileNotFoundError:
         return None
     return head if head.sketches or head.curves else None
@@ -219,13 +201,12 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
     A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
     """
-    head = read_head(path / HEAD)
+    head = read_head(path)
     drawn: dict[int, Any] = {}
-    problems, records, deleted = [], [], []
-    patches, seconds, notes = {}, {}, {}
-    for file in sorted(path.iterdir()):
-        found = FRAME.fullmatch(file.name)
-        if not found or found[2] != "json":
+    problems, records, deleted = list[str](), list[Record](), list[Record]()
+    patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
+    for file in sorted(path.glob("*.json")):
+        if (found := FRAME.fullmatch(file.name)) is None:
             continue
         frame = EVERY if found[1] == "every" else int(found[1])
         try:
@@ -237,31 +218,26 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
                 continue
             records += [one.record(frame) for one in page.records]
             deleted += [one.record(frame) for one in page.deleted]
-            if page.seconds is not None:
-                seconds[frame] = page.seconds
-            if page.notes:
-                notes[frame] = page.notes
-            patch = read_patch(file.with_suffix(".npz"), size)
-            if patch is not None:
-                patches[frame] = patch
+            notes |= {frame: page.notes} if page.notes else {}
+            if (picture := file.with_suffix(".npz")).exists():
+                patches[frame] = read_patch(picture, size)
         except (OSError, LabelsError) as error:
             problems.append(str(error))
-    state = State(
-        records=tuple(records),
-        deleted=tuple(deleted),
-        patches=patches,
-        seconds=seconds,
-        notes=notes,
-    )
+    state = State(tuple(records), (), tuple(deleted), patches, notes)
     return Session(head.layer, head.image, drawn, state), tuple(problems)
+
+
+def stamp(path: Path) -> str:
+    """Give the head of a folder as it is written, or nothing."""
+    try:
+        return (path / HEAD).read_text(encoding="utf-8").removesuffix("\n")
+    except OSError:
+        return ""
 
 
 def put_aside(path: Path) -> None:
     """Rename a folder, so that it is not offered again."""
     folder = Folder(path)
-    number, name = 1, path.with_name(f"{path.name}{OLD}")
-    while name.exists():
-        number += 1
-        name = path.with_name(f"{path.name}-{number}{OLD}")
-    path.rename(name)
+    names = (path.with_name(f"{path.name}{f'-{n}' if n > 1 else ''}{OLD}") for n in count(1))
+    path.rename(next(name for name in names if not name.exists()))
     folder.release()

@@ -1,1 +1,0 @@
-"""Work that is not lost: written down on every change, offered again with the image."""

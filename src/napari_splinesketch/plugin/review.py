@@ -1,0 +1,369 @@
+"""The panel below the canvas: the table of curves and the plots of the selected one.
+
+napari has a table of a layer's features; it knows neither units, nor filters, nor an order by how
+much a curve needs review, and asks Python for every comparison.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any, Literal
+from weakref import ref
+
+from napari.utils.notifications import show_error
+from qtpy import QtCore
+from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt, QTimer
+from qtpy.QtGui import QColor, QKeyEvent
+from qtpy.QtWidgets import (
+    QAbstractItemView,
+    QApplication,
+    QComboBox,
+    QFileDialog,
+    QLabel,
+    QMenu,
+    QSplitter,
+    QTableView,
+    QWidget,
+)
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.files import atomic
+from napari_splinesketch.plugin.choices import listen
+from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
+from napari_splinesketch.plugin.columns import STATUS, as_text
+from napari_splinesketch.plugin.commands import go_to, worst_first
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.layers.looks import COLOURS
+from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.model import Key, Record, key_of
+from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of, theme_of
+from napari_splinesketch.plugin.widgets import NARROW, CommandButtons, button, stack
+
+NAME = "Curves"
+LAYOUT_MS = 20
+"""In which Qt finds a place for everything in a window."""
+PLOTTED = ("Along it", "Curvature, speed", "Velocity")
+"""What the plots show; the pictures over time come in pairs."""
+ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
+HEIGHT = 210
+"""That it asks for, px: leaves most of a laptop's window to the canvas."""
+SHARES = [740, 530]
+"""Of the width: table and plots."""
+Shown = Literal["all", "to check", "not reviewed", "this frame"]
+SHOWN: dict[Shown, str] = {
+    "all": "All curves",
+    "to check": "To check",
+    "not reviewed": "Not reviewed",
+    "this frame": "In this frame",
+}
+NO_INDEX = QModelIndex()
+ROLE = Qt.ItemDataRole
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+PADDING = 16
+MOVES = (
+    Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
+    Qt.Key.Key_Home, Qt.Key.Key_End,
+)  # fmt: skip
+
+
+class CurvesModel(QtCore.QAbstractTableModel):
+    """Shows records, all or some, the worst first until the user wants another order."""
+
+    def __init__(self, parent: QtCore.QObject | None = None):
+        super().__init__(parent)
+        self.ruler = Ruler()
+        self.records: list[Record] = []
+        """Row by row."""
+        self._asked: tuple[Shown, int] = "all", 0
+        self._all: Sequence[Record] = ()
+        self._known: dict[Key, Record] = {}
+        self._by = STATUS, Qt.SortOrder.DescendingOrder
+
+    def row_of(self, key: Key | None) -> int | None:
+        """Row in which a curve is shown, or None."""
+        record = self._known.get(key) if key else None
+        return next((row for row, one in enumerate(self.records) if one is record), None)
+
+    def curve_at(self, key: Key) -> Curve | None:
+        """Give a curve by frame and id, whether it is shown or not."""
+        return self._known[key].curve if key in self._known else None
+
+    def body(self, number: int) -> dict[int, Curve]:
+        """Curves of one body, by frame."""
+        return {r.frame: r.curve for r in self._all if r.id == number}
+
+    def show(
+        self, records: Sequence[Record], ruler: Ruler, shown: Shown = "all", frame: int = 0
+    ) -> None:
+        """Show records, all or some, in the order that was chosen; the frame is the one in view."""
+        asked = shown, frame if shown == "this frame" else 0
+        if records is self._all and (ruler, asked) == (self.ruler, self._asked):
+            return
+        if ruler != self.ruler:
+            self.ruler = ruler
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
+        self._all, self._known = records, {key_of(r): r for r in records}
+        self._asked = asked
+        self._arrange()
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        """Choose the order."""
+        self._by = column, order
+        self._arrange()
+
+    def rowCount(self, parent: QModelIndex = NO_INDEX) -> int:
+        """Number of curves shown."""
+        return 0 if parent.isValid() else len(self.records)
+
+    def columnCount(self, parent: QModelIndex = NO_INDEX) -> int:
+        """Number of columns."""
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> Any:
+        """Titles with units, and what they mean."""
+        if orientation != Qt.Orientation.Horizontal:
+            return None
+        if role == ROLE.DisplayRole:
+            return COLUMNS[section].title.replace("%", self.ruler.unit)
+        return COLUMNS[section].tip if role == ROLE.ToolTipRole else None
+
+    def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
+        """Give what one cell shows; numbers are worked out when they are asked for."""
+        column, record = COLUMNS[index.column()], self.records[index.row()]
+        if role == ROLE.DisplayRole or (role == ROLE.ToolTipRole and column.kind == "text"):
+            return column.text(record, self.ruler, self.curve_at)
+        if role == ROLE.TextAlignmentRole and column.kind != "text":
+            return RIGHT
+        if role == ROLE.DecorationRole and index.column() == 0:
+            return QColor(COLOURS[record.curve.status])
+        return None
+
+    def _arrange(self) -> None:
+        """Bring the rows in order; shows all anew where others are shown."""
+        (column, order), (shown, frame) = self._by, self._asked
+        rows, before = list(self._all), list(map(key_of, self.records))
+        if shown == "this frame":
+            rows = [r for r in rows if r.frame == frame]
+        elif shown != "all":
+            every = shown == "not reviewed"
+            rows = [r for r in rows if r.review == "open" and (every or r.curve.status != "good")]
+        key = COLUMNS[column].key(self.ruler, self.curve_at)
+        rows.sort(key=key, reverse=order == Qt.SortOrder.DescendingOrder)
+        if list(map(key_of, rows)) == before:
+            self.records = rows
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
+        else:
+            self.beginResetModel()
+            self.records = rows
+            self.endResetModel()
+
+
+class CurvesTable(QTableView):
+    """Shows curves, one a row; all keys but those that move are the viewer's."""
+
+    picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
+    """The user went to a row: its record's key."""
+
+    def __init__(self, model: CurvesModel):
+        super().__init__()
+        self._model = model
+        self._key: Key | None = None
+        self.setModel(model)
+        model.modelReset.connect(lambda: self.show_selected(self._key))
+        self.setSortingEnabled(True)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setWordWrap(False)
+        self.setShowGrid(False)
+        self.setAccessibleName("Curves")
+        if (header := self.verticalHeader()) is not None:
+            header.hide()
+            header.setDefaultSectionSize(self.fontMetrics().height() + 6)
+        if (header := self.horizontalHeader()) is not None:
+            header.setStretchLastSection(True)
+            header.setHighlightSections(False)
+            self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
+            for i, column in enumerate(COLUMNS):
+                width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
+                self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
+        if (selection := self.selectionModel()) is not None:
+            selection.currentRowChanged.connect(
+                lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
+            )
+
+    def show_selected(self, key: Key | None) -> None:
+        """Highlight the row of a curve, silently."""
+        self._key = key
+        selection, row = self.selectionModel(), self._model.row_of(key)
+        if selection is None:
+            return
+        with QSignalBlocker(selection):
+            if row is None:
+                selection.clear()
+            else:
+                flags = QtCore.QItemSelectionModel.SelectionFlag
+                index = self._model.index(row, 0)
+                selection.setCurrentIndex(index, flags.ClearAndSelect | flags.Rows)
+                self.scrollTo(index)
+        # A blocked model does not tell the view either.
+        if (port := self.viewport()) is not None:
+            port.update()
+
+    def keyPressEvent(self, e: QKeyEvent | None) -> None:
+        """Let the viewer have the keys that do not move through the rows."""
+        if e is not None and e.key() not in MOVES:
+            e.ignore()
+        else:
+            super().keyPressEvent(e)
+
+
+class ReviewPanel(QWidget):
+    """Shows the curves; passes on what the user says of them."""
+
+    closed = QtCore.Signal()  # pyright: ignore[reportPrivateImportUsage]
+
+    def __init__(self, controller: Controller):
+        super().__init__()
+        self.controller = controller
+        self._build()
+        self._connect()
+        self.show_state()
+
+    def _build(self) -> None:
+        self.model = CurvesModel(self)
+        self.table = CurvesTable(self.model)
+        self.plots = CurvePlots(theme_of(self.controller.viewer.theme))
+        self.shown = QComboBox()
+        self.shown.addItems(list(SHOWN.values()))
+        self.shown.setToolTip("Which curves the table shows")
+        self.shown.setMinimumWidth(NARROW)
+        self.plotted = QComboBox()
+        self.plotted.addItems(PLOTTED)
+        self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
+        self.count = QLabel()
+        self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
+        self.more = button("Table", "Copy or save the table as it is sorted and filtered")
+        menu = QMenu(self.more)
+        menu.addAction("Copy to the clipboard", self.copy)
+        menu.addAction("Save as CSV…", self._ask_where)
+        self.more.setMenu(menu)
+        self.more.setMinimumWidth(self.more.sizeHint().width())
+        left, right = QWidget(), QWidget()
+        stack(left, (self.count, self.judges, self.shown, self.more), self.table)
+        stack(right, self.plotted, self.plots).setStretch(1, 1)
+        halves = QSplitter(Qt.Orientation.Horizontal)
+        halves.addWidget(left)
+        halves.addWidget(right)
+        halves.setSizes(SHARES)
+        stack(self, halves, margin=3)
+
+    def _connect(self) -> None:
+        controller, changes = self.controller, self.controller.changes
+        self._end = listen(
+            (changes.curves, self.show_state),
+            (changes.settings, self.show_state),
+            (changes.busy, self._show_judges),
+            (changes.lines, self._show_rows),
+            (changes.selection, self.show_selected),
+            (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
+        )
+        controller.order = lambda records: self.visible()
+        self.table.picked.connect(partial(go_to, controller))
+        self.shown.activated.connect(self._show_rows)
+        self.plotted.activated.connect(self.show_selected)
+
+    def changeEvent(self, a0: QtCore.QEvent | None) -> None:
+        """Let go of the controller when the panel is closed: napari takes it out of its dock."""
+        super().changeEvent(a0)
+        if a0 and a0.type() == QtCore.QEvent.Type.ParentChange and self.parent() is None:
+            self._end()
+            self.controller.order = worst_first
+            self.closed.emit()
+
+    def sizeHint(self) -> QtCore.QSize:
+        """Ask for little height."""
+        return QtCore.QSize(1000, HEIGHT)
+
+    def visible(self) -> list[Record]:
+        """Give the curves as the table shows them."""
+        return list(self.model.records)
+
+    def show_state(self) -> None:
+        """Show what is known by now."""
+        controller = self.controller
+        records = controller.records()
+        self._show_rows()
+        reviewed = len(records) - [record.review for record in records].count("open")
+        self.plotted.setVisible(len({record.frame for record in records}) > 1)
+        self.count.setText(f"{reviewed} of {len(records)} reviewed")
+        self.more.setEnabled(bool(records))
+        self._show_judges()
+        self.show_selected()
+
+    def _show_judges(self) -> None:
+        self.judges.show_state()
+        for name, made in self.judges.buttons.items():
+            key = self.controller.actions[name].key
+            made.setText(f"{made.text()} ({key})" if key else made.text())
+            made.setMinimumWidth(made.sizeHint().width())
+
+    def show_selected(self) -> None:
+        """Show which curve is selected."""
+        controller, ruler = self.controller, self.model.ruler
+        self.table.show_selected(controller.selected)
+        chosen, work = controller.selected_records(), controller.work
+        if work is None or len(chosen) != 1:
+            self.plots.show_plots()
+            return
+        (record,), at = chosen, self.plotted.currentIndex()
+        if not at:
+            patch = work.state.patches.get(record.frame)
+            self.plots.show_plots(profile_of(work.image, patch, record, work.records, ruler))
+        elif made := pictures(self.model.body(record.id), ruler):
+            self.plots.show_plots(pictures=made[2 * at - 2 : 2 * at], frame=record.frame)
+        else:
+            self.plots.show_plots(empty=(ONE_FRAME.format(record.id), ""))
+
+    def copy(self) -> None:
+        """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
+        if (clipboard := QApplication.clipboard()) is not None:
+            clipboard.setText(self._as_text("\t"))
+
+    def _as_text(self, separator: str) -> str:
+        return as_text(self.visible(), self.model.ruler, self.model.curve_at, separator=separator)
+
+    def _ask_where(self) -> None:
+        chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")
+        try:
+            if chosen:
+                with atomic(chosen, overwrite=True) as temporary:
+                    temporary.write_text(self._as_text(","), encoding="utf-8")
+        except OSError as error:
+            show_error(f"The table was not saved: {error}")
+
+    def _show_rows(self) -> None:
+        """Show what the user wants to see, which may depend on the frame in view."""
+        c, shown = self.controller, list(SHOWN)[self.shown.currentIndex()]
+        self.model.show(c.records(), c.ruler, shown, c.frame)
+
+
+def open_panel(controller: Controller) -> ReviewPanel:
+    """Show the panel below the canvas."""
+    panel = ReviewPanel(controller)
+    # Only a viewer with a window has a dock to press the button in.
+    window = getattr(controller.viewer, "window")  # noqa: B009
+    # The docks at the right keep their height: the panel goes below the canvas alone.
+    corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
+    window._qt_window.setCorner(corner, area)
+    around = window.add_dock_widget(panel, name=NAME, area="bottom").window()
+    # It paints once its layout stands: the canvas would be painted at each change.
+    around.setUpdatesEnabled(False)
+    QTimer.singleShot(LAYOUT_MS, partial(_paint, ref(around)))
+    return panel
+
+
+def _paint(window: ref[QWidget]) -> None:
+    """Let a window paint, if it is still there."""
+    if (there := window()) is not None:
+        with suppress(RuntimeError):  # Qt has deleted it
+            there.setUpdatesEnabled(True)

@@ -1,1 +1,0 @@
-"""Looking through the curves: table, plots, proof."""
