@@ -152,6 +152,8 @@ def test_demo_keeps_existing_files_unless_asked(
     assert main(["demo", "--output", "d"]) == 2
     assert "exists already" in capsys.readouterr().err
     assert main(["demo", "--output", "d", "--overwrite"]) == 0
+    assert main(["demo", "--output", "d/labels.csv", "--overwrite"]) == 2
+    assert "d/labels.csv is a file; name a folder" in capsys.readouterr().err
 
 
 def test_no_window_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,6 +237,7 @@ def test_one_line_a_frame_or_one_a_curve(
         "2 frames: 3 good, 0 check, 0 failed",
     ]
     assert said.err == ""
+    assert not any(line.endswith(" ") for line in said.out.splitlines())
     assert main([*command, "--verbose"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 5
     assert main([*command, "--json"]) == 0

@@ -209,7 +209,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "empty folder": (str, "no folder or glob with images"),
     "another kind of file": (word_file, "not an image; expected one of .tif"),
     "broken TIFF": (broken_tiff, "cannot be read"),
-    "cut PNG": (cut_png, "frame 0: cannot be read"),
+    "cut PNG": (cut_png, "a.png: cannot be read as PNG"),
     "not a film": (not_a_film, "cannot be read as a film"),
     "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
     "planes and times": (two_axes, "choose one plane with --z"),

@@ -125,7 +125,18 @@ def test_a_bad_curve_is_reported_and_the_others_are_done(
     write_labels("sketches.csv", Labels(tuple(sketches)), overwrite=True)
     assert refine("--verbose") == 1
     assert "failed: the sketch is tiny" in capsys.readouterr().out
+    assert refine("--overwrite") == 1
+    assert "\n  curve 1 failed: the sketch is tiny\n1 frame: " in capsys.readouterr().out
     assert [label.status for label in read_labels("labels.csv").labels] == ["good", "failed"]
+
+
+def test_a_file_without_lines_is_said(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("sketches.csv").write_text("curve,row,col\n")
+    assert refine() == 0
+    assert capsys.readouterr().err == "sketches.csv has no line to refine\n"
+    assert read_labels("labels.csv").labels == ()
 
 
 def test_sketches_beyond_the_film_are_reported(

@@ -149,7 +149,8 @@ def test_a_sketch_needs_places_only(tmp_path: Path, text: str, frame: int) -> No
 
 ROW0, ROW1 = "0,0,0,1.0,2.0,1.0,0.1,0.0,good", "0,0,1,4.0,6.0,1.0,0.1,5.0,good"
 MALFORMED = {
-    "empty": ("", 1, "no column curve"),
+    "empty": ("", 1, "nothing is in it; expected a table of curves"),
+    "semicolons": ("curve;row;col\n0;1;2\n0;3;4\n", 1, "curve, row, col, separated by commas"),
     "another table": ("time,x,y\n", 1, "no column curve"),
     "missing column": (HEADER.replace(",col", "") + "\n", 1, "no column col;"),
     "double column": (HEADER + ",row\n", 1, "column row occurs twice"),

@@ -51,6 +51,8 @@ def refine_job(demo: DemoJob, folder: Path) -> Iterator[RefineJob]:
     """
     data = files("napari_splinesketch.data")
     with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
+        if folder.exists() and not folder.is_dir():
+            raise ValueError(f"{folder} is a file; name a folder, or one that is to be made")
         folder.mkdir(parents=True, exist_ok=True)
         yield RefineJob(
             image=str(image),

@@ -31,7 +31,9 @@ def run(job: RefineJob, report: Report) -> Outcome:
     with open_run(job, report, sketches.head) as work:
         work.tally.count = len(sketches.frames)
         work.shared(job, _finders(job, sketches))
-        outcome, labels = work.write(map(int, sketches.frames), sketches.head.notes)
+        nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
+        notes = *sketches.head.notes, *nothing
+        outcome, labels = work.write(map(int, sketches.frames), notes)
         if job.masks:
             masks.FORMAT.write_whole(job.masks, labels, overwrite=job.overwrite)
         if labels.head.shape is not None:  # a frame could be refined

@@ -10,6 +10,8 @@ from napari_splinesketch.batch.reports import CurveReport, FrameReport, Reports
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
 TRACKING = ("drift", "missing", "lost")
+ENDED = {"failed": "failed", "lost": "ends"}
+"""What is said of each curve that is not there, and why."""
 OTHER = ("sketch", *TRACKING)
 """What is counted only where it occurs."""
 
@@ -41,8 +43,9 @@ def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
             yield f"frame {frame.frame}: {frame.error}"
         elif not verbose:
             yield f"frame {frame.frame}: {_in_words(_total([frame]))}; {frame.seconds:.1f} s"
-            ended = (curve for curve in frame.curves if curve.status == "lost")
-            yield from (f"  curve {one.curve} ends: {'; '.join(one.reasons)}" for one in ended)
+            for one in frame.curves:
+                if one.status in ENDED:
+                    yield f"  curve {one.curve} {ENDED[one.status]}: {'; '.join(one.reasons)}"
         yield from (f"  {note}" for note in frame.notes)
     yield summary(frames)
 
@@ -55,7 +58,7 @@ def summary(frames: Reports) -> str:
         text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
     count = f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'}"
     seconds = sum(frame.seconds for frame in frames)
-    return f"{count}: {text}; {seconds:.1f} s "
+    return f"{count}: {text}; {seconds:.1f} s"
 
 
 def _in_words(total: dict[str, int]) -> str:

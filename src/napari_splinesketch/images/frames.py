@@ -149,7 +149,12 @@ def _file(path: Path, channel: int | None, z: int | None):
 def _still(path: Path) -> Iterator[Frames]:
     import imageio.v3
 
-    yield Frames(path.name, 1, lambda index: imageio.v3.imread(path, index=0))
+    try:
+        pixels = imageio.v3.imread(path, index=0)
+    except Exception as error:  # image libraries raise anything on a broken file
+        kind = path.suffix[1:].upper()
+        raise ImageError(f"{path}: cannot be read as {kind} ({error}); save it anew") from error
+    yield Frames(path.name, 1, lambda index: pixels)
 
 
 @contextmanager

@@ -143,10 +143,9 @@ def _lines(source: Source, file: TextIO) -> Iterator[str]:
 def _check_header(source: Source, header: Sequence[str], required: Sequence[str]) -> None:
     missing = [name for name in required if name not in header]
     if missing:
-        raise source.error(
-            f"no column {', '.join(missing)}; expected a table of curves, with the columns "
-            f"{', '.join(required)}"
-        )
+        what = f"no column {', '.join(missing)}" if any(header) else "nothing is in it"
+        columns = f"the columns {', '.join(required)}, separated by commas"
+        raise source.error(f"{what}; expected a table of curves, with {columns}")
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise source.error(f"column {', '.join(twice)} occurs twice")
