@@ -51,13 +51,12 @@ def test_every_page_is_in_the_site_once() -> None:
 
 
 def test_files_of_the_code_are_where_the_pages_say() -> None:
-    named = re.compile(
-        r"`((?:engine|paper|labels|plugin|cli|tracking|batch|training|tests)/[\w/]+\.py)`"
-    )
+    packages = "engine|paper|labels|plugin|cli|tracking|batch|training"
+    named = re.compile(rf"`((?:{packages})/[\w/]+\.py)`|\b((?:tests|docs)/[\w/]+\.py)")
     for name, text in TEXTS.items():
-        for path in named.findall(text) if name != "docs/CHANGELOG.md" else ():
-            package = ROOT / "src" / "napari_splinesketch"
-            assert (package / path).exists() or (ROOT / path).exists(), f"{name}: {path}"
+        for inside, beside in named.findall(text) if name != "docs/CHANGELOG.md" else ():
+            path = ROOT / "src" / "napari_splinesketch" / inside if inside else ROOT / beside
+            assert path.exists(), f"{name}: {path}"
 
 
 @pytest.mark.parametrize(
