@@ -57,11 +57,11 @@ class Hand:
         QTest.mouseMove(self._canvas, where)
         return where
 
-    def click(self, place: Point) -> None:
+    def click(self, place: Point, modifiers: Any = PLAIN) -> None:
         """Click on the canvas."""
         where = self.go(place)
         live(lambda: False, 2 * BUTTON)
-        QTest.mouseClick(self._canvas, Qt.MouseButton.LeftButton, PLAIN, where)
+        QTest.mouseClick(self._canvas, Qt.MouseButton.LeftButton, modifiers, where)
         self.clicks += 1
 
     def press_button(self, button: Any) -> None:
@@ -132,9 +132,9 @@ def suggested(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> list[Any]
     if wrong:
         hand.key("S")
     for line in wrong:
-        hand.click(line[len(line) // 2])
-        hand.key("Delete")
+        hand.click(line[len(line) // 2], SHIFT)
     if wrong:
+        hand.key("Delete")
         hand.key("L")
     else:
         hand.key("H")

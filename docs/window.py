@@ -22,7 +22,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication, QDockWidget, QWidget
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.samples import open_demo
+from napari_splinesketch.plugin.files import open_demo
 
 IMAGES = Path(__file__).with_name("images")
 DOCK_WIDTH = 290

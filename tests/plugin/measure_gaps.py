@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QApplication
 from napari_splinesketch.engine import warmup
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.samples import open_demo
+from napari_splinesketch.plugin.files import open_demo
 
 TICK_MS = 5
 LINES = 6

@@ -181,6 +181,12 @@ def test_knots_lead_a_curve(
         viewer.scene.camera.zoom = zoom
         assert knots.canvas_size_limits[0] < SIZE / 4
         np.testing.assert_allclose(knots.size * 2 * zoom, SIZE, rtol=1e-5)
+    hand.press("Escape")
+    viewer.scene.camera.zoom = 0.1
+    hand.press("U")
+    knots = viewer.layers[name]
+    apart = np.linalg.norm(np.diff(knots.data[:, 1:], axis=0), axis=1) * 2
+    assert np.median(apart) * viewer.scene.camera.zoom > 1.9 * SIZE, "they can be told apart"
     fit_view(viewer)
     before = controller.work and controller.work.state
     shown: list[float] = []

@@ -15,6 +15,8 @@ from napari_splinesketch.plugin.model import Record
 from .fakes import HALF_WIDTH, FakeEngine, as_drawn
 from .hand import assert_drawn, click, refine, until
 
+VIEW = View(0, np.zeros(2), np.full(2, 200.0), np.full(2, 0.5))
+
 
 def test_many_curves_come_and_go_a_few_at_a_time(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -72,13 +74,22 @@ def test_marks_are_in_view_and_never_overprinted() -> None:
     assert over.sum() <= len(found) + 2 * (apart[..., 1] > 3 * 4.5)[over].sum()
 
 
+def test_a_mark_does_not_lie_on_the_ends_of_a_bent_body() -> None:
+    along = np.linspace(-1, 1, 100)
+    line = np.column_stack([110 - 30 * np.abs(along), 100 + 10 * along])
+    curve = as_drawn(line, points=line, status="check")
+    (found,) = readable([Record(7, 0, line, curve)], VIEW)
+    size = np.array([LINE_HEIGHT, LETTER * len("7 ?")]) * VIEW.pixel / 2
+    inside = np.abs(found[0].curve.points - found[1]) < size
+    assert not inside.all(axis=1).any()
+
+
 @pytest.mark.parametrize("turned", [0, 1])
 def test_a_mark_lies_beside_its_body_whichever_way_that_runs(turned: int) -> None:
     line = np.roll([[100.0, 80], [100, 120]], turned, axis=1)
     record = Record(12345, 0, line, as_drawn(line, status="check"))
-    view = View(0, np.zeros(2), np.full(2, 200.0), np.full(2, 0.5))
-    ((_, place),) = readable([record], view)
-    wide = np.array([LINE_HEIGHT, LETTER * len("12345 ?")]) * view.pixel / 2
+    ((_, place),) = readable([record], VIEW)
+    wide = np.array([LINE_HEIGHT, LETTER * len("12345 ?")]) * VIEW.pixel / 2
     clear = np.abs(place - 100)[turned] - HALF_WIDTH - wide[turned]
     assert 0 < clear < 3, "no letter of it lies on the body"
 

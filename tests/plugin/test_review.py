@@ -66,6 +66,12 @@ def test_a_row_and_its_curve_find_each_other(
     assert dock.controller.selected == (0, 4)
     layer = viewer.layers["cells curves"]
     assert layer.selected_data == {3}
+    viewer.reset_view()
+    middle = centre(viewer)
+    dock.controller.actions.run("next")
+    np.testing.assert_array_equal(centre(viewer), middle, "all of the image is in view")
+    viewer.scene.camera.zoom *= 2
+    panel.table.picked.emit((0, 4))
     np.testing.assert_allclose(centre(viewer), layer.data_to_world([80, 60]), atol=1e-3)
     profile = panel.plots.profile
     assert profile is not None

@@ -86,7 +86,7 @@ def _demo(job: jobs.DemoJob) -> int:
 
     reason = demo.why_no_window()
     if job.output is None and reason is None:
-        from napari_splinesketch.plugin.samples import open_demo
+        from napari_splinesketch.plugin.files import open_demo
 
         open_demo()
         return report.DONE

@@ -19,7 +19,7 @@ from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
-from napari_splinesketch.plugin.films import Films
+from napari_splinesketch.plugin.films import Films, Suggestions
 from napari_splinesketch.plugin.keeper import Keeper, Notice, Work
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers.drawn import (
@@ -36,7 +36,6 @@ from napari_splinesketch.plugin.layers.slot import Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Request, Scope, make_plan, request
-from napari_splinesketch.plugin.suggest import Suggestions
 
 SAVING = "Saving"
 KNOWN_AFTER = 2.0

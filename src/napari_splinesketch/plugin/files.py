@@ -1,4 +1,4 @@
-"""Labels and layers: Export, and napari's own menus: File > Open, drag and drop, Save."""
+"""Labels, samples and layers: Export, and napari's own menus: Open, Save, Open Sample."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from napari.plugins.utils import get_preferred_reader
 from napari.settings import get_settings
 from napari.utils.notifications import show_info
 
+from napari_splinesketch import palette
+from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.labels import (
@@ -31,13 +33,16 @@ from napari_splinesketch.labels import (
 from napari_splinesketch.labels.formats import WRITERS, claiming
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES
+from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS, thinned
-from napari_splinesketch.plugin.layers.slot import OWNER
+from napari_splinesketch.plugin.layers.slot import OWNER, ROLE
 from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.synthetic import rotate, scene
 
 if TYPE_CHECKING:
+    from napari import Viewer
+
     from napari_splinesketch.plugin.keeper import Work
 
 PLUGIN = "napari-splinesketch"
@@ -46,7 +51,17 @@ KNOTS = 10
 READ = "the file does not say why"
 LABELS = "napari-splinesketch labels"
 """Key of a layer's metadata under which the labels that it was read from are kept."""
-LayerData = tuple[list[Any], dict[str, Any], str]
+LayerData = tuple[Any, dict[str, Any], str]
+SEED = 4
+SIZE = (192, 192)
+TURN = 20
+"""How far the lines over the generated bodies are turned, degrees."""
+
+AXES = ("t", "y", "x")
+WINDOW = (1300, 860)
+"""Size of the demo's window, px."""
+FIT_AFTER_MS = 300
+"""The window takes its size first."""
 
 
 def get_reader(path: str | list[str]) -> Callable[[str | list[str]], list[LayerData]] | None:
@@ -269,3 +284,55 @@ def _curve_of(label: Label) -> Curve:
     reasons = () if status == "good" else (READ,)
     # How well it explained the image is in no file.
     return Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
+
+
+def worms_dense() -> list[LayerData]:
+    """One frame of swimming worms."""
+    return _layers("worms", *load_sample("worms_dense"))
+
+
+def worms_swimming() -> list[LayerData]:
+    """Eleven frames of swimming worms; lines in the first, which opens, and in the sixth."""
+    return _layers("swimming worms", *load_sample("worms_swimming"))
+
+
+def generated() -> list[LayerData]:
+    """Three crossing bodies; rough lines over them, and a hidden layer of the truth."""
+    made = scene(SEED, bodies=3, shape=SIZE)
+    rough = [rotate(line, TURN)[::33] for line in made.centrelines]
+    image, sketches = _layers("generated", made.image, rough)
+    hidden = {"edge_color": palette.TRUTH, "visible": False, "metadata": {ROLE: "truth"}}
+    truth = _lines("generated truth", made.centrelines, SIZE) | hidden
+    return [image, (list(made.centrelines), truth, "shapes"), sketches]
+
+
+def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[LayerData]:
+    axes = {"axis_labels": AXES[-image.ndim :]}
+    look = _lines(name + SUFFIX, lines, image.shape[-2:])
+    return [(image, {"name": name} | axes, "image"), (list(lines), look | axes, "shapes")]
+
+
+def _lines(name: str, lines: Sequence[np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
+    kinds = ["line" if len(line) == 2 else "path" for line in lines]
+    return {"name": name, "shape_type": kinds, **line_style((shape[0], shape[1]))}
+
+
+def open_demo(*, block: bool = True) -> Viewer:
+    """Open a window with worms, rough lines over some of them, and the dock.
+
+    Unless it may `block` until the window is closed, running it is left to the caller.
+    """
+    import napari
+    from qtpy.QtCore import QTimer
+
+    from napari_splinesketch.plugin.dock import SplinesketchDock
+
+    viewer = napari.Viewer(title="Splinesketch demo")
+    viewer.window.resize(*WINDOW)
+    # From the menu it has the plugin's name too: cut off at the width of a dock.
+    viewer.window.add_dock_widget(SplinesketchDock(viewer), name="Splinesketch")
+    viewer.open_sample(PLUGIN, "worms_dense")
+    QTimer.singleShot(FIT_AFTER_MS, viewer.reset_view)
+    if block:
+        napari.run()
+    return viewer

@@ -1,34 +1,153 @@
-"""Carrying curves from frame to frame: what is known of a film, and what tracking makes of it."""
+"""What the dock offers beside refining one frame: suggested lines, and curves of a whole film."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from napari.layers import Image, Shapes
+from qtpy.QtCore import QTimer
+from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import Notice, Work
+from napari_splinesketch.plugin.layers import drawn
 from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
-from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
+from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame, plane_problem, size_of
+from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of
+from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.tracking import Body, Given, Tracked
 from napari_splinesketch.tracking.bodies import MEMORY
-from napari_splinesketch.tracking.follow import DIVIDED, LEFT, PATIENCE
+from napari_splinesketch.tracking.follow import PATIENCE
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-NUMBERS = 6
-"""Most bodies that are named."""
-ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
-"""What is said of bodies that end, by how the reason begins; of others that they are lost."""
+SAME = 0.02
+"""Lines no further apart are the same, px: layers hold single precision."""
+PREVIEW_AFTER_MS = 60
+"""Suggestions follow the slider when it has stood still for so long."""
+SUGGEST = "Suggest lines"
+"""The name of the step."""
+
+
+class _Suggested(NamedTuple):
+    """What chose the last suggestions, and chooses others when the slider moves."""
+
+    work: Work
+    frame: int
+    choose: engine.Choose
+
+
+class Suggestions:
+    """Lines over bodies that nobody has drawn.
+
+    The `sensitivity` is from 0, only what stands out, to 1, also what is faint or short.
+    """
+
+    def __init__(self, controller: Controller):
+        self.sensitivity = 0.5
+        self._controller = controller
+        self._last: _Suggested | None = None
+        self._choosing: Job | None = None
+        self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
+
+    def problem(self) -> str:
+        """Why no lines can be suggested, or nothing."""
+        image = self._controller.choices.image
+        if self._controller.progress:
+            return "Something is running"
+        return plane_problem(self._controller.viewer, image) if image is not None else OPEN
+
+    def suggest(self) -> None:
+        """Suggest lines in the frame in view, in the place of those that were not taken up."""
+        controller = self._controller
+        image, layer = controller.choices.image, controller.choices.sketches
+        if self.problem() or image is None:
+            return
+        if layer is None:
+            # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
+            layer = drawn.new_sketch_layer(controller.viewer, image, visible=False)
+            QTimer.singleShot(drawn.BREATH_MS, partial(drawn.begin_drawing, layer))
+        work, frame = controller.begin(image, layer), controller.frame
+        corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
+        known = self._known(work, layer, image, frame, work.state.suggested(frame, ()))
+        block = block_around(image, frame, [corners])
+        look = partial(engine.suggest, block, known, self.sensitivity, controller.how(image))
+        controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
+
+    def change_sensitivity(self, value: float) -> None:
+        """Suggest other lines in the place of the last ones, soon."""
+        self.sensitivity = value
+        if self._last is not None:
+            self._soon()
+
+    def _known(
+        self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
+    ) -> Sequence[Line]:
+        """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
+        lines = drawn.drawn_in(self._controller.viewer, layer, image, frame).lines
+        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
+        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
+
+        def suggested(line: Line) -> bool:
+            apart = np.abs(groups[len(line)] - line) if len(line) in groups else np.ones((1, 1, 1))
+            return bool((apart.max(axis=(1, 2)) < SAME).any())
+
+        mine = [line for line in lines if not suggested(line)]
+        return [*mine, *(r.curve.points for r in work.records if r.frame == frame)]
+
+    def _on_suggested(
+        self, work: Work, frame: int, found: tuple[engine.Choose, tuple[Line, ...]]
+    ) -> None:
+        controller, (choose, lines) = self._controller, found
+        if work is not controller.work:
+            controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
+            return
+        self._last = _Suggested(work, frame, choose)
+        over = partial(controller.finish, Notice("done", words.suggested(len(lines))))
+        state = work.state.suggested(frame, lines)
+        if state.suggestions != work.state.suggestions:
+            controller.apply(SUGGEST, state, over)
+        else:
+            over()
+
+    def _choose(self) -> None:
+        """Choose lines for another sensitivity, from what was found before."""
+        last, controller, sensitivity = self._last, self._controller, self.sensitivity
+        if last is None or last.work is not controller.work or controller.progress:
+            return
+        if self._choosing is not None:
+            self._soon()
+            return
+        self._choosing = Job(lambda _: last.choose(sensitivity))
+        self._choosing.done.connect(partial(self._on_chosen, last, sensitivity))
+        self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
+        self._choosing.start()
+
+    def _on_chosen(self, last: _Suggested, sensitivity: float, lines: tuple[Line, ...]) -> None:
+        self._choosing = None
+        controller, work = self._controller, last.work
+        if work is not controller.work or controller.progress or last is not self._last:
+            return
+        if sensitivity != self.sensitivity:
+            self._soon()
+        state = work.state.suggested(last.frame, lines)
+        if work.history.done == SUGGEST:
+            controller.amend(state)
+        else:
+            controller.apply(SUGGEST, state)
+        controller.tell(Notice("done", words.suggested(len(lines))))
 
 
 class Films:
-    """What the dock offers beside refining one frame."""
+    """Carries curves from frame to frame."""
 
     def __init__(self, controller: Controller):
         self._controller = controller
@@ -246,39 +365,4 @@ class Progressing:
 
     def said(self) -> str:
         """Say what came of it."""
-        if self._corrected is not None:
-            frames = sorted(one.frame for one in self._taken)
-            span = f", from {frames[0]} to {frames[-1]}" if frames else ""
-            fitted = words.count(len(frames), "frame")
-            return f"Refitted {fitted} around frame {self._corrected}{span}."
-        if not self._taken:
-            return "Nothing was tracked."
-        last = self._taken[-1]
-        arrived = words.count(len(last.ids) + len(last.given), "curve")
-        text = [f"Tracked to frame {last.frame}: {arrived} there.", *self._ended()]
-        entered = [one.frame for one in self._taken for _ in one.entered]
-        if entered:
-            said = words.count(len(entered), "body").replace("bodys", "bodies")
-            where = _some([str(frame) for frame in entered])
-            text.append(f"{said} came into view, without a curve: frame {where}.")
-        drifting = sum(len(one.drifting) for one in self._taken)
-        if drifting:
-            text.append(f"{words.count(drifting, 'curve')} to check for drift.")
-        bad = [one for one in self._taken if one.error]
-        text += [f"Frame {one.frame} could not be refined: {one.error}" for one in bad[:1]]
-        return " ".join(text)
-
-    def _ended(self) -> list[str]:
-        """Name the bodies that are not followed to the end, by what became of them."""
-        ended: dict[str, list[str]] = {}
-        for one in self._taken:
-            for number in one.lost:
-                why = one.missing.get(number, "")
-                kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
-                ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
-        return [f"{kind}: {_some(named)}." for kind, named in ended.items()]
-
-
-def _some(named: Sequence[str]) -> str:
-    more = f" and {len(named) - NUMBERS} more" if len(named) > NUMBERS else ""
-    return ", ".join(named[:NUMBERS]) + more
+        return words.tracked(self._taken, self._corrected)

@@ -18,7 +18,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve
 from napari_splinesketch.plugin.keeper import Notice, Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
-from napari_splinesketch.plugin.layers.space import in_stack, screen_pixel
+from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of
 
 if TYPE_CHECKING:
@@ -57,6 +57,11 @@ class KnotEditing:
         self._before = layers.selection.active
         knots = in_stack(work.image, record.frame, self.steps.value)
         layer = self._slot.make(knots, kind=Points, **LOOK)
+        steps = np.linalg.norm(np.diff(self.steps.value, axis=0), axis=1)
+        apart = float(np.median(steps) / screen_pixel(viewer, work.image)[-1])
+        if apart < SIZE:  # nobody could take hold of one
+            viewer.scene.camera.zoom *= 2 * SIZE / apart
+            look_at(viewer, work.image, record.frame, record.curve.points)
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         self._paint()

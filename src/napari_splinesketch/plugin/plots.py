@@ -237,7 +237,7 @@ def _draw_profile(axes: "Axes", profile: Profile, which: int) -> None:
     other = zero if which else profile.mean
     if other is not None:
         lines.append((other, "" if which else "mean of all"))
-    shown = [y + sd, y - sd, zero, *(line for line, _ in lines)]
+    shown = [y + sd, zero, *(line for line, _ in lines)]
     # A curve may have no length.
     axes.x = float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
     axes.y = spanned(shown, ROOM, ROOM if which else LEGEND)

@@ -13,9 +13,11 @@ from napari_splinesketch.plugin.columns import STATUS_WORDS
 from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
+from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.plan import Plan
+    from napari_splinesketch.tracking import Tracked
 
 PRESET_TIPS: dict[PresetName, str] = {
     "fast": "Fast: one guess for each line; for bodies that lie apart",
@@ -39,6 +41,9 @@ EYES: dict[str, tuple[str, str]] = {
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
 NUMBERS_SHOWN = 6
+"""Most bodies or frames that are named."""
+ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
+"""What is said of bodies that end, by how the reason begins; of others that they are lost."""
 LONG_WORD = re.compile(r"\S{24,}")
 CURVE = re.compile(r"curve (\d+)")
 NO_LINE = "None of the selected shapes is a line in this frame."
@@ -168,6 +173,32 @@ def suggested(number: int) -> str:
     return f"Suggested {count(number, 'line')}. Correct or delete what is wrong, then refine."
 
 
+def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
+    """Say what came of tracking, or of fitting again around a corrected frame."""
+    if corrected is not None:
+        frames = sorted(one.frame for one in taken)
+        span = f", from {frames[0]} to {frames[-1]}" if frames else ""
+        return f"Refitted {count(len(frames), 'frame')} around frame {corrected}{span}."
+    if not taken:
+        return "Nothing was tracked."
+    last, ended = taken[-1], dict[str, list[str]]()
+    for one in taken:
+        for number in one.lost:
+            why = one.missing.get(number, "")
+            kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
+            ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
+    arrived = count(len(last.ids) + len(last.given), "curve")
+    text = [f"Tracked to frame {last.frame}: {arrived} there."]
+    text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
+    if entered := [str(one.frame) for one in taken for _ in one.entered]:
+        bodies = "1 body" if len(entered) == 1 else f"{len(entered)} bodies"
+        text.append(f"{bodies} came into view, without a curve: frame {_some(entered)}.")
+    if drifting := sum(len(one.drifting) for one in taken):
+        text.append(f"{count(drifting, 'curve')} to check for drift.")
+    bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
+    return " ".join([*text, *bad[:1]])
+
+
 def stage(progress: Progress | None, left: float | None) -> str:
     """Say what runs, and for about how long it still will."""
     if progress is None:
@@ -215,6 +246,9 @@ def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
 
 
 def _numbers(ids: Sequence[int]) -> str:
-    shown = ", ".join(map(str, ids[:NUMBERS_SHOWN]))
-    more = f" and {len(ids) - NUMBERS_SHOWN} more" if len(ids) > NUMBERS_SHOWN else ""
-    return f"{'curve' if len(ids) == 1 else 'curves'} {shown}{more}"
+    return f"{'curve' if len(ids) == 1 else 'curves'} {_some(list(map(str, ids)))}"
+
+
+def _some(named: Sequence[str]) -> str:
+    more = f" and {len(named) - NUMBERS_SHOWN} more" if len(named) > NUMBERS_SHOWN else ""
+    return ", ".join(named[:NUMBERS_SHOWN]) + more

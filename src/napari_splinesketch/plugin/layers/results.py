@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -24,13 +24,7 @@ from napari_splinesketch.plugin.layers.drawn import BREATH_MS, CLICK
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, Line
 from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof, ProofRole
 from napari_splinesketch.plugin.layers.slot import CurveLines, Lines, Role, Slot, undisturbed
-from napari_splinesketch.plugin.layers.space import (
-    Ruler,
-    current_frame,
-    from_world,
-    in_stack,
-    screen_pixel,
-)
+from napari_splinesketch.plugin.layers.space import Ruler, View, in_stack, view_of
 from napari_splinesketch.plugin.model import Key, Record
 
 if TYPE_CHECKING:
@@ -51,15 +45,6 @@ AFTER_MS = 120
 """Marks follow the camera when it has stood still for so long."""
 
 
-class View(NamedTuple):
-    """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
-
-    frame: int
-    low: Float[np.ndarray, 2]
-    high: Float[np.ndarray, 2]
-    pixel: Float[np.ndarray, 2]
-
-
 def readable(
     records: Sequence[Record], view: View
 ) -> Iterator[tuple[Record, Float[np.ndarray, 2]]]:
@@ -78,8 +63,11 @@ def readable(
         over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
         free &= ~over.all(axis=2).any(axis=-1)
         if free.any():
-            taken[count], sizes[count] = places[free.argmax()], size
-            yield record, places[free.argmax()]
+            own = np.abs(places[:, None] - record.curve.points) < size
+            clear = free & ~own.all(axis=2).any(axis=-1)  # of its own body, where that is bent
+            best = places[(clear if clear.any() else free).argmax()]
+            taken[count], sizes[count] = best, size
+            yield record, best
             count += 1
         if count == MOST:
             return
@@ -138,22 +126,11 @@ class Marks(Slot):
         if self._records:
             self._soon()
 
-    def _view(self) -> View:
-        """What the canvas shows of the image."""
-        camera, image = self.viewer.scene.camera, self.image
-        half = np.array(self.viewer.canvas.size) / 2 / camera.zoom
-        world = np.zeros((4, image.ndim))
-        corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-        world[:, -2:] = np.array(camera.center)[-2:] + corners
-        seen = from_world(self.viewer, image, world)[:, -2:]
-        pixel = screen_pixel(self.viewer, image)
-        return View(current_frame(self.viewer, image), seen.min(0), seen.max(0), pixel)
-
     def _write(self) -> None:
         layer = self.layer
         if layer is None or not layer.visible or self.image not in self.viewer.layers:
             return
-        view = self._view()
+        view = view_of(self.viewer, self.image)
         found = list(readable(self._records, view))
         shown = tuple((id(record), *place) for record, place in found)
         if shown == self._shown:

@@ -7,7 +7,7 @@ match. What lies where is decided here as the window draws it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pint
@@ -129,14 +129,42 @@ def size_of(image: Image) -> tuple[int, int]:
     return int(height), int(width)
 
 
+class View(NamedTuple):
+    """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
+
+    frame: int
+    low: Float[np.ndarray, "2"]
+    high: Float[np.ndarray, "2"]
+    pixel: Float[np.ndarray, "2"]
+
+
+def view_of(viewer: ViewerModel, image: Image) -> View:
+    """Say what the canvas shows of an image."""
+    camera = viewer.scene.camera
+    world = np.zeros((4, image.ndim))
+    half = np.array(viewer.canvas.size) / 2 / camera.zoom
+    corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+    world[:, -2:] = np.array(camera.center)[-2:] + corners
+    seen = from_world(viewer, image, world)[:, -2:]
+    pixel = screen_pixel(viewer, image)
+    return View(current_frame(viewer, image), seen.min(axis=0), seen.max(axis=0), pixel)
+
+
 def look_at(
     viewer: ViewerModel, image: Image, frame: int, points: Float[np.ndarray, "N 2"]
 ) -> None:
-    """Go to a frame and bring the middle of some points, px of the image, to the canvas's."""
+    """Go to a frame and bring the middle of some points, px of the image, to the canvas's.
+
+    Where all of the image is in view, it stays where it is.
+    """
+    view = view_of(viewer, image)
+    go_to_frame(viewer, image, frame)
+    corners = np.stack([np.zeros(2), np.subtract(size_of(image), 1)])
+    if ((corners >= view.low) & (corners <= view.high)).all():
+        return
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     (place,) = in_stack(image, frame, middle[None])
     world = np.array(image.data_to_world(place)) * unit_factors(viewer, image)
-    go_to_frame(viewer, image, frame)
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
 
