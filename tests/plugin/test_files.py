@@ -354,7 +354,7 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
         np.testing.assert_array_equal(one.curve.points, other.curve.points)
         np.testing.assert_allclose(one.curve.knots, other.curve.knots, atol=0.5)
     assert dock.offer.labels.isHidden()
-    assert not dock.controller.request().plan.targets
+    assert not dock.controller.request().targets
     assert dock.export.isEnabled()
 
 

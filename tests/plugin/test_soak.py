@@ -125,7 +125,7 @@ class Day:
         request = controller.request()
         if self.layer is None or request.problem:
             return
-        targets = {(request.frame, target.id) for target in request.plan.targets}
+        targets = {(request.frame, target.id) for target in request.targets}
         for key in targets & set(before):
             assert before[key].review != "accepted"
             assert not before[key].locked

@@ -95,7 +95,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
     assert layer.nshapes >= few
     lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
     assert len(set(lines)) == len(lines)
-    assert len(dock.controller.request().plan.targets) == layer.nshapes - 1
+    assert len(dock.controller.request().targets) == layer.nshapes - 1
 
 
 def test_nothing_new_is_said_and_cancel_changes_nothing(

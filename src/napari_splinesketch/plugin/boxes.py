@@ -212,11 +212,11 @@ class RefineMenu(QToolButton):
             "all": "Refine all that are open",
         }
         for scope, name in scopes.items():
-            request = self._controller.request(scope)
-            possible = not request.problem and not self._controller.progress
-            action: Any = self._menu.addAction(words.button(request.plan) if possible else name)
+            plan = self._controller.request(scope)
+            possible = not plan.problem and not self._controller.progress
+            action: Any = self._menu.addAction(words.button(plan) if possible else name)
             action.setEnabled(possible)
-            action.setToolTip(request.problem)
+            action.setToolTip(plan.problem)
             action.triggered.connect(partial(self._controller.refine, scope))
 
 

@@ -109,7 +109,7 @@ def _refine(controller: Controller) -> str:
     """Say what Refine would do."""
     if controller.knots and controller.selection:
         return f"Refine curve {controller.selection[0][1]}"
-    return words.button(controller.request().plan)
+    return words.button(controller.request())
 
 
 def pick(controller: Controller, *, add: bool = False) -> None:

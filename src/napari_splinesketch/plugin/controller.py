@@ -35,7 +35,7 @@ from napari_splinesketch.plugin.layers.pixels import block_around
 from napari_splinesketch.plugin.layers.slot import Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
-from napari_splinesketch.plugin.plan import Request, Scope, make_plan, request
+from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
 
 SAVING = "Saving"
 KNOWN_AFTER = 2.0
@@ -80,7 +80,7 @@ class Controller(Keeper):
         # Later: napari is still busy with the line.
         self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
 
-    def request(self, scope: Scope = "new") -> Request:
+    def request(self, scope: Scope = "new") -> Plan:
         """Say what Refine would do now; selected lines go before those that are new."""
         return request(self, scope)
 
@@ -98,9 +98,9 @@ class Controller(Keeper):
         if image.rgb and image not in self._told:
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
-        lines = tuple(target.start for target in wanted.plan.targets)
+        lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)
-        work_out = partial(engine.run, block, lines, wanted.plan.fixed, self.how(image))
+        work_out = partial(engine.run, block, lines, wanted.fixed, self.how(image))
         preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
 
         def see(progress: Progress) -> None:
@@ -293,17 +293,17 @@ class Controller(Keeper):
         self.left = spent * (1 - share) / share if known else None
         self.changes.progress.emit()
 
-    def _on_refined(self, work: Work, request: Request, refined: Refined) -> None:
-        targets = request.plan.targets
+    def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
+        targets = plan.targets
         ids = [target.id for target in targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         fresh = [
-            Record(t.id, request.frame, t.sketch, curve, drawn=t.drawn)
+            Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn)
             for t, curve in zip(targets, curves, strict=True)
         ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
-        state = work.state.set_aside([(request.frame, t.id) for t in targets if t.again])
-        work.history.apply(what, state.refined(request.frame, fresh, refined))
+        state = work.state.set_aside([(plan.frame, t.id) for t in targets if t.again])
+        work.history.apply(what, state.refined(plan.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
@@ -323,7 +323,7 @@ class Controller(Keeper):
 
     def _refine_at_once(self) -> None:
         """Refine what was drawn meanwhile, if she wants it so."""
-        if self.at_once and not self.knots and self.request().plan.scope == "new":
+        if self.at_once and not self.knots and self.request().scope == "new":
             self.refine()
 
     def _follow(self) -> None:

@@ -237,12 +237,12 @@ class SplinesketchDock(QWidget):
         self.saved.setVisible(bool(said))
 
     def _show_refine(self) -> None:
-        controller, request = self.controller, self.controller.request()
+        controller, plan = self.controller, self.controller.request()
         self.refine.show_state()
         self.at_once.setChecked(controller.at_once)
         self.at_once.setToolTip(controller.actions.tip("at_once"))
-        left_out = words.skipped(request.drawn.strays, request.drawn.unusable)
-        said = " ".join(filter(None, (request.problem, left_out, words.left_alone(request.plan))))
+        left_out = words.skipped(plan.drawn.strays, plan.drawn.unusable)
+        said = " ".join(filter(None, (plan.problem, left_out, words.left_alone(plan))))
         unasked = controller.progress or controller.knots
         self.hint.say("" if unasked else escape(said, quote=False))
 

@@ -1,7 +1,7 @@
 """What Refine would take up now, with the layers as they are, and what it leaves alone."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -59,7 +59,8 @@ class Plan:
     """What a refinement of one frame would do: the curves that it moves, or takes as they are.
 
     `decided` and `deleted` lines are left out, as their curves were accepted or locked, or deleted;
-    curves without a line any more, the `orphans`, stay.
+    curves without a line any more, the `orphans`, stay. The `problem` says why there is nothing to
+    do for the lines that are `drawn`.
     """
 
     scope: Scope = "new"
@@ -68,6 +69,9 @@ class Plan:
     decided: int = 0
     orphans: tuple[int, ...] = ()
     deleted: int = 0
+    frame: int = 0
+    drawn: Drawn = field(default_factory=Drawn)
+    problem: str = ""
 
 
 def make_plan(
@@ -202,25 +206,15 @@ def _apart(line: Line, record: Record) -> float:
     return float(far / max(width, LEAST))
 
 
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What Refine would do now in the frame in view, or why there is nothing to do, in words."""
-
-    frame: int = 0
-    plan: Plan = field(default_factory=Plan)
-    drawn: Drawn = field(default_factory=Drawn)
-    problem: str = ""
-
-
-def request(c: "Controller", scope: Scope) -> Request:
+def request(c: "Controller", scope: Scope) -> Plan:
     """Say what Refine would do now; selected lines go before those that are new."""
     image, layer, selection = c.choices.image, c.choices.sketches, c.selection
     problem = plane_problem(c.viewer, image) if image is not None else OPEN
     if problem or image is None:
-        return Request(problem=problem)
+        return Plan(problem=problem)
     frame, drawn, marked = c.frame, c.drawn, frozenset[int]()
     if layer is None:
-        return Request(frame, problem=BEGIN)
+        return Plan(frame=frame, problem=BEGIN)
     about_curves = scope == "selected" and any(key[0] == frame for key in selection)
     if layer is c.viewer.layers.selection.active and not about_curves and scope != "all":
         marked = selected_in(layer)
@@ -228,11 +222,12 @@ def request(c: "Controller", scope: Scope) -> Request:
     if marked:
         scope = "selected"
         if not chosen:
-            return Request(frame, Plan(scope), drawn, words.NO_LINE)
-    state = c.state
-    plan = c.plan(drawn, state, frame, scope, chosen, () if scope == "new" else selection)
+            return Plan(scope, frame=frame, drawn=drawn, problem=words.NO_LINE)
+    asked = () if scope == "new" else selection
+    plan = c.plan(drawn, c.state, frame, scope, chosen, asked)
+    plan = replace(plan, frame=frame, drawn=drawn)
     if plan.targets:
-        return Request(frame, plan, drawn)
-    full = any(record.frame == frame for record in state.records)
+        return plan
+    full = any(record.frame == frame for record in c.state.records)
     place = "full" if full else "empty" if image.ndim > 2 else "all"
-    return Request(frame, plan, drawn, words.nothing(plan, drawn, place, layer.name))
+    return replace(plan, problem=words.nothing(plan, place, layer.name))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin.columns import STATUS_WORDS
-from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -76,13 +75,13 @@ def button(plan: "Plan") -> str:
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
 
 
-def nothing(plan: "Plan", drawn: Drawn, frame: Literal["all", "empty", "full"], layer: str) -> str:
+def nothing(plan: "Plan", frame: Literal["all", "empty", "full"], layer: str) -> str:
     """Say why a plan is empty: for all frames, or for one that has no curves, or has some."""
     if plan.decided:
         return f"{_decided(plan.decided)}; reopen or unlock them first."
     if plan.scope == "selected":
-        return NO_LINE if drawn.lines else "No curve is selected."
-    if not drawn.lines:
+        return NO_LINE if plan.drawn.lines else "No curve is selected."
+    if not plan.drawn.lines:
         if frame == "full":
             return "No line in this frame. To correct a curve, draw a line over it and refine."
         where = "in this frame " if frame == "empty" else ""
