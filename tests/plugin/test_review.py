@@ -201,6 +201,7 @@ def test_a_row_of_another_frame_goes_there(
     click(dock.review)
     panel = dock.panel
     assert panel is not None
+    viewer.scene.camera.zoom *= 8
     go_to(dock.controller, (1, 2))
     assert viewer.dims.point[0] == 2
     np.testing.assert_allclose(centre(viewer), [20, 30], atol=1e-6)
