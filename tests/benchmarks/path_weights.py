@@ -67,10 +67,9 @@ class Group:
 
 def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
     """The groups of one image; `right` tells how right a line is for a sketch, 0 to 1."""
-    shape = image.shape
     lines = [np.asarray(s, float) for s in sketches]
-    for island in islands.split(lines, range(len(lines)), (), shape):
-        pixels = image[island.window]
+    for island in islands.split(image, lines, range(len(lines)), ()):
+        pixels = island.pose.cut(image)
         for members, seen in scene.read_scenes(pixels, island.sketches, "auto", None):
             mine = [island.sketches[i] for i in members]
             evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
@@ -88,7 +87,7 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     for i, c in zip(cluster, of, strict=True)
                 ]
                 good = [
-                    [right(island.members[members[i]], x + island.corner) for x in c.lines]
+                    [right(island.members[members[i]], island.pose.outside(x)) for x in c.lines]
                     for i, c in zip(cluster, of, strict=True)
                 ]
                 covers = _sums([c.covers for c in of], paths)

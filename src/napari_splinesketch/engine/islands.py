@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Real
 from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
@@ -15,45 +15,116 @@ from napari_splinesketch.engine.types import Array, Curve
 
 NEAREST, FARTHEST = 20.0, 200.0
 """Bodies are expected within half of a sketch's length of it: at least, and at most, px."""
+EXACT = 2.0**-10
+"""Sketches are rounded to this, px, so that turning them is exact."""
 
 Line = Float[Array, "N 2"]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """How a window of the image is turned before it is fitted: one of eight ways.
+
+    First rows and columns change places, then either is reversed. The way is chosen by what is
+    there, so that a scene that is given transposed, flipped or turned by a quarter is the same to
+    everything that follows, and gives the same curves.
+    """
+
+    window: tuple[slice, slice]
+    swap: bool
+    reverse: tuple[bool, bool]
+
+    @property
+    def _steps(self) -> tuple[slice, ...]:
+        return tuple(slice(None, None, -1 if r else 1) for r in self.reverse)
+
+    def cut(self, image: Real[Array, "H W"]) -> Real[Array, "h w"]:
+        """The window of an image, turned."""
+        pixels = image[self.window]
+        return np.ascontiguousarray((pixels.T if self.swap else pixels)[self._steps])
+
+    def back(self, pixels: Real[Array, "h w"]) -> Real[Array, "h w"]:
+        """A picture of the window, turned back."""
+        pixels = pixels[self._steps]
+        return np.ascontiguousarray(pixels.T if self.swap else pixels)
+
+    def inside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
+        """Points (row, col and whatever else) of the image in the turned window."""
+        points = points.copy()
+        points[:, :2] -= [s.start for s in self.window]
+        if self.swap:
+            points[:, :2] = points[:, 1::-1]
+        return self._reversed(points)
+
+    def outside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
+        """The same back again."""
+        points = self._reversed(points.copy())
+        if self.swap:
+            points[:, :2] = points[:, 1::-1]
+        points[:, :2] += [s.start for s in self.window]
+        return points
+
+    def _reversed(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
+        last = [s.stop - s.start - 1 for s in self.window][:: -1 if self.swap else 1]
+        for axis in np.flatnonzero(self.reverse):
+            points[:, axis] = last[axis] - points[:, axis]
+        return points
 
 
 @dataclass(frozen=True, eq=False)
 class Island:
     """Sketches whose surroundings overlap, and the part of the image around them.
 
+    Neither the order of the sketches, nor the end they begin at, nor how the image is turned makes
+    a difference to what is in here.
+
     Attributes
     ----------
     members
         Numbers of the sketches.
     sketches
-        (N, 2) polylines in the window's pixels.
+        (N, 2) polylines in pixels of the turned window.
+    turned
+        Whether each of them begins at the other end.
     fixed
-        Curves that take part but do not move, in the image's pixels.
-    window
-        Rows and columns of the image.
+        (P, 3) points and half-widths of curves that take part but do not move, in the same pixels.
+    pose
+        The window of the image, and how it is turned.
     """
 
     members: tuple[int, ...]
     sketches: list[Line]
-    fixed: list[Curve]
-    window: tuple[slice, slice]
-
-    @property
-    def corner(self) -> Int[Array, "2"]:
-        """(2,) the window's first pixel in the image."""
-        return np.array([s.start for s in self.window])
+    turned: list[bool]
+    fixed: list[Float[Array, "P 3"]]
+    pose: Pose
 
     def of(self, which: Sequence[int]) -> "Island":
         """The same part of the image with some of the sketches."""
-        members = tuple(self.members[i] for i in which)
-        return replace(self, members=members, sketches=[self.sketches[i] for i in which])
+        lists = (self.members, self.sketches, self.turned)
+        members, sketches, turned = ([mine[i] for i in which] for mine in lists)
+        return replace(self, members=tuple(members), sketches=sketches, turned=turned)
+
+    def in_image(self, curves: Sequence[Curve]) -> list[Curve]:
+        """Curves of the sketches in pixels of the image, each beginning where its sketch does."""
+        found = []
+        for curve, turned in zip(curves, self.turned, strict=True):
+            step = slice(None, None, -1 if turned else 1)
+            found.append(
+                replace(
+                    curve,
+                    knots=self.pose.outside(curve.knots)[step],
+                    points=self.pose.outside(curve.points)[step],
+                    half_width=curve.half_width[step],
+                    sd=curve.sd[step],
+                )
+            )
+        return found
 
     @cached_property
     def near(self) -> Bool[Array, "h w"]:
         """(h, w) where the bodies are expected: within half of a sketch's length of it."""
-        near = np.zeros([s.stop - s.start for s in self.window], dtype=bool)
+        rows, columns = (s.stop - s.start for s in self.pose.window)
+        near = np.zeros((columns, rows) if self.pose.swap else (rows, columns), dtype=bool)
         for line in self.sketches:
             radius = np.clip(spline.arc_length(line)[-1] / 2, NEAREST, FARTHEST)
             rows, columns, mask = band(line, radius, near.shape)
@@ -62,12 +133,14 @@ class Island:
 
 
 def split(
-    lines: Sequence[Line], usable: Sequence[int], fixed: Sequence[Curve], shape: tuple[int, ...]
+    image: Real[Array, "H W"],
+    lines: Sequence[Line],
+    usable: Sequence[int],
+    fixed: Sequence[Curve],
 ) -> list[Island]:
-    """The islands of the usable sketches, the largest first; their windows do not overlap.
-
-    Sketches of an island are in the order of `usable`.
-    """
+    """The islands of the usable sketches, the largest first; their windows do not overlap."""
+    lines = [np.round(line / EXACT) * EXACT for line in lines]
+    shape = image.shape
     groups, around = [[i] for i in usable], {i: _surroundings(lines[i], shape) for i in usable}
     while True:
         boxes = [np.array([around[i] for i in group]) for group in groups]
@@ -84,14 +157,46 @@ def split(
     for members, top, bottom in zip(groups, low, high, strict=True):
         beside = [c for c in fixed if _within(c, top, bottom)]
         window = slice(int(top[0]), int(bottom[0])), slice(int(top[1]), int(bottom[1]))
-        found.append(Island(tuple(members), [lines[i] - top for i in members], beside, window))
+        found.append(_posed(image, {i: lines[i] for i in members}, beside, window))
     return sorted(found, key=lambda island: -len(island.members))
+
+
+def _posed(
+    image: Real[Array, "H W"],
+    lines: dict[int, Line],
+    fixed: Sequence[Curve],
+    window: tuple[slice, slice],
+) -> Island:
+    """The island in the pose whose sorted sketches come first, or its pixels where these agree."""
+    found = []
+    for swap, *reverse in np.ndindex(2, 2, 2):
+        pose = Pose(window, bool(swap), (bool(reverse[0]), bool(reverse[1])))
+        inside = {i: pose.inside(line) for i, line in lines.items()}
+        turned = {i: tuple(line[0]) > tuple(line[-1]) for i, line in inside.items()}
+        mine = {i: line[::-1] if turned[i] else line for i, line in inside.items()}
+        key = {i: line.tolist() for i, line in mine.items()}
+        order = sorted(mine, key=key.__getitem__)
+        size = [s.stop - s.start for s in window][:: -1 if swap else 1]
+        found.append(((size, [key[i] for i in order]), order, mine, turned, pose))
+    first = min(key for key, *_ in found)
+    best = [one[1:] for one in found if one[0] == first]
+    if len(best) > 1:
+        best = [min(best, key=lambda one: one[-1].cut(image).tobytes())]
+    order, mine, turned, pose = best[0]
+    still = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
+    return Island(
+        tuple(order),
+        [mine[i] for i in order],
+        [turned[i] for i in order],
+        sorted(still, key=lambda points: points.tolist()),
+        pose,
+    )
 
 
 def _surroundings(line: Line, shape: tuple[int, ...]) -> Int[Array, "2 2"]:
     margin = MARGIN + spline.arc_length(line)[-1] / 2
     low = np.clip(np.floor(line.min(0) - margin), 0, np.array(shape) - 1)
-    return np.array([low, np.clip(np.ceil(line.max(0) + margin), low + 1, shape)]).astype(int)
+    return np.array([low, np.clip(np.ceil(line.max(0) + margin) + 1, low + 1, shape)]).astype(int)
 
 
 def _within(curve: Curve, low: Int[Array, "2"], high: Int[Array, "2"]) -> bool:

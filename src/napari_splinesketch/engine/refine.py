@@ -81,18 +81,14 @@ def refine(
     checks.check_options(image.shape, polarity, half_width)
     faults = [checks.fault(line, image.shape) for line in drawn]
     lines = [x if f else spline.steadied(x, STEADY) for x, f in zip(drawn, faults, strict=True)]
-    # From here on neither the order of the sketches nor the end they begin at makes a difference.
-    turned = [tuple(line[0]) > tuple(line[-1]) for line in drawn]
-    lines = [line[::-1] if turn else line for line, turn in zip(lines, turned, strict=True)]
     usable = [i for i, fault in enumerate(faults) if not fault]
-    usable.sort(key=lambda i: lines[i].tolist())
-    fixed = sorted((c for c in fixed if c.status != "failed"), key=lambda c: c.points.tolist())
+    fixed = [curve for curve in fixed if curve.status != "failed"]
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
     try:
         progress("looking at the image", 0.0)
-        for island in islands.split(lines, usable, fixed, image.shape):
-            pixels = image[island.window]
+        for island in islands.split(image, lines, usable, fixed):
+            pixels = island.pose.cut(image)
             blank = checks.blank(pixels[island.near])
             if blank:
                 faults = [blank if i in island.members else f for i, f in enumerate(faults)]
@@ -104,7 +100,7 @@ def refine(
                 progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
-    return assemble.assemble(image, drawn, turned, faults, parts, began)
+    return assemble.assemble(image, drawn, faults, parts, began)
 
 
 def _fitted(
@@ -115,7 +111,7 @@ def _fitted(
 
         return fit_paper(island, seen, seed, report)
     settings = SETTINGS[preset] if isinstance(preset, str) else preset
-    found = fit_scene(seen, island.sketches, island.fixed, island.corner, settings, report)
+    found = fit_scene(seen, island.sketches, island.fixed, settings, report)
     return assemble.describe(island, found.seen, found)
 
 
@@ -142,7 +138,7 @@ class _Progress:
             lines: list[Float[Array, "P 2"]] | None = None
             if centrelines or self._before:
                 lines = list(self._lines)
-                now = [line + island.corner for line in centrelines()] if centrelines else []
+                now = [island.pose.outside(line) for line in centrelines()] if centrelines else []
                 for i, line in zip(island.members, now, strict=False):
                     lines[i] = line
             done = self._before + fraction * len(island.members)

@@ -9,7 +9,7 @@ from napari_splinesketch.engine.fit.fitting import Stopped
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.report.assemble import Part, in_image
+from napari_splinesketch.engine.report.assemble import Part, part_of
 from napari_splinesketch.engine.types import POINTS, Array, Curve, SceneModel
 from napari_splinesketch.paper.fit import PaperFit
 from napari_splinesketch.paper.phases import refine_paper
@@ -31,25 +31,23 @@ def fit_paper(island: Island, seen: Scene, seed: int, report: Reporter) -> Part:
         return True
 
     image = np.where(seen.valid, seen.normal, np.nan)
-    fixed = [np.column_stack([c.points - island.corner, c.half_width]) for c in island.fixed]
     found = refine_paper(
         image,
         island.sketches,
         half_width=seen.half_width,
         seed=seed,
         report=passed_on,
-        fixed=fixed,
+        fixed=island.fixed,
     )
     if found.cancelled:
         raise Stopped
     bodies = found.reconstruction - found.background
     rest = seen.normal - found.reconstruction
     curves = [
-        in_image(_curve(knots, line, rest, bodies, seen), island)
+        _curve(knots, line, rest, bodies, seen)
         for knots, line in zip(found.knots, island.sketches, strict=True)
     ]
-    drawn = (bodies * seen.contrast).astype(np.float32)
-    return Part(island.members, curves, island.window, drawn, _model(found, seen))
+    return part_of(island, curves, bodies * seen.contrast, _model(found, seen))
 
 
 def _model(fit: PaperFit, seen: Scene) -> SceneModel:

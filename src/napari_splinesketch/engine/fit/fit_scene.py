@@ -14,7 +14,7 @@ from napari_splinesketch.engine.fit import bands, fitting, pairs
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.types import Array, Curve
+from napari_splinesketch.engine.types import Array
 
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
@@ -65,8 +65,7 @@ class SceneFit:
 def fit_scene(
     seen: Scene,
     sketches: list[Line],
-    fixed: Sequence[Curve],
-    corner: Float[Array, "2"],
+    fixed: Sequence[Float[Array, "P 3"]],
     settings: Settings,
     report: Reporter,
 ) -> SceneFit:
@@ -78,15 +77,15 @@ def fit_scene(
         The image, or the window of it that matters.
     sketches
         (N, 2) polylines in the window's pixels.
-    fixed, corner
-        Curves that take part but do not move, in the image's pixels; and the window's corner.
+    fixed
+        (P, 3) points and half-widths of curves that take part but do not move.
     settings
         The preset.
     report
         Progress.
     """
     report("tracing bodies", 0.02)
-    still = [(spline.resample(c.points, 100) - corner, _width_of(c), 1.0) for c in fixed]
+    still = [(spline.resample(c[:, :2], 100), _width_of(c), 1.0) for c in fixed]
     if settings.hold is None:
         found = finding.find(
             seen, sketches, [line for line, *_ in still], settings,
@@ -121,8 +120,8 @@ def fit_scene(
     return SceneFit(seen, bodies, others, starts)
 
 
-def _width_of(curve: Curve) -> float:
-    return max(float(np.nanmedian(curve.half_width)), THINNEST_FIXED)
+def _width_of(curve: Float[Array, "P 3"]) -> float:
+    return max(float(np.nanmedian(curve[:, 2])), THINNEST_FIXED)
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
@@ -55,29 +55,21 @@ def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
     residual = seen.normal - drawn
     rests = [_rest(body, residual) for body in fit.bodies]
-    curves = [
-        in_image(c, island)
-        for c in _curves(seen, fit, island.sketches, island.members, residual, rests)
-    ]
-    bodies = (drawn * seen.contrast).astype(np.float32)
-    return Part(island.members, curves, island.window, bodies, needed.model(seen, fit, rests))
+    curves = _curves(seen, fit, island.sketches, island.members, residual, rests)
+    return part_of(island, list(curves), drawn * seen.contrast, needed.model(seen, fit, rests))
 
 
-def in_image(curve: Curve, island: Island) -> Curve:
-    """A curve of an island's window in the pixels of the image."""
-    corner = island.corner
-    return replace(curve, knots=curve.knots + np.append(corner, 0), points=curve.points + corner)
-
-
-def _turned(curve: Curve) -> Curve:
-    along = ("knots", "points", "half_width", "sd")
-    return replace(curve, **{name: getattr(curve, name)[::-1] for name in along})
+def part_of(
+    island: Island, curves: list[Curve], drawn: Float[Array, "h w"], model: SceneModel
+) -> Part:
+    """What was found in the turned window of an island, in the image."""
+    drawn = island.pose.back(drawn.astype(np.float32))
+    return Part(island.members, island.in_image(curves), island.pose.window, drawn, model)
 
 
 def assemble(
     image: Real[Array, "H W"],
     sketches: list[Float[Array, "N 2"]],
-    turned: list[bool],
     faults: list[str],
     parts: list[Part],
     began: float,
@@ -88,8 +80,6 @@ def assemble(
     ----------
     image, sketches
         As given to `refine`.
-    turned
-        Whether each sketch was fitted from its other end.
     faults
         Why each sketch could not be refined, or nothing.
     parts
@@ -99,8 +89,8 @@ def assemble(
     """
     made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
     curves = tuple(
-        assess.as_drawn(line, fault) if fault else _turned(made[i]) if turn else made[i]
-        for i, (line, turn, fault) in enumerate(zip(sketches, turned, faults, strict=True))
+        assess.as_drawn(line, fault) if fault else made[i]
+        for i, (line, fault) in enumerate(zip(sketches, faults, strict=True))
     )
     model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
     drawn = [(part.window, part.drawn) for part in parts]
