@@ -54,6 +54,7 @@ class Problem:
             np.concatenate([-edge, priors.low]).astype(np.float32),
             np.concatenate([edge, priors.high]).astype(np.float32),
             np.float32(seen.noise),
+            np.float32(4.0),
         )
         return Problem(jax.device_put(one), jax.device_put(level), begin)
 

@@ -39,6 +39,7 @@ class Problem:
             np.concatenate([-edge, self.priors.low]).astype(np.float32),
             np.concatenate([edge, self.priors.high]).astype(np.float32),
             np.float32(self.seen.noise),
+            np.float32(4.0),
         )
 
     def bands(self, count: int = 2):

@@ -133,6 +133,7 @@ def fit_curves(
         np.concatenate([np.full(2 * k, -1e6), priors.low]).astype(np.float32),
         np.concatenate([np.full(2 * k, 1e6), priors.high]).astype(np.float32),
         np.float32(seen.noise),
+        np.float32(max(solver.MOVES * seen.half_width, solver.MOVES_PX)),
     )
     fit = solver.start(begin, bands.values.shape[1])
     bands, fit, shared, basis, bend = jax.device_put((bands, fit, shared, basis, bend))

@@ -20,8 +20,8 @@ from napari_splinesketch.engine.types import AnyArray as Array
 SLOPE_UNIT = 50.0
 """Background slopes are per this many px."""
 
-MAX_MOVE = 4.0
-"""Longest move of a knot in one step, px."""
+MOVES, MOVES_PX = 0.8, 4.0
+"""Longest move of a knot in one step, half-widths, and px at least."""
 
 HUBER = 4.0
 """Residuals beyond this many standard deviations of the noise count linearly."""
@@ -65,6 +65,8 @@ class Level(NamedTuple):
     lower: Float[Array, " D"]
     upper: Float[Array, " D"]
     noise: Float[Array, ""]
+    longest: Float[Array, ""]
+    """Move of a knot in one step, px."""
 
 
 class Fit(NamedTuple):
@@ -235,7 +237,7 @@ def _visit(
         factor = jax.scipy.linalg.cho_factor(damped)
         move = jax.scipy.linalg.cho_solve(factor, gradient)
         longest = jnp.abs(move[: 2 * len(bend)]).max()
-        move = move * jnp.minimum(1.0, MAX_MOVE / (longest + 1e-9))
+        move = move * jnp.minimum(1.0, level.longest / (longest + 1e-9))
         move = jnp.where(jnp.isfinite(move).all(), move, 0.0)
         trial = jnp.clip(theta + move, level.lower, level.upper)
         return _Step(

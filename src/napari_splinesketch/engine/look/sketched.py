@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look.ridges import BLUR, WIDTHS, Ridges
@@ -23,6 +24,8 @@ EVERY, FEWEST, MOST = 3.0, 12, 120
 """Profiles across a sketch are so many px apart; fewest and most of them."""
 OFFSETS = 61
 """Points on each profile, at most."""
+ASIDE, FLAT = 2.5, 0.3
+"""Profiles across a path reach so many half-widths; so many of them are the middle of a body."""
 
 Line = Float[Array, "N 2"]
 
@@ -59,6 +62,28 @@ def reach_of(line: Line, half_width: float = 0.0) -> float:
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     astray = min(ASTRAY * steps.sum(), max(STRAYS * half_width, STRAYS_PX))
     return float(max(BULGE * steps.max(), astray))
+
+
+def look_across(image: Float[Array, "H W"], path: Line, half_width: float) -> tuple[float, float]:
+    """Half-width, px, and contrast of the body along a path, from its median profile.
+
+    Where the profile is half as high as in its middle, the mean of both sides; `half_width` is
+    about what it is.
+    """
+    at, _ = _profiles(path, ASIDE * half_width)
+    values = ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
+    profile = np.median(values, axis=0)
+    middle = len(profile) // 2
+    step = ASIDE * half_width / middle
+    wide, high = [], []
+    for side in (profile[middle::-1], profile[middle:]):
+        top = side[: 1 + int(FLAT * half_width / step)].mean()
+        edge = int(half_width / step)
+        low = edge + int(side[edge:].argmin())
+        below = side[:low] <= (top + side[low]) / 2
+        wide.append(step * (0.5 + (int(below.argmax()) if below.any() else low)))
+        high.append(top - side[low])
+    return float(np.mean(wide)), float(np.mean(high))
 
 
 def look_around(
