@@ -142,10 +142,12 @@ def candidates_of(
     """
     mask = _mask(seen, evidence, sketches)
     graph = trace(mask, seen.half_width, usual_length(sketches))
+    unseen = {rung: _unseen(graph, seen_at) for rung, seen_at in evidence.items()}
     candidates = []
     for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
         tick(i / len(sketches))
-        candidates.append(_candidates(graph, sketch, WIDTHS[rung], evidence[rung], settings))
+        known = evidence[rung], unseen[rung]
+        candidates.append(_candidates(graph, sketch, WIDTHS[rung], *known, settings))
     return graph, candidates
 
 
@@ -183,17 +185,14 @@ def _candidates(
     sketch: Line,
     half_width: float,
     evidence: Float[Array, "H W"],
+    unseen: Float[Array, " E"],
     settings: Settings,
 ) -> Candidates:
     """Paths that one sketch may mean, of the graph and of strips along the sketch."""
     reach = reach_of(sketch, half_width)
-    covers = [
-        (1 - np.minimum(evidence[tuple(p.astype(int).T)].mean() / scoring.SEEN, 1))
-        for p in graph.pieces
-    ]
     tolerance = float(scoring.tolerance(sketch, half_width).min())
     routes = paths.routes_of_sketch(
-        graph, np.array(covers), sketch, half_width, _reach(sketch, half_width), tolerance,
+        graph, unseen, sketch, half_width, _reach(sketch, half_width), tolerance,
         settings.weigh,
     )  # fmt: skip
     lines: list[Line] = []
@@ -225,9 +224,19 @@ def _candidates(
     cost = scoring.cost(known)
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
-    unseen = known[order, scoring.FEATURES.index("unseen")]
+    share = known[order, scoring.FEATURES.index("unseen")]
     kept = tuple(lines[i] for i in order)
-    return Candidates(kept, cost[order], unseen, along[order], 0.0 if clicked else choice.EXPLAINS)
+    return Candidates(kept, cost[order], share, along[order], 0.0 if clicked else choice.EXPLAINS)
+
+
+def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
+    """(E,) share of each piece without evidence."""
+    if not graph.pieces:
+        return np.zeros(0)
+    count = np.array([len(piece) for piece in graph.pieces])
+    along = evidence[tuple(np.concatenate(graph.pieces).astype(int).T)]
+    total = np.add.reduceat(along, np.cumsum(count) - count)
+    return 1 - np.minimum(total / count / scoring.SEEN, 1)
 
 
 def _between_ends(line: Line, sketch: Line) -> Line | None:
@@ -242,8 +251,9 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     if not lines or not len(graph.pieces):
         return np.zeros(len(graph.pieces), dtype=bool)
     dense = [spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines]
-    apart = KDTree(np.concatenate(dense)).query(graph.middles)[0]
-    return apart < choice.EXPLAINED * half_width
+    near = choice.EXPLAINED * half_width
+    apart, _ = KDTree(np.concatenate(dense)).query(graph.middles, distance_upper_bound=near)
+    return apart < near
 
 
 def _start(

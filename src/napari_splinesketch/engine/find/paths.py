@@ -163,16 +163,17 @@ def routes_of_sketch(
         return []
     line = spline.resample(sketch, max(20, int(length / (2 * half_width))))
     tree = KDTree(line)
-    apart = tree.query(graph.middles)[0]
-    away, at = tree.query(graph.nodes)
+    away, at = tree.query(graph.nodes, distance_upper_bound=reach)
     near = (away < reach)[graph.ends].all(1)
+    apart = np.full(len(near), np.inf)
+    apart[near] = tree.query(graph.middles[near])[0]
     weight = graph.lengths / half_width * (BASE + UNSEEN * unseen + (apart / tolerance) ** 2 / 8)
     ahead = np.asarray(BASE * length / half_width * (1 - at / (len(line) - 1)))
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
     near_nodes = np.unique(graph.ends[near])
     likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
-    found: dict[int, Route] = {}
+    found: dict[frozenset[int], Route] = {}
     longest = 3 * length + 2 * reach
     for route in routes_near(graph, near, weight, likely, ahead, longest, most):
-        found.setdefault(sum(1 << (step >> 1) for step in route), route)
+        found.setdefault(frozenset(step >> 1 for step in route), route)
     return list(found.values())
