@@ -1,6 +1,7 @@
 """What speaks against a curve being the body that it was carried over from."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -81,7 +82,8 @@ def seeing(
 
     `usual` is the contrast of the frames before: one that differs much from it is of nothing.
     """
-    pixels = np.nan_to_num(view.pixels.astype(float) - refinement.background)
+    # Of a copy: the frames that are held back do not keep the picture that is made here.
+    pixels = np.nan_to_num(view.pixels.astype(float) - copy(refinement).background)
     smooth = ndimage.gaussian_filter(pixels, 0.5)
     contrast = abs(refinement.model.contrast)
     if usual:
@@ -93,16 +95,19 @@ def seeing(
 
 def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
     """Positions of curves that run along another for much of their length, with the other's."""
-    found = {}
+    return {i: j for i, j, share in _shares(curves, SAME) if share > ALONG}
+
+
+def _shares(curves: Sequence[Curve], reach: float) -> Iterator[tuple[int, int, float]]:
+    """Positions of curves whose boxes meet: of which share of one another is within its reach."""
     low = np.array([c.points.min(0) for c in curves]).reshape(-1, 2)
     high = np.array([c.points.max(0) for c in curves]).reshape(-1, 2)
     for i, curve in enumerate(curves):
-        reach = SAME * _half_width(curve)
-        meets = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        far = reach * _half_width(curve)
+        meets = ((low <= high[i] + far) & (high >= low[i] - far)).all(1)
         for j in np.flatnonzero(meets).tolist():
-            if i != j and _share(curve.points, curves[j].points, reach) > ALONG:
-                found[i] = j
-    return found
+            if i != j:
+                yield i, j, _share(curve.points, curves[j].points, far)
 
 
 def mostly_on(line: Line, other: Line, reach: float) -> bool:
@@ -128,17 +133,11 @@ def along_any(curve: Curve, others: Sequence[Curve]) -> float:
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:
     """Say of each curve which others come near it, for more than a share of it, by number."""
     names = list(curves)
-    low = np.array([c.points.min(0) for c in curves.values()]).reshape(-1, 2)
-    high = np.array([c.points.max(0) for c in curves.values()]).reshape(-1, 2)
     found: dict[int, set[int]] = {name: set() for name in names}
-    for i, name in enumerate(names):
-        one = curves[name]
-        reach = NEAR * _half_width(one)
-        meets = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
-        for j in np.flatnonzero(meets).tolist():
-            if i != j and _share(one.points, curves[names[j]].points, reach) > share:
-                found[name].add(names[j])
-                found[names[j]].add(name)
+    for i, j, near in _shares(list(curves.values()), NEAR):
+        if near > share:
+            found[names[i]].add(names[j])
+            found[names[j]].add(names[i])
     return found
 
 

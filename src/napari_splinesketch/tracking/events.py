@@ -104,12 +104,11 @@ class Entering:
 
 def border(shape: tuple[int, ...], depth: int) -> list[tuple[slice, slice]]:
     """Parts of an image that make up its border, so deep; all of it where that is not less."""
-    high, wide = shape
+    rows, columns = (slice(0, size) for size in shape)
     if min(shape) <= 2 * depth:
-        return [(slice(0, high), slice(0, wide))]
-    rows = slice(0, depth), slice(high - depth, high)
-    columns = slice(0, depth), slice(wide - depth, wide)
-    return [*((r, slice(0, wide)) for r in rows), *((slice(0, high), c) for c in columns)]
+        return [(rows, columns)]
+    (top, bottom), (left, right) = ((slice(0, depth), slice(n - depth, n)) for n in shape)
+    return [(top, columns), (bottom, columns), (rows, left), (rows, right)]
 
 
 def _apart(line: Line, other: Line) -> float:

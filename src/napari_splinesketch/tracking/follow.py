@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 
@@ -72,7 +73,10 @@ def follow(
     A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
     """
     bodies = {body.id: body for body in start}
-    refine = refine or _engine()
+    if refine is None:
+        from napari_splinesketch.engine.refine import refine as engine
+
+        refine = cast(Refine, engine)
     step = _Step(read, refine, preset, smooth)
     window = Window(refine, preset)
     for done, frame in enumerate(frames):
@@ -91,12 +95,6 @@ def follow(
         else:
             yield result
     yield from window.rest()
-
-
-def _engine() -> Refine:
-    from napari_splinesketch.engine.refine import refine
-
-    return refine  # pyright: ignore[reportReturnType]
 
 
 def _report(

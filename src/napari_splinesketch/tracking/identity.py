@@ -40,9 +40,8 @@ def assigned(
     """Whose curves after the stretch are whose, by what both ends foretell."""
     cost = np.array([[unlikely(before[i], sides[j], i != j) for j in names] for i in names])
     rows, columns = linear_sum_assignment(cost)
-    same = {i: i for i in names}
     if np.trace(cost) - cost[rows, columns].sum() < SWAP:
-        return same
+        return {i: i for i in names}
     return {names[i]: names[j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
 
 

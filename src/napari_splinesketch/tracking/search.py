@@ -1,6 +1,6 @@
 """Placing the bodies of one frame: first where they are expected, then wherever they may be."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,17 +99,12 @@ class Search:
         found = self.held(sure, foretold)
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)
-        attempts: list[tuple[PresetName | Settings, Callable[[Sequence[Body]], dict[int, Line]]]]
-        attempts = [
-            (self._preset, self._as_expected),
-            (LOCAL, self._as_expected),
-            (self._preset, lambda doubted: self._as_suggested(doubted, found)),
-        ]
-        for number, (preset, choose) in enumerate(attempts, start=1):
+        for number, preset in enumerate((self._preset, LOCAL, self._preset), start=1):
             doubted = [body for body in bodies if not found[body.id].trusted]
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or len(doubted) < len(bodies)):
-                self._attempt(number, doubted, choose(doubted), preset, found)
+                lines = self._as_suggested(doubted, found) if number == 3 else self._expected
+                self._attempt(number, doubted, lines, preset, found)
         return found
 
     def held(
@@ -125,9 +120,6 @@ class Search:
                 sd = hold * float(unit * np.median([foretold[b.id][1] for b in tried]))
                 self._attempt(0, tried, lines, replace(SETTINGS[self._preset], hold=sd), found)
         return found
-
-    def _as_expected(self, bodies: Sequence[Body]) -> dict[int, Line]:
-        return {body.id: self._expected[body.id] for body in bodies}
 
     def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
         """What the image itself suggests for bodies in doubt."""
@@ -228,7 +220,9 @@ def _pasted(old: Refinement, new: Refinement, lines: Sequence[Line]) -> Refineme
     low = np.maximum(np.floor(points.min(0) - margin), 0).astype(int)
     high = np.ceil(points.max(0) + margin).astype(int) + 1
     part = slice(low[0], high[0]), slice(low[1], high[1])
-    reconstruction, background = old.reconstruction.copy(), old.background.copy()
+    reconstruction, background = (
+        picture.astype(np.float32) for picture in (old.reconstruction, old.background)
+    )
     reconstruction[part], background[part] = new.reconstruction[part], new.background[part]
     return replace(
         old,

@@ -31,11 +31,6 @@ exactly tubes: no neighbour averages that out. Measured on generated faint films
 Along = Float[np.ndarray, "P"]
 
 
-def noisy(curve: Curve) -> bool:
-    """Whether the image leaves a curve so uncertain that its neighbours are worth waiting for."""
-    return bool(np.median(curve.sd) > NOISY)
-
-
 def steadied(curve: Curve, frame: int, before: Sequence[Known], after: Sequence[Known]) -> Curve:
     """The curve, moved along its normal towards where the frames around foretell it.
 

@@ -35,21 +35,15 @@ class Place(Protocol):
 class Whole:
     """The place of a frame that was read whole."""
 
-    def to_image(self, points: Line) -> Line:
+    def to_image(self, points: Line, /) -> Line:
         """Give the points as they are."""
         return points
 
-    def to_block(self, points: Line) -> Line:
-        """Give the points as they are."""
-        return points
-
-    def curve_to_image(self, curve: Curve) -> Curve:
+    def curve_to_image(self, curve: Curve, /) -> Curve:
         """Give the curve as it is."""
         return curve
 
-    def curve_to_block(self, curve: Curve) -> Curve:
-        """Give the curve as it is."""
-        return curve
+    to_block, curve_to_block = to_image, curve_to_image
 
 
 @dataclass(frozen=True, eq=False)

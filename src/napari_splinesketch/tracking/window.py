@@ -133,8 +133,8 @@ class Window:
             yield first.with_curves({**first.by_id, **steadied})
 
     def _worth(self, name: int, curve: Curve) -> bool:
-        """Whether its neighbours could make a curve better."""
-        return steady.noisy(curve) and len(self._seen.get(name, [])) >= FEWEST_SEEN
+        """Whether the image leaves a curve so uncertain that its neighbours make it better."""
+        return np.median(curve.sd) > steady.NOISY and len(self._seen.get(name, [])) >= FEWEST_SEEN
 
     def _after(self, name: int, later: list[Tracked]) -> list[Known]:
         """What is known of a body after a frame, the nearest last."""
