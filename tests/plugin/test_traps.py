@@ -82,7 +82,7 @@ def test_editing_the_sketches(
     assert dock.refine.text() == "Refine 1 new, 2 changed"
 
 
-@pytest.mark.window(shown=True)
+@pytest.mark.window
 def test_drawing_goes_on(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:
