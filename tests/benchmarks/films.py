@@ -1,9 +1,10 @@
 """Films with truth: who is followed, how exactly, through crossings and out of sight.
 
-    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--write]
+    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--real] [--write]
 
 Every film is tracked frame by frame and with the frames around it. Prints a table; with --write,
-docs/films.md gets all that were measured. Without --held-out, films are those that settings may be
+docs/films.md gets all that were measured. With --real, the sample film is tracked to its end and
+back, and nothing else is done. Without --held-out, films are those that settings may be
 chosen on. What was measured is kept in docs/films/tracked.json and not measured again; delete it to
 do so.
 """
@@ -20,9 +21,10 @@ from typing import Any
 os.environ["JAX_PLATFORMS"] = "cpu"
 
 import numpy as np
+import skimage.io
 from insert import insert
 
-from napari_splinesketch import refine
+from napari_splinesketch import refine, suggest
 from napari_splinesketch.metrics import average_dtw, normal_distances
 from napari_splinesketch.synthetic.bodies import crosses
 from napari_splinesketch.synthetic.films import Film, film
@@ -31,6 +33,7 @@ from napari_splinesketch.tracking import Body, View, follow
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "films.md"
 KEPT = ROOT / "docs" / "films" / "tracked.json"
+SAMPLE = ROOT / "src" / "napari_splinesketch" / "data" / "worms_swimming.tif"
 HELD_OUT = 7_000
 MOTIONS = ("crawl", "swim", "glide")
 CASES: dict[str, dict[str, Any]] = {
@@ -132,7 +135,7 @@ def _one(shown: Film, frame: int, body: int, curve: Any) -> Counts:
         if curve is None:
             return Counts(hidden=len(hidden))
         apart = np.linalg.norm(hidden[:, None] - curve.points[None], axis=2).min(1)
-        marked = any("inferred" in reason for reason in curve.reasons)
+        marked = _inferred(curve)
         found = int((apart < 2 * half_width).sum())
         return Counts(hidden=len(hidden), found=found, marked=marked * len(hidden))
     if curve is None:
@@ -171,6 +174,36 @@ HEAD = (
 MODES = {"frame by frame": False, "frames around": True}
 
 
+def there_and_back(movie: np.ndarray) -> str:
+    """What comes of a film without truth that is tracked forwards, and backwards from its end."""
+    first = refine(movie[0], suggest(movie[0]))
+    start = {i: c for i, c in enumerate(first.curves) if c.status == "good"}
+    table = "| there and back | bodies | arrive | come back | to another | inferred |\n"
+    table += "|---|---|---|---|---|---|\n"
+    for mode, smooth in MODES.items():
+
+        def along(bodies: dict[int, Any], way: range, smooth: bool = smooth) -> list[Any]:
+            known = [Body(i, ((way[0], c),)) for i, c in bodies.items()]
+            return list(follow(way[1:], known, lambda t, _: View(movie[t]), smooth=smooth))
+
+        ahead = along(start, range(len(movie)))
+        back = along(ahead[-1].by_id, range(len(movie))[::-1])[-1].by_id
+        nearest = {
+            i: min(start, key=lambda j, c=c: average_dtw(c.points, start[j].points))
+            for i, c in back.items()
+        }
+        near = {i: average_dtw(back[i].points, start[j].points) < SAME for i, j in nearest.items()}
+        same = sum(near[i] for i, j in nearest.items() if i == j)
+        inferred = sum(_inferred(c) for result in ahead for c in result.curves)
+        cells = (mode, len(start), len(ahead[-1].ids), same, sum(near.values()) - same, inferred)
+        table += "| " + " | ".join(map(str, cells)) + " |\n"
+    return table
+
+
+def _inferred(curve: Any) -> bool:
+    return any("inferred" in reason for reason in curve.reasons)
+
+
 def main() -> None:
     """Track the films asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -179,7 +212,14 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", default=usual, choices=list(CASES))
     parser.add_argument("--held-out", action="store_true")
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--real", action="store_true")
     options = parser.parse_args()
+    if options.real:
+        table = there_and_back(skimage.io.imread(SAMPLE))
+        print(table)
+        if options.write:
+            insert("there and back", table, PAGE)
+        return
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for case, index, (mode, smooth) in product(options.cases, range(options.films), MODES.items()):
         name = f"{case} {index} {mode} {options.held_out}"
