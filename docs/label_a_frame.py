@@ -14,6 +14,7 @@ Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/la
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication
 
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 REACH, BUTTON, KEY = 1.1, 0.1, 0.28
@@ -121,6 +123,14 @@ def over(line: Any, worm: Any) -> bool:
     return any(np.linalg.norm(ends - way, axis=1).max() < NEAR for way in (worm, worm[::-1]))
 
 
+def clear_place(line: Any, others: list[Any]) -> Any:
+    """Give the point of a line that is farthest from other lines: there is no doubt about it."""
+    share = np.linspace(0, 1, 20)[1:-1]
+    places = [(1 - t) * a + t * b for a, b in pairwise(line) for t in share]
+    beside = np.concatenate([resample(other, 100) for other in others])
+    return max(places, key=lambda place: np.linalg.norm(beside - place, axis=1).min())
+
+
 def suggested(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> list[Any]:
     """Let lines be suggested, and delete the wrong ones; give the worms that have none."""
     hand.key("W")
@@ -132,7 +142,7 @@ def suggested(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> list[Any]
     if wrong:
         hand.key("S")
     for line in wrong:
-        hand.click(line[len(line) // 2], SHIFT)
+        hand.click(clear_place(line, [other for other in lines if other is not line]), SHIFT)
     if wrong:
         hand.key("Delete")
         hand.key("L")

@@ -4,7 +4,7 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -127,13 +127,12 @@ class Folder:
     def fresh(cls, parent: Path) -> "Folder":
         """Make a folder in another one, with a number that nobody has."""
         parent.mkdir(parents=True, exist_ok=True)
-        for number in count(1):
-            try:
+        number = 0
+        while True:
+            number += 1
+            with suppress(FileExistsError):
                 (parent / str(number)).mkdir()
-            except FileExistsError:
-                continue
-            return cls(parent / str(number))
-        raise AssertionError
+                return cls(parent / str(number))
 
     def holds(self, pictures: Mapping[int, Patch]) -> None:
         """Take note of reconstructions that were read from it: they need not be written again."""
