@@ -155,16 +155,14 @@ def look_at(
 ) -> None:
     """Go to a frame and bring the middle of some points, px of the image, to the canvas's.
 
-    Where all of the image is in view, it stays where it is.
+    It stays beside the middle where the canvas would show what is beyond the image.
     """
-    view = view_of(viewer, image)
-    go_to_frame(viewer, image, frame)
-    corners = np.stack([np.zeros(2), np.subtract(size_of(image), 1)])
-    if ((corners >= view.low) & (corners <= view.high)).all():
-        return
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    view, last = view_of(viewer, image), np.subtract(size_of(image), 1)
+    half = np.minimum((view.high - view.low) / 2, last / 2)
+    middle = np.clip((points.min(axis=0) + points.max(axis=0)) / 2, half, last - half)
     (place,) = in_stack(image, frame, middle[None])
     world = np.array(image.data_to_world(place)) * unit_factors(viewer, image)
+    go_to_frame(viewer, image, frame)
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
 
