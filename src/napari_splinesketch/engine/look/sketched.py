@@ -67,8 +67,8 @@ def reach_of(line: Line, half_width: float = 0.0) -> float:
 def look_across(image: Float[Array, "H W"], path: Line, half_width: float) -> tuple[float, float]:
     """Half-width, px, and contrast of the body along a path, from its median profile.
 
-    Where the profile is half as high as in its middle, the mean of both sides; `half_width` is
-    about what it is.
+    Where the profile is less than half as high as in its middle, rounded up to its next point: a
+    fit that begins a little too wide arrives sooner. `half_width` is about what it is.
     """
     at, _ = _profiles(path, ASIDE * half_width)
     values = ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
