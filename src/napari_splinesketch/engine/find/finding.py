@@ -15,8 +15,8 @@ from napari_splinesketch.engine.find.choice import Candidates
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
-from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.look.sketched import look_across, look_around, reach_of
+from napari_splinesketch.engine.look.scene import CREST, Scene
+from napari_splinesketch.engine.look.sketched import half_width_across, look_around, reach_of
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
 
@@ -270,10 +270,10 @@ def _start(
         return Start(sketch, False, WIDTHS[rung], 1.0, unseen)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
-    own = WIDTHS[int(np.clip(around.rung, rung - 1, rung + 1))]
-    measured, contrast = look_across(seen.normal, line, own)
+    own = int(np.clip(around.rung, rung - 1, rung + 1))
+    contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
     # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
-    half_width = min(measured, own)
+    half_width = min(WIDTHS[own], half_width_across(seen.normal, line, WIDTHS[own]))
     sampled = spline.resample(line, scoring.SAMPLES)
     goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
     return Start(line, True, half_width, contrast, unseen, tuple(goes_on.tolist()))

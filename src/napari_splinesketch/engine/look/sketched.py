@@ -64,26 +64,25 @@ def reach_of(line: Line, half_width: float = 0.0) -> float:
     return float(max(BULGE * steps.max(), astray))
 
 
-def look_across(image: Float[Array, "H W"], path: Line, half_width: float) -> tuple[float, float]:
-    """Half-width, px, and contrast of the body along a path, from its median profile.
+def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float) -> float:
+    """Half-width of the body along a path, px: where its median profile is half as high.
 
-    Where the profile is less than half as high as in its middle, rounded up to its next point: a
-    fit that begins a little too wide arrives sooner. `half_width` is about what it is.
+    The mean of both sides, rounded up to the next point of the profile: a fit that begins a little
+    too wide arrives sooner. `half_width` is about what it is.
     """
     at, _ = _profiles(path, ASIDE * half_width)
     values = ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
     profile = np.median(values, axis=0)
     middle = len(profile) // 2
     step = ASIDE * half_width / middle
-    wide, high = [], []
+    found = []
     for side in (profile[middle::-1], profile[middle:]):
         top = side[: 1 + int(FLAT * half_width / step)].mean()
         edge = int(half_width / step)
         low = edge + int(side[edge:].argmin())
         below = side[:low] <= (top + side[low]) / 2
-        wide.append(step * (0.5 + (int(below.argmax()) if below.any() else low)))
-        high.append(top - side[low])
-    return float(np.mean(wide)), float(np.mean(high))
+        found.append(step * (0.5 + (int(below.argmax()) if below.any() else low)))
+    return float(np.mean(found))
 
 
 def look_around(
