@@ -15,8 +15,7 @@ import tifffile
 from napari.components import ViewerModel
 from npe2 import PluginManifest
 
-from napari_splinesketch.plugin import folders as folder
-from napari_splinesketch.plugin import saver
+from napari_splinesketch.plugin import saver, sessions
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .fakes import FakeEngine
@@ -196,14 +195,14 @@ def test_images_without_a_file_are_kept_with_the_users_data(
 def test_a_folder_that_cannot_be_written_to_is_said(
     tmp_path: Path, viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, broken = folder.atomic, [True]
+    real, broken = sessions.atomic, [True]
 
     def full(*arguments: Any, **options: Any) -> Any:
         if broken[0]:
             raise OSError("No space left on device")
         return real(*arguments, **options)
 
-    monkeypatch.setattr(folder, "atomic", full)
+    monkeypatch.setattr(sessions, "atomic", full)
     viewer.open(image_file(tmp_path))
     layer = viewer.add_shapes(LINES, shape_type=["line", "path"])
     layer.data = [line + 1 for line in LINES]

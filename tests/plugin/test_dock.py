@@ -108,7 +108,7 @@ def test_refining_again_updates_in_place(viewer: Any, dock: SplinesketchDock) ->
     np.testing.assert_allclose(curves.data[1][[0, -1]], LINES[1][[0, -1]] + 3)
     layer.selected_data = {1}
     layer.remove_selected()
-    assert "Curve 1 has no line any more and stays until you delete it" in dock.hint.text()
+    assert "kept until you delete: curve 1." in dock.hint.text()
     refine_all(dock)
     assert list(curves.features["id"]) == [1, 2, 3], "nothing is dropped silently"
     assert len(outlines(viewer.layers["cells outlines"])) == 3
@@ -137,8 +137,8 @@ def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock)
     layer.add([[[0, 0], [9, 9]], [[30, 30], [40, 40]]], shape_type="ellipse")
     layer.add([[5, 5], [5, 5.1]], shape_type="path")
     assert dock.refine.text() == "Refine 2 new lines"
-    assert "1 stray click is skipped" in dock.hint.text()
-    assert "1 rectangle and 2 ellipses are not usable" in dock.hint.text()
+    assert "Skipped: 1 stray click" in dock.hint.text()
+    assert "Not usable: 1 rectangle and 2 ellipses" in dock.hint.text()
     refine(dock)
     assert viewer.layers["cells curves"].nshapes == 2
     assert viewer.layers["cells sketches"].nshapes == 6

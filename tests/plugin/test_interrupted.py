@@ -14,7 +14,7 @@ import pytest
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine, files
-from napari_splinesketch.plugin.folders import read
+from napari_splinesketch.plugin.sessions import read
 
 from .bench import SOON, Bench
 from .fakes import FakeEngine

@@ -18,8 +18,8 @@ from napari.layers import Image
 from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
-from napari_splinesketch.plugin import folders as folder
 from napari_splinesketch.plugin import saver
+from napari_splinesketch.plugin import sessions as folder
 
 from .bench import LINES, SOON, bench, session_files
 from .fakes import FakeEngine
@@ -120,14 +120,14 @@ def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
 def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, broken = saver.Picture.checksum, [True]
+    real, broken = saver._checksum, [True]
 
-    def checksum(self: Any) -> str:
+    def checksum(*image: Any) -> str:
         if broken[0]:
             raise OSError("the disk is away")
-        return real(self)
+        return real(*image)
 
-    monkeypatch.setattr(saver.Picture, "checksum", checksum)
+    monkeypatch.setattr(saver, "_checksum", checksum)
     with bench() as first:
         first.image()
         until(lambda: "the disk is away" in first.saver.problem, SOON)
@@ -200,7 +200,7 @@ def test_two_windows_never_write_into_one_folder(home: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from napari_splinesketch.plugin.folders import Folder
+from napari_splinesketch.plugin.sessions import Folder
 held = Folder(Path(sys.argv[1]))
 print("held", flush=True)
 time.sleep(60)
@@ -284,7 +284,7 @@ def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
         )
 
     monkeypatch.setattr(folder, "owned", owned)
-    monkeypatch.setattr(folder.os, "access", allowed)
+    monkeypatch.setattr(os, "access", allowed)
     with bench() as again:
         again.viewer.add_layer(from_file(path))
         again.resume()

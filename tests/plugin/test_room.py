@@ -8,7 +8,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QDockWidget, QScrollArea
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.plots import GAP, CurvePlots, Profile, theme_of, titles_of
+from napari_splinesketch.plugin.plots import GAP, RESIDUAL, CurvePlots, theme_of
 
 from .fakes import FakeEngine
 from .hand import QTest, click, refine, until
@@ -48,8 +48,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
 @pytest.mark.parametrize("unit", ["px", "µm"])
 def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str) -> None:
     plots = CurvePlots(theme_of("dark"))
-    nothing = np.zeros(2)
-    titles = titles_of(Profile("curve 1234", unit, nothing, nothing, nothing))
+    titles = f"Half-width ({unit})", RESIDUAL
     room = plots.minimumWidth() / 2 - 2 * GAP
     assert all(plots.fontMetrics().horizontalAdvance(title) <= room for title in titles)
 

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from napari.layers import Shapes
 
-from napari_splinesketch.plugin.folders import read
 from napari_splinesketch.plugin.layers import slot
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED
 from napari_splinesketch.plugin.model import Key, Record, key_of
+from napari_splinesketch.plugin.sessions import read
 
 from .bench import SOON, Bench
 from .fakes import FakeEngine

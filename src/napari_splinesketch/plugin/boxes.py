@@ -7,41 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from magicgui.widgets import create_widget
+from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtWidgets import (
-    QComboBox,
-    QFileDialog,
-    QFrame,
-    QLabel,
-    QMenu,
-    QProgressBar,
-    QSizePolicy,
-    QSlider,
-    QToolButton,
-    QWidget,
-)
 from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
-from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin import widgets, words
 from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.pictures import MAKERS, ProofRole
+from napari_splinesketch.plugin.layers.pictures import MAKERS
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
-from napari_splinesketch.plugin.widgets import (
-    NARROW,
-    CommandButton,
-    CommandButtons,
-    TextLabel,
-    button,
-    form,
-    grid,
-    stack,
-)
 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
@@ -52,17 +31,17 @@ KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITER
 DEFAULT = WRITERS[0].suffix
 
 
-class ProgressBox(QWidget):
+class ProgressBox(qt.QWidget):
     """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
 
     def __init__(self, cancel: Callable[[], None]) -> None:
         super().__init__()
-        self.bar = QProgressBar()
+        self.bar = qt.QProgressBar()
         self.bar.setRange(0, 100)
         self.bar.setToolTip("Progress")
-        self.bar.setMinimumWidth(NARROW)
-        self.cancel = button("Cancel", "Stop", cancel)
-        stack(self, (self.bar, self.cancel))
+        self.bar.setMinimumWidth(widgets.NARROW)
+        self.cancel = widgets.button("Cancel", "Stop", cancel)
+        widgets.stack(self, (self.bar, self.cancel))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.setSizePolicy(policy)
@@ -76,19 +55,19 @@ class ProgressBox(QWidget):
         self.setVisible(progress is not None)
 
 
-class CurveBox(QWidget):
+class CurveBox(qt.QWidget):
     """A button for each correction of the selected curve, and what is known of it."""
 
     def __init__(self, controller: Controller):
         super().__init__()
         self._controller = controller
         self.title = QElidingLabel()
-        self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        corrections = CommandButtons(controller.actions, "curve", 4, even=False)
+        self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
+        corrections = widgets.CommandButtons(controller.actions, "curve", 4, even=False)
         self.buttons, self._corrections = corrections.buttons, corrections
         for each in self.buttons.values():
             each.setStyleSheet("padding: 3px 1px;")
-        stack(self, self.title, corrections)
+        widgets.stack(self, self.title, corrections)
 
     def show_state(self) -> None:
         """Show what is selected, and what can be done to it."""
@@ -103,28 +82,28 @@ class CurveBox(QWidget):
         self._corrections.show_state()
 
 
-class LookBox(QWidget):
+class LookBox(qt.QWidget):
     """What the colour of a curve says, and the legend that tells."""
 
     def __init__(self, choose: Callable[[str], object]) -> None:
         super().__init__()
         self._seen: object = None
-        self.by = QComboBox()
+        self.by = qt.QComboBox()
         self.by.addItems([f"Colour by {column.colour}" for column in COLOURED.values()])
-        self.by.setMinimumWidth(NARROW)
+        self.by.setMinimumWidth(widgets.NARROW)
         self.by.setToolTip("What colours show; the marks beside curves always show the status")
-        self.words = TextLabel()
+        self.words = widgets.TextLabel()
         # A legend that wraps when a scroll bar comes would itself make that necessary.
         self.words.setWordWrap(False)
-        ramp = QFrame()
+        ramp = qt.QFrame()
         stops = ", ".join(f"stop: {i / (len(RAMP) - 1)} {c}" for i, c in enumerate(RAMP))
         ramp.setStyleSheet(
             f"QFrame {{ background: qlineargradient(x1: 0, y1: 0, x2: 1, y2: 0, {stops}); }}"
         )
         ramp.setMinimumSize(40, 10)
-        self.low, self.high, self.scale = QLabel(), QLabel(), QWidget()
-        grid(self.scale, (self.low, ramp, self.high), 3, even=False)
-        stack(self, self.by, self.words, self.scale)
+        self.low, self.high, self.scale = qt.QLabel(), qt.QLabel(), qt.QWidget()
+        widgets.grid(self.scale, (self.low, ramp, self.high), 3, even=False)
+        widgets.stack(self, self.by, self.words, self.scale)
         self.by.activated.connect(lambda index: choose(COLOUR_BY[index]))
 
     def show_look(self, by: str, records: Sequence[Record], ruler: Ruler) -> None:
@@ -142,20 +121,20 @@ class LookBox(QWidget):
             self.high.setText(three_digits(scale[1]) + unit)
 
 
-class EyeBox(QWidget):
+class EyeBox(qt.QWidget):
     """Buttons that show and hide layers, and a menu of more of them; follows the layers' eyes."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller = controller
-        self.buttons = {role: button(name, tip) for role, (name, tip) in words.EYES.items()}
+        self.buttons = {role: widgets.button(name, tip) for role, (name, tip) in words.EYES.items()}
         for role, made in self.buttons.items():
             made.setCheckable(True)
             made.clicked.connect(partial(self._show, role))
-        more = button("More", "Show more: residual, background, uncertainty, masks")
-        menu = QMenu(more)
+        more = widgets.button("More", "Show more: residual, background, uncertainty, masks")
+        menu = qt.QMenu(more)
         menu.setToolTipsVisible(True)
-        self.entries: dict[ProofRole, Any] = {}
+        self.entries: dict[str, Any] = {}
         for proof, maker in MAKERS.items():
             if maker.title:
                 entry: Any = menu.addAction(maker.title)
@@ -164,7 +143,7 @@ class EyeBox(QWidget):
                 entry.setCheckable(True)
                 entry.triggered.connect(partial(self._ask, proof))
         more.setMenu(menu)
-        grid(self, [*self.buttons.values(), more], 3)
+        widgets.grid(self, [*self.buttons.values(), more], 3)
 
     def show_state(self) -> None:
         """Show which layers are visible."""
@@ -174,7 +153,7 @@ class EyeBox(QWidget):
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
         for proof, entry in self.entries.items():
-            entry.setChecked(work is not None and work.layers.proofs[proof].shown)
+            entry.setChecked(work is not None and work.layers.made[proof].shown)
 
     def _show(self, role: str, on: bool) -> None:
         work = self._controller.work
@@ -182,14 +161,14 @@ class EyeBox(QWidget):
         if layer is not None:
             layer.visible = on
 
-    def _ask(self, proof: ProofRole, on: bool) -> None:
+    def _ask(self, proof: str, on: bool) -> None:
         work = self._controller.work
         if work is not None and not work.layers.ask(proof, on):
             self.entries[proof].setChecked(False)
             self._controller.say(MAKERS[proof].nothing)
 
 
-class RefineMenu(QToolButton):
+class RefineMenu(qt.QToolButton):
     """An arrow beside the Refine button; its menu says what each choice would do now."""
 
     def __init__(self, controller: Controller):
@@ -197,10 +176,10 @@ class RefineMenu(QToolButton):
         self._controller = controller
         self.setText("▾")
         self.setToolTip("Refine the selected curves, or all again")
-        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.setPopupMode(qt.QToolButton.ToolButtonPopupMode.InstantPopup)
         # napari's theme would draw an arrow of its own over the text.
         self.setStyleSheet("QToolButton::menu-indicator { image: none; }")
-        self._menu = QMenu(self)
+        self._menu = qt.QMenu(self)
         self._menu.setToolTipsVisible(True)
         self._menu.aboutToShow.connect(self._fill)
         self.setMenu(self._menu)
@@ -220,22 +199,22 @@ class RefineMenu(QToolButton):
             action.triggered.connect(partial(self._controller.refine, scope))
 
 
-class SuggestBox(QWidget):
+class SuggestBox(qt.QWidget):
     """How much Suggest takes for a body: the lines follow the slider."""
 
     def __init__(self, controller: Controller):
         super().__init__()
         self._suggestions = controller.suggestions
-        self.button = CommandButton(controller.actions, "suggest")
-        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.button = widgets.CommandButton(controller.actions, "suggest")
+        self.slider = qt.QSlider(Qt.Orientation.Horizontal)
         self.slider.setRange(0, 100)
         self.slider.setValue(round(100 * controller.suggestions.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        name, ends = QLabel("Sensitivity"), QWidget()
+        name, ends = qt.QLabel("Sensitivity"), qt.QWidget()
         name.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        grid(ends, (QLabel("clear only"), name, QLabel("faint too")), 3, even=False)
-        stack(self, ends, self.slider)
+        widgets.grid(ends, (qt.QLabel("clear only"), name, qt.QLabel("faint too")), 3, even=False)
+        widgets.stack(self, ends, self.slider)
         self.slider.valueChanged.connect(self._on_slider)
         self._on_slider(self.slider.value())
 
@@ -244,7 +223,7 @@ class SuggestBox(QWidget):
         self._suggestions.change_sensitivity(value / 100)
 
 
-class SettingsForm(QWidget):
+class SettingsForm(qt.QWidget):
     """Widgets for the settings in `FORM`, which magicgui makes; the preset's stands elsewhere."""
 
     def __init__(self, choose: Callable[..., object]) -> None:
@@ -254,13 +233,13 @@ class SettingsForm(QWidget):
         self.widgets = {each.name: _widget(each) for each in fields(Settings) if each.name in FORM}
         for name, made in self.widgets.items():
             made.changed.connect(partial(self._take, name))
-        rest = form(*(made for name, made in self.widgets.items() if name != "preset"))
-        keys = button("Change keys…", KEYS_TIP, _open_preferences)
-        elsewhere = button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
-        beside = button(
+        rest = widgets.form(*(made for name, made in self.widgets.items() if name != "preset"))
+        keys = widgets.button("Change keys…", KEYS_TIP, _open_preferences)
+        elsewhere = widgets.button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
+        beside = widgets.button(
             "Save work beside the image", FOLDER_TIP, partial(self._take, "work_folder", "")
         )
-        stack(self, rest, keys, elsewhere, beside)
+        widgets.stack(self, rest, keys, elsewhere, beside)
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
@@ -285,7 +264,9 @@ class SettingsForm(QWidget):
             self._choose(**changes)
 
     def _ask_for_folder(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self, "Save work in", self._settings.work_folder)
+        folder = qt.QFileDialog.getExistingDirectory(
+            self, "Save work in", self._settings.work_folder
+        )
         if folder:
             self._take("work_folder", folder)
 
@@ -298,7 +279,7 @@ def _widget(each: Any) -> Any:
     value = 0.0 if each.default is None else each.default
     kind = "ComboBox" if "choices" in how else None
     made = create_widget(value, name=each.name, label=label, widget_type=kind, options=options)
-    made.native.setMinimumWidth(NARROW)
+    made.native.setMinimumWidth(widgets.NARROW)
     return made
 
 
@@ -309,12 +290,12 @@ def _open_preferences() -> None:
     get_app_model().commands.execute_command("napari.window.file.show_preferences_dialog")
 
 
-def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
+def ask_where(parent: qt.QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
     """Let the user choose a file, and say whether it may be replaced; None if she does not.
 
     The dialog asks for the name that was typed, not for one that it got an ending for.
     """
-    chosen, kind = QFileDialog.getSaveFileName(
+    chosen, kind = qt.QFileDialog.getSaveFileName(
         parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)
     )
     if not chosen:

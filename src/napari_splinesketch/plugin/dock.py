@@ -241,8 +241,7 @@ class SplinesketchDock(QWidget):
         self.refine.show_state()
         self.at_once.setChecked(controller.at_once)
         self.at_once.setToolTip(controller.actions.tip("at_once"))
-        left_out = words.skipped(plan.drawn.strays, plan.drawn.unusable)
-        said = " ".join(filter(None, (plan.problem, left_out, words.left_alone(plan))))
+        said = f"{plan.problem} {words.left_alone(plan)}".strip()
         unasked = controller.progress or controller.knots
         self.hint.say("" if unasked else escape(said, quote=False))
 

@@ -5,7 +5,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -175,23 +175,18 @@ def tidy() -> None:
     gc.collect()
 
 
+@dataclass(eq=False)
 class _Worker:
     """The thread's side: knows neither Qt nor napari, so that it may end when it likes."""
 
-    def __init__(self, work: Callable[[OnProgress], Any]):
-        self.news: Progress | None = None
-        self.outcome: tuple[Literal["done", "failed"], Any] | None = None
-        self.cancelled = False
-        self._work: Callable[[OnProgress], Any] | None = work
-        self.thread = threading.Thread(target=self._run, name="splinesketch", daemon=True)
+    work: Callable[[OnProgress], Any] | None
+    news: Progress | None = None
+    outcome: tuple[Literal["done", "failed"], Any] | None = None
+    cancelled: bool = False
 
-    def start(self) -> None:
-        _workers.add(self)
-        self.thread.start()
-
-    def _run(self) -> None:
-        # Whoever still holds the job does not hold the arrays that it worked on.
-        work, self._work = self._work, None
+    def run(self) -> None:
+        """Do the work; whoever still holds the job does not hold the arrays that it worked on."""
+        work, self.work = self.work, None
         assert work is not None
         try:
             self.outcome = "done", work(self._report)
@@ -201,7 +196,7 @@ class _Worker:
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
             del work
-            _workers.discard(self)
+            _threads.pop(self, None)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress
@@ -229,7 +224,9 @@ class Job(QObject):
 
     def start(self) -> None:
         """Begin."""
-        self._worker.start()
+        thread = threading.Thread(target=self._worker.run, name="splinesketch", daemon=True)
+        _threads[self._worker] = thread
+        thread.start()
         self._timer.start()
 
     def cancel(self) -> None:
@@ -239,25 +236,26 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        self._worker.thread.join(PATIENCE)
+        if thread := _threads.get(self._worker):
+            thread.join(PATIENCE)
         self._look()
 
     def _look(self) -> None:
-        outcome = self._worker.outcome
-        news, self._worker.news = self._worker.news, None
+        worker = self._worker
+        news, worker.news = worker.news, None
         if news is not None:
             self.progressed.emit(news)
-        if outcome is not None and not self._worker.cancelled:
+        if worker.outcome is not None and not worker.cancelled:
             self._timer.stop()
-            kind, value = outcome
+            kind, value = worker.outcome
             (self.done if kind == "done" else self.failed).emit(value)
 
 
-_workers: set[_Worker] = set()
+_threads: dict[_Worker, threading.Thread] = {}
 
 
 @atexit.register
 def _wait_for_threads() -> None:
-    for worker in tuple(_workers):
+    for worker, thread in tuple(_threads.items()):
         worker.cancelled = True
-        worker.thread.join(PATIENCE)
+        thread.join(PATIENCE)

@@ -362,14 +362,12 @@ class Keeper:
 
     def _on_selected(self, work: Work) -> None:
         if work is self.work and work.layers.selection() != work.selection:
-            # Later: napari is still busy with the click, and with its own mark of the curve.
-            QTimer.singleShot(BREATH_MS, work.layers.emphasise)
             self._note_selected(work.layers.selection())
 
     def _note_selected(self, chosen: tuple[Key, ...]) -> None:
         if self.work and chosen != self.work.selection:
             self.work.selection = chosen
-            for _ in self.work.layers.prove():  # the body of the curve that is looked at
+            for _ in self.work.layers.follow():  # its halo, and its body where that is shown
                 pass
             self.changes.selection.emit()
 

@@ -53,10 +53,11 @@ class KnotEditing:
         self.steps: History[Knots] = History(record.curve.knots[:, :2])
         self._controller, self._work, self._record = controller, work, record
         self._slot = Slot(viewer, work.image, "knots", f"{work.name} knots of curve {record.id}")
+        self._slot.kind = Points
         self._preview = Preview(viewer, work.image, "preview", f"{work.name} edited")
         self._before = layers.selection.active
         knots = in_stack(work.image, record.frame, self.steps.value)
-        layer = self._slot.make(knots, kind=Points, **LOOK)
+        layer = self._slot.make(knots, **LOOK)
         steps = np.linalg.norm(np.diff(self.steps.value, axis=0), axis=1)
         apart = float(np.median(steps) / screen_pixel(viewer, work.image)[-1])
         if apart < SIZE:  # nobody could take hold of one

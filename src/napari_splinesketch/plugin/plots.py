@@ -22,7 +22,6 @@ from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph
 
-Range = tuple[float, float]
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
 """What steps from tick to tick begin with."""
 SMALL = 8
@@ -44,6 +43,7 @@ SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
 SHARE = 98.0
 """Of the values that the colours span, %: few that stand out do not flatten the others."""
 EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
+RESIDUAL = "Image − model, across"
 NO_MODEL = "There is no model of this frame to compare with"
 ALIGN = Qt.AlignmentFlag
 CENTRE = ALIGN.AlignCenter
@@ -136,12 +136,6 @@ class Picture:
         self.image = _image(np.clip((values - low) / (high - low), 0, 1), colours)
         self.bar = _image(np.linspace(1, 0, 64)[:, None], colours)
 
-    def row(self, box: QRectF, frame: int) -> QRectF:
-        """Where a frame is in a box that the picture fills."""
-        first, last = self.frames
-        high = box.height() / (last - first + 1)
-        return QRectF(box.left(), box.top() + (frame - first) * high, box.width(), high)
-
 
 def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
@@ -208,94 +202,104 @@ class CurvePlots(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(self.theme.background))
-        half = self.width() / 2
+        half, profile = self.width() / 2, self.profile
         for i in range(2):
             axes = Axes(painter, self.theme, QRectF(i * half, 0, half, self.height()))
             if self.pictures:
-                _draw_picture(axes, self.pictures[i], self._frame)
-            elif self.profile is None:
+                axes.picture(self.pictures[i], self._frame)
+            elif profile is None:
                 axes.say(self._empty[i])
+            elif i:
+                axes.residual(profile)
             else:
-                _draw_profile(axes, self.profile, i)
+                axes.half_width(profile)
         painter.end()
-
-
-def titles_of(profile: Profile) -> tuple[str, str]:
-    """Name the two plots of a curve."""
-    return f"Half-width ({profile.unit})", "Image − model, across"
-
-
-def _draw_profile(axes: "Axes", profile: Profile, which: int) -> None:
-    """Draw half-widths, 0, or residuals, 1, along a curve."""
-    x, y = profile.distance, (profile.half_width, profile.residual)[which]
-    if y is None:
-        axes.say(NO_MODEL)
-        return
-    zero = np.zeros(len(x))
-    sd = zero if which else np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-    lines = [(y, "" if which else f"{profile.name} ± sd")]
-    other = zero if which else profile.mean
-    if other is not None:
-        lines.append((other, "" if which else "mean of all"))
-    shown = [y + sd, zero, *(line for line, _ in lines)]
-    # A curve may have no length.
-    axes.x = float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
-    axes.y = spanned(shown, ROOM, ROOM if which else LEGEND)
-    axes.frame(titles_of(profile)[which], profile.unit)
-    if not which:
-        axes.band(x, np.maximum(y - sd, 0), y + sd)
-    axes.lines(x, lines)
-
-
-def _draw_picture(axes: "Axes", picture: Picture, frame: int) -> None:
-    """Draw a picture, time downwards, with the colours beside it."""
-    painter = axes.painter
-    box = axes.box = axes.box.adjusted(0, 0, -BAR[1], 0)
-    painter.drawImage(box, picture.image)
-    painter.setPen(QPen(QColor(axes.theme.text), 1.2))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.drawRect(picture.row(box, frame))
-    first, last = picture.frames
-    axes.x, axes.y = (0.0, picture.length), (last + 0.5, first - 0.5)
-    axes.frame(picture.title, picture.unit, whole=True)
-    bar = QRectF(box.right() + GAP, box.top(), BAR[0], box.height())
-    painter.drawImage(bar, picture.bar)
-    high = painter.fontMetrics().height()
-    for value, at in zip(picture.span, (bar.bottom() - high, bar.top()), strict=True):
-        place = QRectF(bar.right() + GAP, at, BAR[1] - BAR[0] + GAP, high)
-        painter.drawText(place, BEGIN, three_digits(value))
 
 
 class Axes:
     """A plot: the room that it has, a box in it, the values at the box's edges, and a painter."""
 
     def __init__(self, painter: QPainter, theme: Theme, room: QRectF):
-        self.painter, self.theme, self._room = painter, theme, room
-        self.box = room.adjusted(LEFT, TOP, -RIGHT, -BOTTOM)
-        self.x: Range = 0.0, 1.0
-        self.y: Range = 0.0, 1.0
+        self._painter, self._theme, self._room = painter, theme, room
+        self._box = room.adjusted(LEFT, TOP, -RIGHT, -BOTTOM)
+        self._x = self._y = 0.0, 1.0
 
     def say(self, text: str) -> None:
         """Say why there is nothing to see."""
-        self.painter.setPen(QColor(self.theme.text))
+        self._painter.setPen(QColor(self._theme.text))
         room = self._room.adjusted(GAP, GAP, -GAP, -GAP)
-        self.painter.drawText(room, CENTRE | Qt.TextFlag.TextWordWrap, text)
+        self._painter.drawText(room, CENTRE | Qt.TextFlag.TextWordWrap, text)
 
-    def frame(self, title: str, unit: str, *, whole: bool = False) -> None:
+    def half_width(self, profile: Profile) -> None:
+        """Draw the half-widths along a curve, and how far they may be off."""
+        y, sd = profile.half_width, np.where(np.isfinite(profile.sd), profile.sd, 0.0)
+        mean = [] if profile.mean is None else [(profile.mean, "mean of all")]
+        lines = [(y, f"{profile.name} ± sd"), *mean]
+        x = self._along(profile, [y + sd, *(line for line, _ in lines)], LEGEND)
+        self._frame(f"Half-width ({profile.unit})", profile.unit)
+        colour = QColor(self._theme.line)
+        colour.setAlphaF(0.35)
+        self._painter.setPen(Qt.PenStyle.NoPen)
+        self._painter.setBrush(colour)
+        for part in known(y + sd):
+            back = self._places(x[part][::-1], np.maximum(y - sd, 0)[part][::-1])
+            self._painter.drawPolygon(QPolygonF([*self._places(x[part], (y + sd)[part]), *back]))
+        self._lines(x, lines)
+
+    def residual(self, profile: Profile) -> None:
+        """Draw what the model leaves unexplained along a curve."""
+        if profile.residual is None:
+            self.say(NO_MODEL)
+            return
+        x = self._along(profile, [profile.residual], ROOM)
+        self._frame(RESIDUAL, profile.unit)
+        self._lines(x, [(profile.residual, ""), (0 * x, "")])
+
+    def picture(self, picture: Picture, frame: int) -> None:
+        """Draw a picture, time downwards, with the colours beside it."""
+        painter, (first, last) = self._painter, picture.frames
+        box = self._box = self._box.adjusted(0, 0, -BAR[1], 0)
+        painter.drawImage(box, picture.image)
+        painter.setPen(QPen(QColor(self._theme.text), 1.2))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        high = box.height() / (last - first + 1)
+        painter.drawRect(QRectF(box.left(), box.top() + (frame - first) * high, box.width(), high))
+        self._x, self._y = (0.0, picture.length), (last + 0.5, first - 0.5)
+        self._frame(picture.title, picture.unit, whole=True)
+        bar = QRectF(box.right() + GAP, box.top(), BAR[0], box.height())
+        painter.drawImage(bar, picture.bar)
+        high = painter.fontMetrics().height()
+        for value, at in zip(picture.span, (bar.bottom() - high, bar.top()), strict=True):
+            place = QRectF(bar.right() + GAP, at, BAR[1] - BAR[0] + GAP, high)
+            painter.drawText(place, BEGIN, three_digits(value))
+
+    def _along(self, profile: Profile, shown: Sequence[Along], above: float) -> Along:
+        """Span a curve, and zero and all finite values, with room as a share of what they span."""
+        x = profile.distance
+        together = np.concatenate([np.zeros(1), *shown])
+        together = together[np.isfinite(together)]
+        low, high = float(together.min()), float(together.max())
+        span = (high - low) or 1.0
+        # A curve may have no length.
+        self._x = float(x[0]), float(x[-1]) if x[-1] > x[0] else float(x[0]) + 1.0
+        self._y = low - ROOM * span, high + above * span
+        return x
+
+    def _frame(self, title: str, unit: str, *, whole: bool = False) -> None:
         """Draw two edges with their ticks, upwards maybe whole numbers, and say what they mean."""
-        painter, box = self.painter, self.box
-        edge, text = QColor(self.theme.faint), QColor(self.theme.text)
+        painter, box = self._painter, self._box
+        edge, text = QColor(self._theme.faint), QColor(self._theme.text)
         fonts, high = painter.fontMetrics(), painter.fontMetrics().height()
         painter.setPen(edge)
         painter.drawPolyline(QPolygonF([box.topLeft(), box.bottomLeft(), box.bottomRight()]))
         marks: list[tuple[QPointF, QPointF, QRectF, Qt.AlignmentFlag, str]] = []
-        for value, name in ticks(*self.x, int(box.width() / PER_TICK[0])):
-            (at,) = self._places(np.array([value]), np.array([self.y[0]]))
+        for value, name in ticks(*self._x, int(box.width() / PER_TICK[0])):
+            (at,) = self._places(np.array([value]), np.array([self._y[0]]))
             below = QRectF(at.x() - 30, at.y() + TICK, 60, high)
             marks.append((at, at + QPointF(0, TICK), below, CENTRE, name))
         most = int(box.height() / PER_TICK[1])
-        for value, name in ticks(min(self.y), max(self.y), most, whole=whole):
-            (at,) = self._places(np.array([self.x[0]]), np.array([value]))
+        for value, name in ticks(min(self._y), max(self._y), most, whole=whole):
+            (at,) = self._places(np.array([self._x[0]]), np.array([value]))
             beside = QRectF(at.x() - LEFT, at.y() - high / 2, LEFT - TICK - GAP, high)
             marks.append((at, at - QPointF(TICK, 0), beside, BESIDE, name))
         for at, to, place, align, name in marks:
@@ -309,57 +313,37 @@ class Axes:
         place = QRectF(room.left(), box.bottom() + TICK + high, room.width(), high)
         painter.drawText(place, CENTRE, f"distance along it ({unit})")
 
-    def lines(self, x: Along, lines: Sequence[tuple[Along, str]]) -> None:
+    def _lines(self, x: Along, lines: Sequence[tuple[Along, str]]) -> None:
         """Draw a line and a dashed one, broken where they are not known; name those with a name."""
-        painter, box = self.painter, self.box
-        at, middle = box.left() + 6, box.top()
+        painter, box = self._painter, self._box
+        at, high = box.left() + 6, painter.fontMetrics().height()
         painter.setBrush(Qt.BrushStyle.NoBrush)
         pens = (
-            QPen(QColor(self.theme.line), 1.6),
-            QPen(QColor(self.theme.other), 1.3, Qt.PenStyle.DashLine),
+            QPen(QColor(self._theme.line), 1.6),
+            QPen(QColor(self._theme.other), 1.3, Qt.PenStyle.DashLine),
         )
-        for (y, name), pen in zip(lines, pens, strict=False):
+        for row, ((y, name), pen) in enumerate(zip(lines, pens, strict=False)):
             painter.setPen(pen)
             for part in known(y):
                 painter.drawPolyline(QPolygonF(self._places(x[part], y[part])))
             if name:
-                high = painter.fontMetrics().height()
-                middle += high / 2
-                painter.drawLine(QPointF(at, middle), QPointF(at + SWATCH, middle))
-                painter.setPen(QColor(self.theme.text))
-                place = QRectF(at + SWATCH + 4, middle - high / 2, box.width(), high)
-                painter.drawText(place, BEGIN, name)
-                middle += high / 2
-
-    def band(self, x: Along, low: Along, high: Along) -> None:
-        """Fill what is between two lines."""
-        colour = QColor(self.theme.line)
-        colour.setAlphaF(0.35)
-        self.painter.setPen(Qt.PenStyle.NoPen)
-        self.painter.setBrush(colour)
-        for part in known(low + high):
-            back = self._places(x[part][::-1], low[part][::-1])
-            self.painter.drawPolygon(QPolygonF([*self._places(x[part], high[part]), *back]))
+                top = box.top() + row * high
+                middle = QPointF(at, top + high / 2)
+                painter.drawLine(middle, middle + QPointF(SWATCH, 0))
+                painter.setPen(QColor(self._theme.text))
+                painter.drawText(QRectF(at + SWATCH + 4, top, box.width(), high), BEGIN, name)
 
     def _places(self, x: Along, y: Along) -> list[QPointF]:
         """Points of the screen."""
-        right = self.box.left() + (x - self.x[0]) / (self.x[1] - self.x[0]) * self.box.width()
-        up = self.box.bottom() - (y - self.y[0]) / (self.y[1] - self.y[0]) * self.box.height()
+        right = self._box.left() + (x - self._x[0]) / np.ptp(self._x) * self._box.width()
+        share = (y - self._y[0]) / (self._y[1] - self._y[0])
+        up = self._box.bottom() - share * self._box.height()
         return [QPointF(a, b) for a, b in zip(right.tolist(), up.tolist(), strict=True)]
 
 
 def known(values: Along) -> list[slice]:
     """Give the stretches that are finite."""
     return np.ma.clump_unmasked(np.ma.masked_invalid(values))  # pyright: ignore
-
-
-def spanned(values: Sequence[Along], below: float, above: float) -> Range:
-    """Give what holds all finite values, with room as a share of what they span."""
-    together = np.concatenate(values)
-    together = together[np.isfinite(together)]
-    low, high = (together.min(), together.max()) if together.size else (0.0, 1.0)
-    span = (high - low) or 1.0
-    return float(low - below * span), float(high + above * span)
 
 
 def ticks(low: float, high: float, most: int, *, whole: bool = False) -> list[tuple[float, str]]:

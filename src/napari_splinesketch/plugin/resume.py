@@ -13,13 +13,12 @@ from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import read_with, records_of
-from napari_splinesketch.plugin.folders import Folder, read
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.saver import Offer, Saver
-from napari_splinesketch.plugin.sessions import EVERY, Session
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Session, read
 from napari_splinesketch.plugin.widgets import TextLabel, button, stack
 
 LISTED = 4

@@ -12,19 +12,9 @@ from weakref import ref
 
 from napari.utils.notifications import show_error
 from qtpy import QtCore
+from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt, QTimer
 from qtpy.QtGui import QColor, QKeyEvent
-from qtpy.QtWidgets import (
-    QAbstractItemView,
-    QApplication,
-    QComboBox,
-    QFileDialog,
-    QLabel,
-    QMenu,
-    QSplitter,
-    QTableView,
-    QWidget,
-)
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.files import atomic
@@ -158,7 +148,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
             self.endResetModel()
 
 
-class CurvesTable(QTableView):
+class CurvesTable(qt.QTableView):
     """Shows curves, one a row; all keys but those that move are the viewer's."""
 
     picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
@@ -171,8 +161,8 @@ class CurvesTable(QTableView):
         self.setModel(model)
         model.modelReset.connect(lambda: self.show_selected(self._key))
         self.setSortingEnabled(True)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setSelectionBehavior(qt.QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(qt.QAbstractItemView.SelectionMode.SingleSelection)
         self.setWordWrap(False)
         self.setShowGrid(False)
         self.setAccessibleName("Curves")
@@ -217,7 +207,7 @@ class CurvesTable(QTableView):
             super().keyPressEvent(e)
 
 
-class ReviewPanel(QWidget):
+class ReviewPanel(qt.QWidget):
     """Shows the curves; passes on what the user says of them."""
 
     closed = QtCore.Signal()  # pyright: ignore[reportPrivateImportUsage]
@@ -233,25 +223,25 @@ class ReviewPanel(QWidget):
         self.model = CurvesModel(self)
         self.table = CurvesTable(self.model)
         self.plots = CurvePlots(theme_of(self.controller.viewer.theme))
-        self.shown = QComboBox()
+        self.shown = qt.QComboBox()
         self.shown.addItems(list(SHOWN.values()))
         self.shown.setToolTip("Which curves the table shows")
         self.shown.setMinimumWidth(NARROW)
-        self.plotted = QComboBox()
+        self.plotted = qt.QComboBox()
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
-        self.count = QLabel()
+        self.count = qt.QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
         self.more = button("Table", "Copy or save the table as it is sorted and filtered")
-        menu = QMenu(self.more)
+        menu = qt.QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)
         self.more.setMenu(menu)
         self.more.setMinimumWidth(self.more.sizeHint().width())
-        left, right = QWidget(), QWidget()
+        left, right = qt.QWidget(), qt.QWidget()
         stack(left, (self.count, self.judges, self.shown, self.more), self.table)
         stack(right, self.plotted, self.plots).setStretch(1, 1)
-        halves = QSplitter(Qt.Orientation.Horizontal)
+        halves = qt.QSplitter(Qt.Orientation.Horizontal)
         halves.addWidget(left)
         halves.addWidget(right)
         halves.setSizes(SHARES)
@@ -326,14 +316,16 @@ class ReviewPanel(QWidget):
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
-        if (clipboard := QApplication.clipboard()) is not None:
+        if (clipboard := qt.QApplication.clipboard()) is not None:
             clipboard.setText(self._as_text("\t"))
 
     def _as_text(self, separator: str) -> str:
         return as_text(self.visible(), self.model.ruler, self.model.curve_at, separator=separator)
 
     def _ask_where(self) -> None:
-        chosen, _ = QFileDialog.getSaveFileName(self, "Save the table", "curves.csv", "CSV (*.csv)")
+        chosen, _ = qt.QFileDialog.getSaveFileName(
+            self, "Save the table", "curves.csv", "CSV (*.csv)"
+        )
         try:
             if chosen:
                 with atomic(chosen, overwrite=True) as temporary:
@@ -362,7 +354,7 @@ def open_panel(controller: Controller) -> ReviewPanel:
     return panel
 
 
-def _paint(window: ref[QWidget]) -> None:
+def _paint(window: ref[qt.QWidget]) -> None:
     """Let a window paint, if it is still there."""
     if (there := window()) is not None:
         with suppress(RuntimeError):  # Qt has deleted it

@@ -1,6 +1,9 @@
 """Writes work down while it is done, and finds what was written before."""
 
+import hashlib
 import logging
+import os
+import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -9,27 +12,34 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
 from napari.layers import Image, Shapes
+from platformdirs import user_data_path
 from psygnal import Signal
 from qtpy.compat import isalive
 from qtpy.QtCore import QObject, QTimer
 
 from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.folders import OLD, Folder, Picture, put_aside, stamp, summary
 from napari_splinesketch.plugin.keeper import NOTHING, Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
-from napari_splinesketch.plugin.sessions import EVERY, Drawn, Head, Session, Shape
+from napari_splinesketch.plugin.sessions import Folder, Head, Session, Shape
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
 AGAIN_MS = 5000
 """After a write that failed, until it is tried again."""
-
+LOOKED_AT = 2**20
+"""Most pixels of a frame that tell one image from another."""
+LONGEST_NAME = 255
+"""Of a file or folder, bytes; disks take no longer ones."""
+LETTERS, DIGITS = 50, 12
+"""Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
-_left: WeakKeyDictionary[Shapes, tuple[Path, str]] = WeakKeyDictionary()
-"""Where layers were written that a closed dock has left in the window, and the head there."""
+_left: WeakKeyDictionary[Shapes, tuple[Path, int]] = WeakKeyDictionary()
+"""Where layers were written that a closed dock has left in the window, and when."""
 Pair = tuple[Image, Shapes]
 
 
@@ -138,7 +148,7 @@ class Saver(QObject):
         """Do not offer again what was found; the files stay, under another name."""
         for offer in self.offers():
             try:
-                put_aside(offer.folder)
+                sessions.put_aside(offer.folder)
             except OSError as error:
                 self._problems["look"] = f"Saved work could not be put aside: {error}."
             self._forget(offer)
@@ -179,8 +189,8 @@ class Saver(QObject):
         if pair in self._kept:
             return self._kept[pair]
         kept = self._kept[pair] = Kept()
-        path, head = _left.pop(pair[1], (None, ""))
-        if path and stamp(path) == head:
+        path, when = _left.pop(pair[1], (None, 0))
+        if path and sessions.stamp(path) == when:
             try:
                 kept.folder = Folder(path)
             except OSError:
@@ -194,8 +204,9 @@ class Saver(QObject):
         if not any(layer is pair[1] for _, layer in self._kept):
             pair[1].events.data.disconnect(self._follow)
         if folder:
-            if folder.stamp and pair[1] in self._keeper.viewer.layers:
-                _left[pair[1]] = folder.path, folder.stamp
+            when = sessions.stamp(folder.path)
+            if when and pair[1] in self._keeper.viewer.layers:
+                _left[pair[1]] = folder.path, when
             folder.release()
 
     def _pairs(self) -> set[Pair]:
@@ -215,11 +226,12 @@ class Saver(QObject):
         """Look at the chosen image, unless that was done, and write what has changed, soon."""
         for pair in self._pairs():  # another one may be chosen before it is written
             self._keep(pair)
-        image = self._keeper.choices.image
-        wanted, folder = self._choice
+        image, (wanted, folder) = self._keeper.choices.image, self._choice
         if wanted and image is not None and image not in self._seen:
-            picture = Picture.of(image)
-            job = Job(lambda _: _look(picture, folder))
+            source, data = image.source.path, image.data
+            pixels = data[-1] if image.multiscale else data  # pyright: ignore
+            about = image.name, Path(source) if source else None, pixels, image.ndim - 2
+            job = Job(lambda _: _look(folder, *about))
             self._seen[image] = Seen(job)
             job.done.connect(partial(self._on_looked, image))
             job.failed.connect(partial(self._on_not_looked, image))
@@ -273,9 +285,7 @@ class Saver(QObject):
         """Take what has changed, and write it in a thread."""
         if self._writing:
             self._wait()
-            return
-        orders = self._orders()
-        if orders:
+        elif orders := self._orders():
             self._writing = Job(lambda _: _write(orders))
             self._writing.done.connect(self._on_written)
             self._writing.failed.connect(self._on_written)
@@ -284,18 +294,23 @@ class Saver(QObject):
     def _orders(self) -> list[Order]:
         """Take a snapshot of what has changed; give what writes it."""
         orders = []
-        for pair in self._pairs():
-            kept, seen = self._keep(pair), self._seen.get(pair[0])
+        for image, layer in self._pairs():
+            kept, seen = self._keep((image, layer)), self._seen.get(image)
             if seen is None or seen.folder is None or kept.resuming:
                 continue
-            work = self._keeper.work_on(*pair)
+            work = self._keeper.work_on(image, layer)
             state = work.state if work else NOTHING
-            drawn = drawn_by_frame(self._keeper.viewer, *pair)
+            drawn: dict[int, list[Shape]] = defaultdict(list)
+            read = shapes_in(self._keeper.viewer, layer, image)
+            for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
+                drawn[sessions.EVERY if layer.ndim < image.ndim else frame].append(
+                    Shape(kind, line)
+                )
             prints = [(f, s.kind, s.points.tobytes()) for f in drawn for s in drawn[f]]
-            known = pair[1].name, state, prints
+            known = layer.name, state, prints
             if kept.known != known and (kept.folder or drawn or state.records):
                 kept.known = known
-                session = Session(pair[1].name, seen.about, drawn, state)
+                session = Session(layer.name, seen.about, dict(drawn), state)
                 orders.append((kept, session, seen.folder))
         return orders
 
@@ -309,29 +324,58 @@ class Saver(QObject):
             self._tell("write", problem)
 
 
-def drawn_by_frame(viewer: Any, image: Image, layer: Shapes) -> Drawn:
-    """Read what is drawn in a layer."""
-    found: dict[int, list[Shape]] = defaultdict(list)
-    read = shapes_in(viewer, layer, image)
-    for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
-        found[EVERY if layer.ndim < image.ndim else frame].append(Shape(kind, line))
-    return dict(found)
-
-
-def _look(picture: Picture, chosen: str) -> tuple[Seen, str]:
-    """Find out which image it is, and what is written of it; says what could not be read."""
-    checksum = picture.checksum()
-    home, folders = picture.folders(checksum, chosen)
-    seen, problem = Seen(None, picture.describe(checksum), home), ""
-    for path in (path for folder in folders for path in sorted(folder.iterdir())):
+def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> tuple[Seen, str]:
+    """Find out which image it is, in a thread, and what is written of it; and what is not read."""
+    checksum = _checksum(pixels, frames)
+    source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
+    about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
+    home, folders = _folders(name, path, checksum, chosen)
+    seen, problem = Seen(None, about, home), ""
+    for folder in (inner for outer in folders for inner in sorted(outer.iterdir())):
         try:
-            held = summary(path) if path.is_dir() and path.suffix != OLD else None
+            wanted = folder.is_dir() and folder.suffix != sessions.OLD
+            held = sessions.summary(folder) if wanted else None
         except (OSError, LabelsError) as error:
             problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
         if held and held.sha256 == checksum:
-            seen.offers.append(Offer(path, held))
+            seen.offers.append(Offer(folder, held))
     return seen, problem
+
+
+def _checksum(pixels: Any, frames: int) -> str:
+    """Tell an image by shape, type and some pixels of its first, middle and last frame."""
+    shape = tuple(map(int, pixels.shape))
+    digest = hashlib.sha256(repr((shape, np.dtype(pixels.dtype).str)).encode())
+    leading, (rows, columns) = shape[:frames], shape[frames : frames + 2]
+    every = slice(None, None, max(1, int(np.ceil(np.sqrt(rows * columns / LOOKED_AT)))))
+    total = int(np.prod(leading, dtype=int))
+    for frame in sorted({0, total // 2, total - 1}):
+        index = tuple(int(i) for i in np.unravel_index(frame, leading)) if leading else ()
+        digest.update(np.ascontiguousarray(pixels[(*index, every, every)]).tobytes())
+    return digest.hexdigest()
+
+
+def _folders(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[Path, list[Path]]:
+    """Give the folder for new work on an image, and those with some, whatever they are called.
+
+    New work goes where the user wants it, or beside the file, or with the user's own data where
+    that is not possible.
+    """
+    ending = f"{checksum[:DIGITS]}.splinesketch"
+    # Of a layer's name, what any disk takes.
+    plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
+    called = f"{path.name if path else plain}.{ending}"
+    called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
+    parents = [user_data_path("napari-splinesketch") / "sessions"]
+    if path is not None:
+        beside = path.parent / called
+        writable = os.access(beside if beside.is_dir() else path.parent, os.W_OK)
+        parents.insert(0 if writable else 1, path.parent)
+    if chosen:
+        parents.insert(0, Path(chosen).expanduser())
+    found = [folder for parent in parents for folder in sorted(parent.glob(f"*{ending}"))]
+    return parents[0] / called, list(dict.fromkeys(filter(Path.is_dir, found)))
 
 
 def _write(orders: Sequence[Order]) -> str:
@@ -339,8 +383,7 @@ def _write(orders: Sequence[Order]) -> str:
     problems = []
     for kept, session, parent in orders:
         try:
-            if kept.folder is None:
-                kept.folder = Folder.fresh(parent)
+            kept.folder = kept.folder or Folder.fresh(parent)
             kept.folder.write(session)
         except OSError as error:
             _log.warning("The work could not be saved", exc_info=True)

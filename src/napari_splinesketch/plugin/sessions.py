@@ -1,17 +1,21 @@
 """What is written down of an image: values, coded to the last bit, in folders of files.
 
-Files are read as if anybody had written them: no more memory is taken than a small multiple of
-what they may hold, and whatever is wrong is a `LabelsError` that names file and place.
+Each file is written whole or not at all, and a folder has one owner at a time. Files are read as if
+anybody had written them: no more memory is taken than a small multiple of what they may hold, and
+whatever is wrong is a `LabelsError` that names file and place.
 """
 
 import base64
 import json
+import re
 import zipfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 import pydantic
@@ -20,7 +24,7 @@ from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.files import atomic
+from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.layers.looks import once
@@ -28,16 +32,15 @@ from napari_splinesketch.plugin.layers.pixels import Grid, Patch
 from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
 FORMAT = 1
-MOST_BYTES = 2**27
-"""Of a frame that is read."""
-MOST_OF_HEAD = 2**18
-"""Bytes of a head that is read."""
 EVERY = -1
 """The frame of sketches that belong to all of them."""
 VERTICES = {"line": (2, 2), "path": (2, None), "polygon": (3, None), "rectangle": (4, 4)}
 VERTICES["ellipse"] = (4, 4)
 """The kinds of shapes that napari has, and how many vertices they may have."""
 HEAD = "session.json"
+FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
+OLD = ".old"
+"""Added to the name of a folder that is not offered again."""
 
 
 def _packed(array: Float[np.ndarray, "..."]) -> str:
@@ -95,6 +98,7 @@ class Session:
 
 class _Strict(pydantic.BaseModel):
     model_config = _STRICT
+    most_bytes: ClassVar = 2**27
 
 
 class _Record(_Strict):
@@ -153,6 +157,7 @@ class Page(_Strict):
 class Head(_Strict):
     """What a folder holds, for the question whether to go on with it."""
 
+    most_bytes = 2**18
     layer: Annotated[str, Field(max_length=1000)]
     sketches: NonNegativeInt
     curves: NonNegativeInt
@@ -170,13 +175,8 @@ class Head(_Strict):
 M = TypeVar("M", bound=_Strict)
 
 
-def read_page(path: Path) -> Page:
-    """Read a frame, without its picture."""
-    return _read(Page, path, MOST_BYTES)
-
-
-def _read(model: type[M], path: Path, most: int) -> M:
-    size = path.stat().st_size
+def _read(model: type[M], path: Path) -> M:
+    size, most = path.stat().st_size, model.most_bytes
     if size > most:
         raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
     try:
@@ -189,16 +189,15 @@ def _read(model: type[M], path: Path, most: int) -> M:
         raise LabelsError(path, place, first["msg"].removeprefix("Value error, ") + found) from None
 
 
-def read_head(path: Path) -> Head:
-    """Read the head of the session in a folder."""
-    head = _read(Head, path / HEAD, MOST_OF_HEAD)
+def _read_head(path: Path) -> Head:
+    head = _read(Head, path / HEAD)
     if head.format > FORMAT:
         reason = "was written by a newer version; update napari-splinesketch"
         raise LabelsError(path / HEAD, "format", reason)
     return head
 
 
-def head_text(session: Session) -> str:
+def _head_text(session: Session) -> str:
     """Write the head of a session."""
     frames = {frame for frame, shapes in session.drawn.items() if shapes}
     values = {
@@ -225,7 +224,7 @@ def _record_text(record: Record) -> str:
     ).model_dump_json()
 
 
-def pages_of(session: Session) -> dict[int, str]:
+def _pages_of(session: Session) -> dict[int, str]:
     """Write each frame of a session."""
     state = session.state
     records, deleted = by_frame(state.records), by_frame(state.deleted)
@@ -242,50 +241,168 @@ def pages_of(session: Session) -> dict[int, str]:
     return {frame: page(frame) for frame in sorted({*session.drawn, *records, *deleted})}
 
 
-def write_patch(path: Path, patch: Patch) -> None:
-    """Write a picture of part of a frame, whole or not at all."""
-    place = np.stack([patch.grid.origin, patch.grid.step])
-    arrays: dict[str, Any] = {"place": place, "pixels": patch.pixels}
-    if patch.background is not None:
-        arrays["background"] = patch.background
-    with atomic(path, overwrite=True) as temporary:
-        np.savez_compressed(temporary, **arrays)
-
-
-def read_patch(path: Path, size: tuple[int, int]) -> Patch:
+def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     """Read a picture that is no larger than an image of (H, W) px, and within it."""
+    most = 8 * max(size[0] * size[1], 4) + 2**12  # and a header
     try:
         with zipfile.ZipFile(path) as archive:
-            most = max(size[0] * size[1], 4)
-            place, pixels = _array(archive, "place", most), _array(archive, "pixels", most)
-            background = None
-            if "background.npy" in archive.namelist():
-                background = _array(archive, "background", most)
-                if background.shape != pixels.shape:
-                    raise ValueError("the background has another size")
-        if place.shape != (2, 2) or not np.isfinite(place).all():
-            raise ValueError("expected an origin and a step")
-        origin, step = place
-        last = origin + step * (np.array(pixels.shape) - 1)
-        if not (pixels.size and (step >= 1).all()):
-            raise ValueError("expected pixels, and a step from 1")
-        if (origin < -0.5).any() or (last > np.array(size) - 0.5).any():
+            if max(packed.file_size for packed in archive.infolist()) > most:
+                raise ValueError("has more pixels than the image")
+        with np.load(path) as arrays:
+            place, pixels, background = (arrays.get(n) for n in ("place", "pixels", "background"))
+        held = [array for array in (place, pixels, background) if array is not None]
+        if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2):
+            raise ValueError("expected an origin and a step, and pixels")
+        if not (np.isfinite(place).all() and (place[1] >= 1).all()):
+            raise ValueError("expected a step from 1")
+        if not pixels.size or pixels.ndim != 2 or held[-1].shape != pixels.shape:
+            raise ValueError("expected pixels, and as many of the background")
+        last = place[0] + place[1] * (np.array(pixels.shape) - 1)
+        if (place[0] < -0.5).any() or (last > np.array(size) - 0.5).any():
             raise ValueError("lies outside of the image")
     except Exception as error:  # NumPy and zipfile raise nearly anything for a spoilt file
         raise LabelsError(path, "", f"is no picture that was saved ({error})") from None
-    return Patch(Grid(origin, step), pixels, background)
+    return Patch(Grid(place[0], place[1]), pixels, background)
 
 
-def _array(archive: zipfile.ZipFile, name: str, most: int) -> Float[np.ndarray, "H W"]:
-    """Read an array of up to so many numbers; what else is packed is not unpacked."""
-    with archive.open(f"{name}.npy") as stream:
-        version = np.lib.format.read_magic(stream)
-        if version != (1, 0):
-            raise ValueError(f"{name}: version {version} of the format")
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-        number = int(np.prod(shape, dtype=object))
-        if dtype.kind != "f" or len(shape) != 2 or not 0 <= number <= most:
-            raise ValueError(f"{name}: {dtype} {shape}")
-        data = stream.read(number * dtype.itemsize)
-    array = np.frombuffer(data, dtype, number).reshape(shape, order="F" if fortran else "C")
-    return array.copy()
+class Folder:
+    """Writes sessions into a folder, which must exist and is its own: only what has changed.
+
+    Nobody else writes there until `release`, or until the process ends. Where another window owns
+    the folder, BusyError says which.
+    """
+
+    def __init__(self, path: Path):
+        self.path, self._layer = path, ""
+        self._hold = ExitStack()
+        try:
+            self._hold.enter_context(owned(path))
+        except BusyError as error:
+            who = str(error).partition(";")[0]
+            raise BusyError(f"{who}: it is open in another window; close it there") from None
+        # What lies there and is not known to be right is written anew, or goes.
+        self._written: dict[str, object] = {
+            file.name: "" for file in path.iterdir() if FRAME.fullmatch(file.name)
+        }
+
+    @classmethod
+    def fresh(cls, parent: Path) -> "Folder":
+        """Make a folder in another one, with a number that nobody has."""
+        parent.mkdir(parents=True, exist_ok=True)
+        number = 1
+        while (path := parent / str(number)).exists():
+            number += 1
+        path.mkdir()
+        return cls(path)
+
+    def holds(self, pictures: Mapping[int, Patch]) -> None:
+        """Take note of reconstructions that were read from it: they need not be written again."""
+        self._written |= {_name(frame, "npz"): patch for frame, patch in pictures.items()}
+
+    def release(self) -> None:
+        """Let others write there; leave no folder behind that holds nothing."""
+        self._hold.close()
+        if self.path.is_dir() and not any(self.path.iterdir()):
+            self.path.rmdir()
+
+    def write(self, session: Session) -> None:
+        """Bring the files in step with a session; the head counts them once they are written.
+
+        Pictures, which take longest, come last; one that no longer fits its frame goes first.
+        """
+        pages: dict[str, Any] = {_name(frame): text for frame, text in _pages_of(session).items()}
+        patches = {_name(frame, "npz"): p for frame, p in session.state.patches.items()}
+        patches = {name: p for name, p in patches.items() if f"{name[:-3]}json" in pages}
+        wanted = pages | patches
+        if (wanted, session.layer) == (self._written, self._layer):
+            return
+        self._layer = ""  # until all is written
+        for name, what in tuple(self._written.items()):
+            if name.endswith("npz") and wanted.get(name) != what:
+                self._remove(name)
+        self._put(pages)
+        for name in set(self._written).difference(wanted):
+            self._remove(name)
+        _write(self.path / HEAD, _head_text(session))
+        self._put(patches)
+        self._layer = session.layer
+
+    def _put(self, wanted: Mapping[str, Any]) -> None:
+        for name, what in wanted.items():
+            if self._written.get(name) != what:
+                _write(self.path / name, what)
+                self._written[name] = what
+
+    def _remove(self, name: str) -> None:
+        (self.path / name).unlink(missing_ok=True)
+        del self._written[name]
+
+
+def _write(path: Path, what: str | Patch) -> None:
+    """Write a text, or a picture of part of a frame, whole or not at all."""
+    with atomic(path, overwrite=True) as temporary:
+        if isinstance(what, str):
+            temporary.write_text(what + "\n", encoding="utf-8")
+        else:
+            arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
+            arrays |= {} if what.background is None else {"background": what.background}
+            np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+def _name(frame: int, ending: str = "json") -> str:
+    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
+
+
+def summary(path: Path) -> Head | None:
+    """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
+    try:
+        head = _read_head(path)
+    except FileNotFoundError:
+        return None
+    return head if head.sketches or head.curves else None
+
+
+def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple[str, ...]]:
+    """Read a session, and say in one sentence each what could not be read.
+
+    A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
+    """
+    head = _read_head(path)
+    drawn: dict[int, Any] = {}
+    problems, records, deleted = list[str](), list[Record](), list[Record]()
+    patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
+    for file in sorted(path.glob("*.json")):
+        if (found := FRAME.fullmatch(file.name)) is None:
+            continue
+        frame = EVERY if found[1] == "every" else int(found[1])
+        try:
+            if frame >= frames:
+                raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
+            page = _read(Page, file)
+            drawn[frame] = page.sketches
+            if frame == EVERY:
+                continue
+            records += [one.record(frame) for one in page.records]
+            deleted += [one.record(frame) for one in page.deleted]
+            notes |= {frame: page.notes} if page.notes else {}
+            if (picture := file.with_suffix(".npz")).exists():
+                patches[frame] = _read_patch(picture, size)
+        except (OSError, LabelsError) as error:
+            problems.append(str(error))
+    state = State(tuple(records), (), tuple(deleted), patches, notes)
+    return Session(head.layer, head.image, drawn, state), tuple(problems)
+
+
+def stamp(path: Path) -> int:
+    """Say when a folder was written last, in ns; 0 where nothing is."""
+    with suppress(OSError):
+        return (path / HEAD).stat().st_mtime_ns
+    return 0
+
+
+def put_aside(path: Path) -> None:
+    """Rename a folder, so that it is not offered again."""
+    folder = Folder(path)
+    names = (path.with_name(f"{path.name}{f'-{n}' if n > 1 else ''}{OLD}") for n in count(1))
+    path.rename(next(name for name in names if not name.exists()))
+    folder.release()

@@ -5,21 +5,8 @@ from typing import Any
 
 from magicgui.widgets import CheckBox, ComboBox
 from napari.layers import Layer
+from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtWidgets import (
-    QApplication,
-    QFormLayout,
-    QFrame,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QPushButton,
-    QScrollArea,
-    QSizePolicy,
-    QToolButton,
-    QVBoxLayout,
-    QWidget,
-)
 from superqt.utils import signals_blocked
 
 from napari_splinesketch.plugin.commands import Commands, Place
@@ -28,9 +15,11 @@ NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
 
 
-def button(text: str = "", tip: str = "", run: Callable[[], object] | None = None) -> QPushButton:
+def button(
+    text: str = "", tip: str = "", run: Callable[[], object] | None = None
+) -> qt.QPushButton:
     """Make a button that leaves the keys to the canvas when it is clicked."""
-    made = QPushButton(text)
+    made = qt.QPushButton(text)
     made.setToolTip(tip)
     made.setMinimumWidth(30)
     made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -39,22 +28,24 @@ def button(text: str = "", tip: str = "", run: Callable[[], object] | None = Non
     return made
 
 
-def enable(widget: QWidget, problem: str, tip: str) -> None:
+def enable(widget: qt.QWidget, problem: str, tip: str) -> None:
     """Enable a widget, or let its tooltip say why not."""
     widget.setEnabled(not problem)
     widget.setToolTip(problem or tip)
 
 
-def stack(widget: QWidget, *rows: QWidget | Sequence[QWidget], margin: int = 0) -> QVBoxLayout:
+def stack(
+    widget: qt.QWidget, *rows: qt.QWidget | Sequence[qt.QWidget], margin: int = 0
+) -> qt.QVBoxLayout:
     """Lay widgets out below each other in a widget; the first one of a row takes what is left."""
-    column = QVBoxLayout(widget)
+    column = qt.QVBoxLayout(widget)
     column.setContentsMargins(margin, margin, margin, margin)
     column.setSpacing(3)
     for each in rows:
-        if isinstance(each, QWidget):
+        if isinstance(each, qt.QWidget):
             column.addWidget(each)
             continue
-        row = QHBoxLayout()
+        row = qt.QHBoxLayout()
         row.setSpacing(3)
         for i, one in enumerate(each):
             row.addWidget(one, not i)
@@ -62,9 +53,11 @@ def stack(widget: QWidget, *rows: QWidget | Sequence[QWidget], margin: int = 0) 
     return column
 
 
-def grid(widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bool = True) -> None:
+def grid(
+    widget: qt.QWidget, children: Sequence[qt.QWidget], columns: int, *, even: bool = True
+) -> None:
     """Lay widgets out in columns, equal ones or each as broad as it needs."""
-    layout = QGridLayout(widget)
+    layout = qt.QGridLayout(widget)
     layout.setContentsMargins(0, 0, 0, 0)
     layout.setSpacing(3)
     for i, child in enumerate(children):
@@ -73,20 +66,20 @@ def grid(widget: QWidget, children: Sequence[QWidget], columns: int, *, even: bo
         layout.setColumnStretch(column, 1)
 
 
-def form(*rows: Any) -> QWidget:
+def form(*rows: Any) -> qt.QWidget:
     """Lay magicgui's widgets out below each other, with their labels beside or in them."""
-    made = QWidget()
-    layout = QFormLayout(made)
+    made = qt.QWidget()
+    layout = qt.QFormLayout(made)
     layout.setContentsMargins(0, 0, 0, 0)
     layout.setSpacing(3)
-    layout.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
-    layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    layout.setRowWrapPolicy(qt.QFormLayout.RowWrapPolicy.WrapLongRows)
+    layout.setFieldGrowthPolicy(qt.QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     for each in rows:
         layout.addRow("" if isinstance(each, CheckBox) else each.label, each.native)
     return made
 
 
-class CommandButton(QPushButton):
+class CommandButton(qt.QPushButton):
     """A button that carries out a command, and says why it cannot."""
 
     def __init__(self, actions: Commands, name: str):
@@ -103,7 +96,7 @@ class CommandButton(QPushButton):
         enable(self, self._actions.problem(self._name), self._actions.tip(self._name))
 
 
-class CommandButtons(QWidget):
+class CommandButtons(qt.QWidget):
     """A button for each command that belongs to a place."""
 
     def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
@@ -117,7 +110,7 @@ class CommandButtons(QWidget):
             made.show_state()
 
 
-class TextLabel(QLabel):
+class TextLabel(qt.QLabel):
     """Wraps its text, can be copied from, and takes no room while it says nothing."""
 
     def __init__(self) -> None:
@@ -125,7 +118,7 @@ class TextLabel(QLabel):
         self.setWordWrap(True)
         self.setTextFormat(Qt.TextFormat.RichText)
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Minimum)
+        self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Minimum)
         self.hide()
 
     def say(self, text: str) -> None:
@@ -135,12 +128,12 @@ class TextLabel(QLabel):
         self.setVisible(bool(text))
 
 
-class Folded(QWidget):
+class Folded(qt.QWidget):
     """A title with an arrow that unfolds a widget, of any height: superqt's cuts long texts off."""
 
-    def __init__(self, title: str, tip: str, content: QWidget):
+    def __init__(self, title: str, tip: str, content: qt.QWidget):
         super().__init__()
-        self.title, self.content = QToolButton(), content
+        self.title, self.content = qt.QToolButton(), content
         self.title.setText(title)
         self.title.setToolTip(tip)
         self.title.setCheckable(True)
@@ -157,19 +150,19 @@ class Folded(QWidget):
         self.content.setVisible(on)
 
 
-class Column(QScrollArea):
+class Column(qt.QScrollArea):
     """Scrolls when the user scrolls, and never by itself."""
 
-    def __init__(self, content: QWidget):
+    def __init__(self, content: qt.QWidget):
         super().__init__()
         self.setWidget(content)
         self.setWidgetResizable(True)
-        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFrameShape(qt.QFrame.Shape.NoFrame)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
 
     def focusNextPrevChild(self, next: bool) -> bool:  # noqa: A002
         """Move the focus; a button that is disabled gives it away, and nothing scrolls for that."""
-        bar, before = self.verticalScrollBar(), QApplication.focusWidget()
+        bar, before = self.verticalScrollBar(), qt.QApplication.focusWidget()
         place = bar.value() if bar else 0
         moved = super().focusNextPrevChild(next)
         if bar and not (before and before.isEnabled() and before.isVisible()):
@@ -198,7 +191,7 @@ class LayerChoice(ComboBox):
         super().__init__(label=label, choices=choices, tooltip=tip)
         self._tip = tip
         # Long names are shortened rather than widening the dock.
-        self.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.native.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         self.native.setMinimumWidth(NARROW)
         self.native.activated.connect(lambda: pick(self.value))
 

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -43,8 +43,7 @@ NUMBERS_SHOWN = 6
 """Most bodies or frames that are named."""
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
 """What is said of bodies that end, by how the reason begins; of others that they are lost."""
-LONG_WORD = re.compile(r"\S{24,}")
-CURVE = re.compile(r"curve (\d+)")
+NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 
 
@@ -78,7 +77,7 @@ def button(plan: "Plan") -> str:
 def nothing(plan: "Plan", frame: Literal["all", "empty", "full"], layer: str) -> str:
     """Say why a plan is empty: for all frames, or for one that has no curves, or has some."""
     if plan.decided:
-        return f"{_decided(plan.decided)}; reopen or unlock them first."
+        return f"{_decided(plan)} Reopen or unlock first."
     if plan.scope == "selected":
         return NO_LINE if plan.drawn.lines else "No curve is selected."
     if not plan.drawn.lines:
@@ -87,72 +86,46 @@ def nothing(plan: "Plan", frame: Literal["all", "empty", "full"], layer: str) ->
         where = "in this frame " if frame == "empty" else ""
         return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
     if plan.deleted:
-        those = "their curves are" if plan.deleted > 1 else "its curve is"
-        return (
-            f"Nothing new to refine: {count(plan.deleted, 'line')} left out, as {those} deleted. "
-            "Select a line to refine it all the same."
-        )
+        left_out = f"Left out: {count(plan.deleted, 'line')} with a deleted curve."
+        return f"{left_out} Select a line to refine it all the same."
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
 
 def left_alone(plan: "Plan") -> str:
-    """Say what a plan leaves out."""
-    said = []
-    if plan.decided and plan.targets:
-        said.append(f"{_decided(plan.decided)}: they stay.")
+    """Say what a plan leaves out, and which shapes are no lines."""
+    said = [_decided(plan)] if plan.decided and plan.targets else []
+    if plan.drawn.strays:
+        said.append(f"Skipped: {count(plan.drawn.strays, 'stray click')}.")
+    if plan.drawn.unusable:
+        shapes = " and ".join(count(number, kind) for kind, number in plan.drawn.unusable.items())
+        said.append(f"Not usable: {shapes}; draw lines, polylines or paths.")
     if plan.orphans:
-        one = len(plan.orphans) == 1
-        verb, it = ("has", "it") if one else ("have", "them")
-        stay = "stays" if one else "stay"
-        said.append(
-            f"{_numbers(plan.orphans).capitalize()} {verb} no line any more and {stay} "
-            f"until you delete {it}."
-        )
+        numbers = f"curve{'s' * (len(plan.orphans) > 1)} {_some(list(map(str, plan.orphans)))}"
+        said.append(f"Without a line any more, and kept until you delete: {numbers}.")
     return " ".join(said)
 
 
-def _decided(number: int) -> str:
-    whose = "its curve" if number == 1 else "their curves"
-    verb = "is" if number == 1 else "are"
-    return f"{count(number, 'line')} left out, as {whose} {verb} accepted or locked"
-
-
-def skipped(strays: int, unusable: Mapping[str, int]) -> str:
-    """Say which shapes are left out, and why."""
-    said = []
-    if strays:
-        verb = "is" if strays == 1 else "are"
-        said.append(f"{count(strays, 'stray click')} {verb} skipped.")
-    if unusable:
-        shapes = " and ".join(count(number, kind) for kind, number in unusable.items())
-        verb = "is" if sum(unusable.values()) == 1 else "are"
-        said.append(f"{shapes} {verb} not usable: draw lines, polylines or paths.")
-    return " ".join(said)
+def _decided(plan: "Plan") -> str:
+    return f"Left out: {count(plan.decided, 'line')} with an accepted or locked curve."
 
 
 def summary(records: Sequence[Record]) -> str:
     """Say how many curves are good, to check and failed, in one line."""
-    statuses = Counter([record.curve.status for record in records])
-    short = len(statuses) > 2
-    said = {
-        "good": "good",
-        "check": "?" if short else "to check",
-        "failed": "!" if short else "failed",
-    }
-    return " · ".join(f"{statuses[s]} {word}" for s, word in said.items() if statuses[s])
+    known = Counter([record.curve.status for record in records])
+    said = ("good", "?", "!") if len(known) > 2 else STATUS_WORDS.values()
+    numbers = zip(STATUS_WORDS, said, strict=True)
+    return " · ".join(f"{known[status]} {word}" for status, word in numbers if known[status])
 
 
 def selected(records: Sequence[Record], frame: int) -> str:
     """Say which curves are selected, seen from a frame, and what is doubtful about one."""
-    if not records:
-        return "No curve is selected: click one"
-    if len(records) > 1:
-        return f"{len(records)} curves are selected"
+    if len(records) != 1:
+        return f"{len(records)} curves are selected" if records else NO_CURVE
     (record,) = records
-    status = STATUS_WORDS[record.curve.status]
     where = f" of frame {record.frame}" if record.frame != frame else ""
-    said = f"Curve {record.id}{where}{' 🔒' if record.locked else ''}: {status}"
-    return f"{said}: {'; '.join(record.curve.reasons)}" if record.curve.reasons else said
+    reasons = f": {'; '.join(record.curve.reasons)}" if record.curve.reasons else ""
+    lock = " 🔒" if record.locked else ""
+    return f"Curve {record.id}{where}{lock}: {STATUS_WORDS[record.curve.status]}{reasons}"
 
 
 def wanted(number: range) -> str:
@@ -200,10 +173,8 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
 
 def stage(progress: Progress | None, left: float | None) -> str:
     """Say what runs, and for about how long it still will."""
-    if progress is None:
-        return ""
-    said = f"{progress.stage.capitalize()}…"
-    if left is None:
+    said = f"{progress.stage.capitalize()}…" if progress else ""
+    if not said or left is None:
         return said
     about = f"{max(round(left), 1)} s" if left < 90 else f"{round(left / 60)} min"
     return f"{said} About {about} left."
@@ -229,23 +200,19 @@ def together(sentences: Sequence[str]) -> str:
 
 
 def notice(kind: str, text: str) -> str:
-    """Say what an action came to; rich text."""
+    """Say what an action came to; rich text, in which a long path goes on in the next line."""
     mark = {"failed": "⚠ ", "done": "✓ "}.get(kind, "")
-    return f"{mark}{LONG_WORD.sub(_breakable, escape(text, quote=False))}" if text else ""
-
-
-def _breakable(word: re.Match[str]) -> str:
-    """Let a path or the name of an attribute go on in the next line."""
-    return re.sub(r"([/\\._-])", "\\1\u200b", word[0])
+    broken = re.sub(
+        r"\S{24,}",
+        lambda word: re.sub(r"([/\\._-])", "\\1\u200b", word[0]),
+        escape(text, quote=False),
+    )
+    return f"{mark}{broken}" if text else ""
 
 
 def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
     """Let reasons of the engine name other curves by their number instead of their position."""
-    return tuple(CURVE.sub(lambda found: f"curve {ids[int(found[1])]}", r) for r in reasons)
-
-
-def _numbers(ids: Sequence[int]) -> str:
-    return f"{'curve' if len(ids) == 1 else 'curves'} {_some(list(map(str, ids)))}"
+    return tuple(re.sub(r"curve (\d+)", lambda f: f"curve {ids[int(f[1])]}", r) for r in reasons)
 
 
 def _some(named: Sequence[str]) -> str:

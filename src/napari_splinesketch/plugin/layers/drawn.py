@@ -13,23 +13,9 @@ from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 
 from napari_splinesketch import palette
+from napari_splinesketch.plugin import model
+from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.looks import line_width
-from napari_splinesketch.plugin.layers.space import (
-    frame_numbers,
-    from_world,
-    in_stack,
-    placement,
-    screen_pixel,
-    size_of,
-    to_pixels,
-)
-from napari_splinesketch.plugin.model import (
-    Record,
-    Suggestion,
-    lengths_of,
-    print_of_sketch,
-    prints_of,
-)
 
 LINES = ("line", "path")
 SHORTEST = 2.0
@@ -71,7 +57,7 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
         return Drawn()
     first = np.array([shape[0] for shape in layer.data])
     seen = _in_view(viewer, layer, image, first)
-    kinds, lengths = layer.shape_type, lengths_of([line for _, line in read])
+    kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
         if at != frame or not seen[i]:
@@ -94,8 +80,8 @@ def shapes_in(
     if not shapes:
         return []
     first = np.cumsum([0] + [len(shape) for shape in shapes[:-1]])
-    pixels = to_pixels(viewer, layer, image, np.concatenate(shapes))
-    frames = frame_numbers(image, pixels[first])
+    pixels = space.to_pixels(viewer, layer, image, np.concatenate(shapes))
+    frames = space.frame_numbers(image, pixels[first])
     return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
 
 
@@ -104,7 +90,7 @@ def _in_view(
 ) -> list[bool]:
     """Whether shapes are in view as to the axes that the image does not have."""
     extra = max(layer.ndim - image.ndim, 0)
-    point = from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
+    point = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
     same = np.round(points[:, :extra]) == np.round(point[:, :extra])
     return same.all(axis=1).tolist()
 
@@ -128,7 +114,7 @@ def new_sketch_layer(viewer: ViewerModel, image: Image, *, visible: bool = True)
 
 def empty_layer(image: Image, name: str, *, flat: bool = False, **how: Any) -> Shapes:
     """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
-    style, place = line_style(size_of(image)), placement(image)
+    style, place = line_style(space.size_of(image)), space.placement(image)
     if flat and image.ndim > 2:
         place = {key: place[key][-2:] for key in ("scale", "translate", "units", "axis_labels")}
     layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place, **how)
@@ -157,8 +143,8 @@ def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
     if not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
-    way = np.diff(to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
-    short = np.linalg.norm(way / screen_pixel(viewer, image)) < CLICK
+    way = np.diff(space.to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
+    short = np.linalg.norm(way / space.screen_pixel(viewer, image)) < CLICK
     return bool(short and np.isclose(down, right, rtol=1e-3))
 
 
@@ -212,9 +198,9 @@ class SuggestedLines:
 
     def __init__(self, viewer: ViewerModel, image: Image, sketches: Shapes):
         self._viewer, self._image, self._sketches = viewer, image, sketches
-        self._shown: dict[Suggestion, np.ndarray] = {}
+        self._shown: dict[model.Suggestion, np.ndarray] = {}
 
-    def show(self, wanted: Sequence[Suggestion]) -> Iterator[None]:
+    def show(self, wanted: Sequence[model.Suggestion]) -> Iterator[None]:
         """Add and remove lines, some at each step."""
         if not {self._image, self._sketches} <= set(self._viewer.layers):
             return
@@ -228,23 +214,25 @@ class SuggestedLines:
             yield
         fresh = [one for one in wanted if one not in self._shown]
         if fresh:
-            points = [in_stack(self._image, one.frame, one.line) for one in fresh]
+            points = [space.in_stack(self._image, one.frame, one.line) for one in fresh]
             ends = np.cumsum([len(one.line) for one in fresh])[:-1]
-            vertices = to_pixels(self._viewer, self._image, self._sketches, np.concatenate(points))
+            vertices = space.to_pixels(
+                self._viewer, self._image, self._sketches, np.concatenate(points)
+            )
             shapes = np.split(vertices.astype(np.float32), ends)
             self._shown |= dict(zip(fresh, shapes, strict=True))
-            style = line_style(size_of(self._image))
+            style = line_style(space.size_of(self._image))
             for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
                 yield
 
-    def fade(self, records: Sequence[Record]) -> None:
+    def fade(self, records: Sequence[model.Record]) -> None:
         """Let the lines that have become curves step back behind them, and no others."""
         layer = self._sketches
         if not {self._image, layer} <= set(self._viewer.layers) or not layer.nshapes:
             return
-        refined = {(r.frame, print_of_sketch(r)) for r in records if r.drawn}
+        refined = {(r.frame, model.print_of_sketch(r)) for r in records if r.drawn}
         frames, lines = zip(*shapes_in(self._viewer, layer, self._image), strict=True)
-        back = [pair in refined for pair in zip(frames, prints_of(lines), strict=True)]
+        back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
         # A transparency that the user has chosen stays.
         ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))

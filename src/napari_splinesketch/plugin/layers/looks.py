@@ -18,6 +18,8 @@ Line = Float[np.ndarray, "_ 2"]
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
 """Written beside the curve's number: a status is never told by colour alone."""
+STEP = 1.1
+"""Between breadths that differ: for less, lines are not drawn anew."""
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
 """Breadth of the line, relative."""
 RIBBON_SDS = 2.0
@@ -59,10 +61,11 @@ def has_outline(curve: Curve) -> bool:
 
 
 def breadth(curves: Sequence[Curve]) -> float:
-    """Breadth of a good curve's line, px: a third of the bodies' width."""
+    """Breadth of a good curve's line, px: a third of the bodies' width, in steps of a tenth."""
     widths = np.array([_half_width(curve) for curve in curves])
     finite = widths[np.isfinite(widths)]
-    return float(np.clip(0.6 * np.median(finite), 0.6, 8.0)) if finite.size else 1.0
+    wanted = np.clip(0.6 * np.median(finite), 0.6, 8.0) if finite.size else 1.0
+    return float(STEP ** np.round(np.log(wanted) / np.log(STEP)))
 
 
 def line_width(size: tuple[int, int]) -> float:
@@ -115,12 +118,6 @@ def _around(points: Line, distance: Float[np.ndarray, " P"]) -> Line:
     across = distance[:, None] * normals(points)
     left, right = points + across, points - across
     return np.concatenate([left, right[::-1], left[:1]])
-
-
-def vectors(points: Float[np.ndarray, "N D"], ends: Sequence[int]) -> Float[np.ndarray, "P 2 D"]:
-    """Take lines that end after so many points for vectors, which napari draws in milliseconds."""
-    along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
-    return np.delete(along, np.array(ends[:-1], dtype=int) - 1, axis=0)
 
 
 def coarse(lines: Sequence[Line]) -> list[Line]:

@@ -1,29 +1,38 @@
-"""Layers of what the model says: reconstruction, residual, background, uncertainty, masks.
+"""Layers that are made of what is known: one table says what of, and how.
 
-All but the reconstruction are made when the user asks for them, and follow what is known while
-they are in view.
+Reconstruction, outlines and halos are always there; residual, background, uncertainty and masks
+are made when the user asks for them, and follow what is known while they are in view.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Integer, Real
-from napari.components import ViewerModel
-from napari.layers import Image, Labels, Layer, Vectors
+from napari.layers import Image, Labels, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
 from scipy.ndimage import map_coordinates
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.layers.looks import breadth, normals, ribbon
+from napari_splinesketch.plugin.columns import colours_of
+from napari_splinesketch.plugin.layers.looks import (
+    Line,
+    breadth,
+    coarse,
+    halo,
+    has_outline,
+    normals,
+    outline,
+    rgba,
+    ribbon,
+)
 from napari_splinesketch.plugin.layers.pixels import Film, Grid, Patch, Planes, block_on
-from napari_splinesketch.plugin.layers.slot import Slot, in_vectors, same
+from napari_splinesketch.plugin.layers.slot import Made, Maker, in_vectors
 from napari_splinesketch.plugin.layers.space import (
     frame_count,
     frame_shape,
@@ -38,7 +47,6 @@ from napari_splinesketch.raster import label_image, rasterise
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.keeper import Work
 
-ProofRole = Literal["reconstruction", "residual", "background", "body", "ribbon", "masks", "stack"]
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995
@@ -49,80 +57,13 @@ SOFT = 3.0
 """How far beyond its edge a body may be seen, px of the picture."""
 SPACING = 0.5
 """Between the places across a body at which a picture is read, px at most."""
+THIN, GAP = 0.5, 1.2
+"""Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
 BIN = 0.5
 """Width of the rings in which a body is taken to be equally bright, px."""
 
 
 Along = Float[np.ndarray, " P"]
-
-
-class Made(NamedTuple):
-    """What a layer shows, where that lies, if not as the image does, and how it looks at first."""
-
-    data: Any
-    place: Mapping[str, Any] = {}
-    look: Mapping[str, Any] = {}
-
-
-@dataclass(frozen=True)
-class Maker:
-    """A layer: its kind, what it is called, the values that it depends on, what makes it of them.
-
-    It stays as it is while they do; where nothing is made, there is nothing to show, and `nothing`
-    says why. `title` and `tip` are its entry in the menu.
-    """
-
-    kind: type[Layer]
-    name: str
-    source: Callable[[Work], list[Any]]
-    make: Callable[[Work], Made | None]
-    title: str = ""
-    tip: str = ""
-    nothing: str = "There is nothing to show yet: refine first."
-
-
-class Proof(Slot):
-    """A layer of what the model says of a work, as its maker makes it."""
-
-    def __init__(self, viewer: ViewerModel, role: ProofRole, work: Work):
-        self._role: ProofRole = role
-        self._work, self._source = work, list[Any]()
-        super().__init__(viewer, work.image, role, f"{work.name} {MAKERS[role].name}", work)
-
-    @property
-    def wanted(self) -> bool:
-        """Whether it is to follow what is known: it is in view, or always there."""
-        return self.shown or not MAKERS[self._role].title
-
-    def update(self) -> None:
-        """Bring it in step with what is known, if that is not what it shows."""
-        maker, layer = MAKERS[self._role], self.layer
-        source, kind = maker.source(self._work), maker.kind
-        if same(source, self._source) and (layer is not None or not maker.title):
-            return
-        self._source = source
-        made = maker.make(self._work)
-        if made is None:
-            self.remove()
-        elif layer is None or (kind is not Vectors and layer.data.shape != made.data.shape):
-            self._add(made, layer)
-        else:
-            layer.data = made.data
-            for name, value in {**placement(self.image), **made.place}.items():
-                setattr(layer, name, value)
-
-    def _add(self, made: Made, old: Layer | None) -> None:
-        """Put the layer over the image, lines over all, or in the place of an old one."""
-        layers, maker = self.viewer.layers, MAKERS[self._role]
-        at = layers.index(old or self.image) + (old is None)
-        visible = old.visible if old else bool(maker.title)
-        self.remove()
-        how: dict[str, Any] = {**made.place, **made.look, "visible": visible}
-        if maker.kind is not Vectors:
-            how["multiscale"] = False
-        over = maker.kind is Vectors and old is None
-        layer = self.make(made.data, kind=maker.kind, at=None if over else at, **how)
-        layer.editable = maker.kind is not Labels
 
 
 def _patches(work: Work) -> list[Any]:
@@ -193,16 +134,47 @@ def _ribbon(work: Work) -> Made | None:
     lines = [(frame, line) for frame, line in drawn if line is not None]
     if not lines:
         return None
-    width = 0.4 * breadth([record.curve for record in work.records])
-    look = {"vector_style": "line", "edge_color": palette.UNCERTAIN, "edge_width": width}
+    width = 0.4 * breadth(_curves(work))
+    look = {"edge_color": palette.UNCERTAIN, "edge_width": width}
     return Made(in_vectors(work.image, lines)[0], {}, look)
+
+
+def _wide(work: Work) -> list[Record]:
+    return [record for record in work.records if has_outline(record.curve)]
+
+
+def _outlines(work: Work) -> Made:
+    known = _wide(work)
+    lines = [outline(record.curve) for record in known]
+    return _around(work, known, lines, colours_of(known, work.layers.look))
+
+
+def _halos(work: Work) -> Made:
+    """Lines outside the selected bodies: napari marks them in some of its tools only."""
+    curves = [record.curve for record in work.selected]
+    lines = coarse([halo(curve, GAP * breadth(curves)) for curve in curves])
+    return _around(work, work.selected, lines, [palette.MOVING] * len(curves))
+
+
+def _around(
+    work: Work, records: Sequence[Record], lines: Sequence[Line], colours: Sequence[str]
+) -> Made:
+    """Show lines around bodies, each in the frame of its curve and in its colour."""
+    data, counts = in_vectors(
+        work.image, [(record.frame, line) for record, line in zip(records, lines, strict=True)]
+    )
+    if not records:
+        return Made(data)
+    width = THIN * breadth([record.curve for record in records])
+    look = {"edge_width": width, "edge_color": np.repeat(rgba(colours), counts, axis=0)}
+    return Made(data, look)
 
 
 def _masks(work: Work) -> Made | None:
     """Label image of each frame: a pixel's value is the number of its curve."""
     size, leading = size_of(work.image), frame_shape(work.image)
     plane = partial(_mask, by_frame(work.records), size)
-    return Made(Planes((*leading, *size), np.int32, plane))
+    return Made(Planes((*leading, *size), np.int32, plane), placement(work.image))
 
 
 def _stack(work: Work) -> Made | None:
@@ -236,9 +208,13 @@ def _placement_of_stack(image: Image) -> dict[str, Any]:
     }
 
 
-MAKERS: dict[ProofRole, Maker] = {
+MAKERS: dict[str, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches,
                             lambda work: _film(work, work.state.patches, _like(work.image))),
+    "outlines": Maker(Vectors, "outlines",
+                      lambda work: [work.layers.look, *[r.curve for r in _wide(work)]], _outlines),
+    "selected": Maker(Vectors, "selected",
+                      lambda work: [record.curve for record in work.selected], _halos),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,28 +13,26 @@ from napari.components import ViewerModel
 from napari.layers import Points, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal, SignalInstance
-from qtpy.QtCore import QTimer
 from superqt.utils import qthrottled
 
-from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin.columns import Look, colours_of, severity
+from napari_splinesketch.plugin import columns
 from napari_splinesketch.plugin.layers import looks
-from napari_splinesketch.plugin.layers.drawn import BREATH_MS, CLICK
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, Line
-from napari_splinesketch.plugin.layers.pictures import MAKERS, Proof, ProofRole
-from napari_splinesketch.plugin.layers.slot import CurveLines, Lines, Role, Slot, undisturbed
+from napari_splinesketch.plugin.layers.drawn import CHUNK, CLICK, add_shapes
+from napari_splinesketch.plugin.layers.pictures import MAKERS
+from napari_splinesketch.plugin.layers.slot import Following, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import Ruler, View, in_stack, view_of
-from napari_splinesketch.plugin.model import Key, Record
+from napari_splinesketch.plugin.model import Key, Record, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.keeper import Work
 
+OVER = ("outlines", "curves", "selected", "marks")
+"""The layers over all others, from below to above. The halos of those selected have one of their
+own: to change one shape, napari draws a whole layer of shapes anew."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
-THIN, GAP = 0.5, 1.2
-"""Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
 LETTER, LINE_HEIGHT, BESIDE = 9.0, 16.0, 2.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
 MOST = 60
@@ -49,14 +47,14 @@ def readable(
     records: Sequence[Record], view: View
 ) -> Iterator[tuple[Record, Float[np.ndarray, 2]]]:
     """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
-    here = [r for r in records if r.frame == view.frame and MARKS[r.curve.status]]
+    here = [r for r in records if r.frame == view.frame and looks.MARKS[r.curve.status]]
     if not here:
         return
     ends = np.stack([_stands(r.curve)[0] for r in here])
     near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
     here = [here[i] for i in np.flatnonzero(near).tolist()]
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
-    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+    for record in sorted(here, key=lambda r: columns.severity(r.curve), reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
@@ -74,7 +72,7 @@ def readable(
 
 
 def _text(record: Record) -> str:
-    return f"{record.id} {MARKS[record.curve.status]}"
+    return f"{record.id} {looks.MARKS[record.curve.status]}"
 
 
 @looks.once
@@ -101,37 +99,33 @@ class Marks(Slot):
 
     kind = Points
     style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
-    _records: Sequence[Record] = ()
     _shown: tuple[Any, ...] = ()
 
-    def __init__(self, *arguments: Any):
-        super().__init__(*arguments)
-        self._soon = qthrottled(self._write, AFTER_MS, leading=False)
+    def __init__(self, viewer: ViewerModel, work: Work):
+        super().__init__(viewer, work.image, "marks", f"{work.name} marks", work)
+        self._work = work
+        self._soon = qthrottled(self.update, AFTER_MS, leading=False)
 
     def make(self, *data: Any, **how: Any) -> Any:
         """Add the layer, with nothing in it, and follow what is in view."""
         self._shown = ()
-        self.viewer.scene.camera.events.connect(self._on_move)
-        self.viewer.dims.events.current_step.connect(self._on_move)
         made = super().make(*data, **how)
-        made.events.visible.connect(self._on_move)
+        moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
+        for moved in (*moves, made.events.visible):
+            moved.connect(self._on_move)
         return made
 
-    def show(self, records: Sequence[Record]) -> None:
-        """Mark these curves, and no others."""
-        self._records = records
-        self._write()
-
     def _on_move(self, event: object) -> None:
-        if self._records:
+        if self._work.records:
             self._soon()
 
-    def _write(self) -> None:
+    def update(self) -> None:
+        """Mark the curves in view, and no others."""
         layer = self.layer
         if layer is None or not layer.visible or self.image not in self.viewer.layers:
             return
         view = view_of(self.viewer, self.image)
-        found = list(readable(self._records, view))
+        found = list(readable(self._work.records, view))
         shown = tuple((id(record), *place) for record, place in found)
         if shown == self._shown:
             return
@@ -143,24 +137,105 @@ class Marks(Slot):
             layer.data = in_stack(self.image, view.frame, places)
             layer.text = {
                 "string": [_text(record) for record, _ in found],
-                "color": [COLOURS[record.curve.status] for record, _ in found],
+                "color": [looks.COLOURS[record.curve.status] for record, _ in found],
                 "size": 10,
                 "anchor": "center",
             }
 
 
-KINDS: dict[Role, type[Slot]] = {
-    "outlines": Lines,
-    "curves": CurveLines,
-    "selected": Lines,
-    "marks": Marks,
-}
-"""From below to above. The halos have a layer of their own: to change one shape, napari draws a
-whole layer of shapes anew."""
+class CurveLines(Slot):
+    """A line for each curve, brought in step with what is known: some go, some come."""
+
+    kind = Shapes
+    _shown: Sequence[Record] = ()
+    """In the order of the layer."""
+    _described: Sequence[Record] = ()
+    """Those that its features speak of."""
+    _colours: Mapping[int, str] = {}
+    """By the identity of the curve."""
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Add the layer, with nothing in it."""
+        self._shown, self._described, self._colours = (), (), {}
+        return super().make(*data, **how)
+
+    def keys(self) -> list[Key]:
+        """(frame, id) of the curves that are there."""
+        known = {} if self.layer is None else self.layer.features
+        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
+
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted."""
+        written = map(key_of, self._described)
+        return set(written).difference(self.keys()) if self.layer is not None else set()
+
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the curves that are selected."""
+        keys, layer = self.keys(), self.layer
+        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
+
+    def show(self, records: Sequence[Record], look: columns.Look) -> Iterator[None]:
+        """Show these curves, and no others; some come at each step."""
+        layer = self.layer
+        wanted = {id(record.curve): record for record in records}
+        if layer.nshapes != len(self._shown):
+            gone, self._shown = list(range(layer.nshapes)), ()
+        else:
+            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
+        if gone:
+            layer.selected_data = set()
+            layer.remove(gone)
+            self._shown = [r for r in self._shown if id(r.curve) in wanted]
+        there = {id(record.curve) for record in self._shown}
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours, unit = columns.colours_of(fresh, look), looks.breadth(curves)
+        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
+        for done in add_shapes(
+            layer,
+            self._lines(fresh),
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
+        ):
+            self._shown = [*self._shown, *fresh[done]]
+            for record in fresh[done]:
+                columns.in_pixels(record)  # a few at a time: all are asked for at once below
+            yield
+        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
+        if gone:
+            yield
+
+    def follow(self, *, removed: bool) -> None:
+        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
+        left = set(self.keys())
+        less = removed and len(left) < len(self._shown)
+        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
+
+    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
+        """Draw curves, some at a time when they are needed."""
+        for start in range(0, len(records), CHUNK):
+            some = records[start : start + CHUNK]
+            lines = looks.thinned([record.curve.points for record in some])
+            for record, line in zip(some, lines, strict=True):
+                yield in_stack(self.image, record.frame, line)
+
+    def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
+        """Let features and colours say what is known now."""
+        layer: Any = self._layer
+        if changed or records != self._described or layer.features.empty:
+            layer.features = columns.features(records)
+            self._shown = self._described = records
+        colours = columns.colours_of(records, look)
+        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
+        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
+            layer.edge_color = colours
+        self._colours = painted
 
 
 class ResultLayers:
-    """Shows the curves of an `owner` in layers, whose names begin with its name."""
+    """Shows the curves of a work in layers, whose names begin with its name."""
 
     edited = Signal()
     """The user has changed the layer of curves."""
@@ -171,16 +246,15 @@ class ResultLayers:
     clicked = Signal(bool)
     """The user has clicked into the layer of curves while moving the camera; with Shift, or not."""
 
-    def __init__(self, viewer: ViewerModel, owner: Work):
-        self._viewer, self._image, self._owner = viewer, owner.image, owner
-        self._look: Look = ("status", Ruler())
+    def __init__(self, viewer: ViewerModel, work: Work):
+        self._viewer, self._image, self._work = viewer, work.image, work
+        self.look: columns.Look = ("status", Ruler())
         self._busy = False
-        self.slots: dict[Role, Any] = {
-            role: kind(viewer, owner.image, role, f"{owner.name} {role}", owner)
-            for role, kind in KINDS.items()
-        }
-        self._curves: CurveLines = self.slots["curves"]
-        self.proofs = {role: Proof(viewer, role, owner) for role in MAKERS}
+        self.made = {role: Following(viewer, role, work, MAKERS) for role in MAKERS}
+        self._curves = CurveLines(viewer, work.image, "curves", f"{work.name} curves", work)
+        self._marks = Marks(viewer, work)
+        over = self.made["outlines"], self._curves, self.made["selected"], self._marks
+        self._over: dict[str, Any] = dict(zip(OVER, over, strict=True))
         self.missing, self.selection = self._curves.missing, self._curves.selection
 
     @property
@@ -188,30 +262,31 @@ class ResultLayers:
         """What tells of the user's doings: one keeper listens."""
         return self.toggled, self.edited, self.selected, self.clicked
 
-    def layer(self, role: Any) -> Any:
+    def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
-        return (self.slots | self.proofs)[role].layer
+        return {**self.made, **self._over}[role].layer
 
-    def ask(self, role: ProofRole, on: bool) -> bool:
+    def ask(self, role: str, on: bool) -> bool:
         """Show or hide what the model says; False if there is nothing to show."""
-        proof = self.proofs[role]
-        if proof.layer is not None:
-            proof.layer.visible = on
+        picture = self.made[role]
+        if picture.layer is not None:
+            picture.layer.visible = on
         elif on:
-            self._update(proof)
+            self._update(picture)
         self.toggled.emit()
-        return proof.layer is not None or not on
+        return picture.layer is not None or not on
 
-    def prove(self) -> Iterator[None]:
-        """Let what the model says follow what is known, where it is in view."""
-        for proof in self.proofs.values():
-            if proof.wanted:
-                self._update(proof)
+    def follow(self) -> Iterator[None]:
+        """Let what is made of the work follow it, where it is in view or always there."""
+        for role, picture in self.made.items():
+            there = picture.layer is not None or role not in OVER
+            if picture.shown or (there and not picture.maker.title):
+                self._update(picture)
                 yield
 
-    def colour(self, look: Look) -> bool:
+    def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
-        before, self._look = self._look, look
+        before, self.look = self.look, look
         return self._curves.made and before != look
 
     def show(self) -> Iterator[None]:
@@ -220,7 +295,7 @@ class ResultLayers:
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        for step in (self.prove(), self._add(), self._fill_outlines(), self._fill_curves()):
+        for step in (self._prepare(), self._add(), self.follow(), self._fill()):
             while self._image in self._viewer.layers:
                 with self._by_us():
                     if next(step, step) is step:
@@ -235,7 +310,7 @@ class ResultLayers:
     def forget(self) -> None:
         """Make all lines anew when there is something to show again."""
         with self._by_us():
-            for slot in self.slots.values():
+            for slot in self._over.values():
                 slot.remove()
 
     def select(self, keys: Collection[Key]) -> None:
@@ -248,38 +323,17 @@ class ResultLayers:
                 there = self._curves.keys()
                 layer.selected_data = {i for i, key in enumerate(there) if key in chosen}
             layer.events.highlight()
-        self.emphasise()
 
-    def emphasise(self) -> None:
-        """Draw a halo outside each selected body: napari marks them in some of its tools only."""
-        if self._curves.layer is None:
-            return
-        records, halos = self._curves.records(self.selection()), self.slots["selected"]
-        if records and halos.layer is None:
-            # A layer takes napari about 0.1 s: the window lives before it is filled.
-            with self._by_us():
-                halos.make()
-            QTimer.singleShot(BREATH_MS, self.emphasise)
-            return
-        curves = [record.curve for record in records]
-        unit = looks.breadth(curves)
-
-        def lines() -> Iterator[tuple[int, Line]]:
-            around = looks.coarse([looks.halo(curve, GAP * unit) for curve in curves])
-            return zip([record.frame for record in records], around, strict=True)
-
-        halos.draw(curves, lines, [palette.MOVING] * len(curves), THIN * unit)
-
-    def _update(self, proof: Proof) -> None:
-        before = proof.layer
+    def _update(self, picture: Following) -> None:
+        before = picture.layer
         if self._image in self._viewer.layers:
-            proof.update()
-        if proof.layer is not None and proof.layer is not before:
-            proof.layer.events.visible.connect(self._on_visible)
+            picture.update()
+        if picture.layer is not None and picture.layer is not before:
+            picture.layer.events.visible.connect(self._on_visible)
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
-        for role, slot in self.slots.items() if self._owner.records else ():
+        for role, slot in self._over.items() if self._work.records else ():
             if slot.layer is None:
                 layer = slot.make(visible=False)
                 if role in ("outlines", "curves"):
@@ -293,28 +347,20 @@ class ResultLayers:
                     layer.visible = True
                     yield
 
-    def _fill_outlines(self) -> Iterator[None]:
-        kept = [record for record in self._owner.records if looks.has_outline(record.curve)]
+    def _prepare(self) -> Iterator[None]:
+        """Work out, once, what takes long for many curves."""
         began = perf_counter()
-        for record in kept:
-            looks.outline(record.curve)  # worked out once
+        for record in self._work.records:
+            if looks.has_outline(record.curve):
+                looks.outline(record.curve)
             if perf_counter() - began > AT_ONCE:
                 yield
                 began = perf_counter()
-        curves = [record.curve for record in kept]
-        self.slots["outlines"].draw(
-            curves,
-            lambda: [(record.frame, looks.outline(record.curve)) for record in kept],
-            colours_of(kept, self._look),
-            THIN * looks.breadth(curves),
-        )
 
-    def _fill_curves(self) -> Iterator[None]:
+    def _fill(self) -> Iterator[None]:
         if self._curves.layer is not None:
-            yield from self._curves.show(self._owner.records, self._look)
-            self.emphasise()
-            yield
-            self.slots["marks"].show(self._owner.records)
+            yield from self._curves.show(self._work.records, self.look)
+            self._marks.update()
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:
@@ -329,10 +375,10 @@ class ResultLayers:
     def _on_visible(self, event: Any) -> None:
         if self._busy:
             return
-        for mark in (self.slots["selected"].layer, self.slots["marks"].layer):
+        for mark in (self.layer("selected"), self.layer("marks")):
             if event.source is self._curves.layer and mark is not None:
                 mark.visible = event.source.visible
-        for _ in self.prove():
+        for _ in self.follow():
             pass
         self.toggled.emit()
 

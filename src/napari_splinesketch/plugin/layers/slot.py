@@ -1,50 +1,35 @@
-"""Layers of ours that lie on an image, one class for each kind, and one way to put them there."""
+"""Layers of ours that lie on an image: how each is put there, and follows what is known."""
 
 from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
-from operator import is_
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Layer, Shapes, Vectors
+from napari.layers import Image, Labels, Layer, Vectors
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
-from napari_splinesketch.plugin.columns import Look, colours_of, features, in_pixels
-from napari_splinesketch.plugin.layers.drawn import CHUNK, add_shapes
-from napari_splinesketch.plugin.layers.looks import (
-    BREADTHS,
-    Line,
-    breadth,
-    coarse,
-    line_width,
-    rgba,
-    thinned,
-    vectors,
-)
+from napari_splinesketch.plugin.layers import looks
 from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
-from napari_splinesketch.plugin.model import Key, Record, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.keeper import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
-Role = Literal["curves", "outlines", "selected", "marks"]
 STEP_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
 FIRST_MS = 5
 """Before the first one: what has changed the state is still to be seen in the dock."""
 _log = logging.getLogger(__name__)
-SAME_BREADTH = 0.1
-"""Lines are not drawn anew for a breadth that differs less, relative."""
 
 
 def is_result(layer: Layer) -> bool:
@@ -63,21 +48,21 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
             viewer.layers.selection.active = active
 
 
-def same(some: Sequence[object], others: Sequence[object]) -> bool:
-    """Whether these are the very same values."""
-    return len(some) == len(others) and all(map(is_, some, others))
-
-
 def in_vectors(
-    image: Image, lines: Sequence[tuple[int, Line]]
+    image: Image, lines: Sequence[tuple[int, looks.Line]]
 ) -> tuple[Float[np.ndarray, "P 2 D"], list[int]]:
-    """Take lines, each with its frame, px, for vectors; and say how many each of them has."""
+    """Take lines, each with its frame, px, for vectors; and say how many each of them has.
+
+    napari draws thousands of vectors in the time of a shape.
+    """
     if not lines:
         return np.zeros((0, 2, image.ndim)), []
     counts = [len(line) for _, line in lines]
     frames = np.repeat([frame for frame, _ in lines], counts).tolist()
     points = in_stack(image, frames, np.concatenate([line for _, line in lines]))
-    return vectors(points, np.cumsum(counts).tolist()), [count - 1 for count in counts]
+    along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
+    pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
+    return pieces, [count - 1 for count in counts]
 
 
 class Slot:
@@ -86,7 +71,7 @@ class Slot:
     Its metadata name its `role` and, so that it lives as long as the layer does, its `owner`.
     """
 
-    kind: ClassVar[type[Layer]]
+    kind: type[Layer] = Vectors
     style: ClassVar[dict[str, Any]] = {}
 
     def __init__(
@@ -112,17 +97,15 @@ class Slot:
         """Whether we have made the layer, and not taken it away."""
         return self._layer is not None
 
-    def make(
-        self, *data: Any, kind: type[Layer] | None = None, at: int | None = None, **how: Any
-    ) -> Any:
+    def make(self, *data: Any, at: int | None = None, **how: Any) -> Any:
         """Make a layer, without data an empty one, and put it on top or elsewhere.
 
         napari selects what is added. Nobody is told, as it is undone at once: being told and told
         again is half of what an added layer takes.
         """
         size = {} if data else {"ndim": self.image.ndim}
-        keywords = placement(self.image) | self._keywords | self.style | how
-        layer = (kind or self.kind)(*data, **size, **keywords)
+        style = {"vector_style": "line"} if self.kind is Vectors else self.style
+        layer = self.kind(*data, **size, **placement(self.image) | self._keywords | style | how)
         layers, selection = self.viewer.layers, self.viewer.layers.selection
         chosen, active = set(selection), selection.active
         with selection.events.blocker_all():
@@ -148,153 +131,101 @@ class Slot:
         self._layer = None
 
 
-class Lines(Slot):
-    """Lines that are only looked at, as vectors: napari draws thousands in a shape's time."""
+class Made(NamedTuple):
+    """What a layer shows, what goes with that and is set each time, and how it looks at first."""
 
-    kind = Vectors
-    style: ClassVar = {"vector_style": "line"}
-    _of: Sequence[object] = ()
-    _colours: Sequence[str] = ()
+    data: Any
+    always: Mapping[str, Any] = {}
+    look: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Maker:
+    """A layer: its kind, what it is called, the values that it depends on, what makes it of them.
+
+    It stays as it is while they do; where nothing is made, there is nothing to show, and `nothing`
+    says why. With a `title` and a `tip` it is in the menu, and there only when asked for.
+    """
+
+    kind: type[Layer]
+    name: str
+    source: Callable[[Work], list[Any]]
+    make: Callable[[Work], Made | None]
+    title: str = ""
+    tip: str = ""
+    nothing: str = "There is nothing to show yet: refine first."
+
+
+class Following(Slot):
+    """A layer that shows of a work what its maker makes."""
+
+    def __init__(self, viewer: ViewerModel, role: str, work: Work, makers: Mapping[Any, Maker]):
+        self._role, self._work, self._makers = role, work, makers
+        self._source: list[Any] | None = None
+        self.kind = self.maker.kind
+        super().__init__(viewer, work.image, role, f"{work.name} {self.maker.name}", work)
+
+    @property
+    def maker(self) -> Maker:
+        """What makes it."""
+        return self._makers[self._role]
+
+    def update(self) -> None:
+        """Bring it in step with what is known, if that is not what it shows."""
+        layer, source = self.layer, self.maker.source(self._work)
+        if source == self._source and (layer is not None or not self.maker.title):
+            return
+        made = self.maker.make(self._work)
+        if made is None:
+            self.remove()
+        elif layer is None or (self.kind is not Vectors and layer.data.shape != made.data.shape):
+            self._add(made, layer)
+        else:
+            layer.data = made.data
+            for name, value in made.always.items():
+                # napari draws all anew for a breadth, even for the same.
+                if not (isinstance(value, float) and getattr(layer, name) == value):
+                    setattr(layer, name, value)
+        self._source = source
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._of = self._colours = ()
+        """Make the layer; without data, an empty one to be filled by `update`."""
+        self._source = None
         return super().make(*data, **how)
 
-    def draw(
-        self,
-        of: Sequence[object],
-        lines: Callable[[], Iterable[tuple[int, Line]]],
-        colours: Sequence[str],
-        breadth: float,
-    ) -> None:
-        """Draw the lines of something, each with its frame, px, and no others.
-
-        They are asked for where they are not there already.
-        """
-        layer = self.layer
-        there = same(of, self._of)
-        if layer is None or (there and list(colours) == self._colours):
-            return
-        if not there:
-            layer.data, self._lengths = in_vectors(self.image, [*lines()])
-        if of:
-            if abs(layer.edge_width - breadth) > SAME_BREADTH * breadth:
-                layer.edge_width = breadth
-            layer.edge_color = np.repeat(rgba(colours), self._lengths, axis=0)
-        self._of, self._colours = of, list(colours)
+    def _add(self, made: Made, old: Layer | None) -> None:
+        """Put the layer over the image, lines over all, or in the place of an old one."""
+        layers = self.viewer.layers
+        at = layers.index(old or self.image) + (old is None)
+        visible = old.visible if old else bool(self.maker.title)
+        self.remove()
+        how: dict[str, Any] = {**made.always, **made.look, "visible": visible}
+        if self.kind is Vectors:
+            at = at if old else None
+        else:
+            how["multiscale"] = False
+        layer = self.make(made.data, at=at, **how)
+        layer.editable = self.kind is not Labels
 
 
-class Preview(Lines):
+class Preview(Slot):
     """Lines of one frame that are still on their way."""
 
-    def show(self, frame: int, lines: Sequence[Line]) -> None:
+    _filled = False
+
+    def show(self, frame: int, lines: Sequence[looks.Line]) -> None:
         """Show lines, px; nothing if the user has removed the layer.
 
         The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
         """
         if not self.made:
-            self.make(visible=False)
-        elif self.layer is not None:
-            first, look = not self._of, [palette.MOVING] * len(lines)
-            some = [(frame, line) for line in coarse(lines)]
-            self.draw(lines, lambda: some, look, line_width(size_of(self.image)))
-            if first:
-                self.layer.visible = True
-
-
-class CurveLines(Slot):
-    """A line for each curve, brought in step with what is known: some go, some come."""
-
-    kind = Shapes
-    _shown: Sequence[Record] = ()
-    """In the order of the layer."""
-    _described: Sequence[Record] = ()
-    """Those that its features speak of."""
-    _colours: Mapping[int, str] = {}
-    """By the identity of the curve."""
-
-    def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._shown, self._described, self._colours = (), (), {}
-        return super().make(*data, **how)
-
-    def keys(self) -> list[Key]:
-        """(frame, id) of the curves that are there."""
-        known = {} if self.layer is None else self.layer.features
-        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
-
-    def missing(self) -> set[Key]:
-        """(frame, id) of the curves that the user has deleted."""
-        written = map(key_of, self._described)
-        return set(written).difference(self.keys()) if self.layer is not None else set()
-
-    def selection(self) -> tuple[Key, ...]:
-        """(frame, id) of the curves that are selected."""
-        keys, layer = self.keys(), self.layer
-        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
-
-    def records(self, keys: Collection[Key]) -> list[Record]:
-        """Give some of the curves that are there."""
-        return [record for record in self._shown if key_of(record) in keys]
-
-    def show(self, records: Sequence[Record], look: Look) -> Iterator[None]:
-        """Show these curves, and no others; some come at each step."""
-        layer = self.layer
-        wanted = {id(record.curve): record for record in records}
-        if layer.nshapes != len(self._shown):
-            gone, self._shown = list(range(layer.nshapes)), ()
-        else:
-            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
-        if gone:
-            layer.selected_data = set()
-            layer.remove(gone)
-            self._shown = [r for r in self._shown if id(r.curve) in wanted]
-        there = {id(record.curve) for record in self._shown}
-        fresh = [record for record in records if id(record.curve) not in there]
-        curves = [record.curve for record in fresh]
-        colours, unit = colours_of(fresh, look), breadth(curves)
-        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
-        for done in add_shapes(
-            layer,
-            self._lines(fresh),
-            ["path"] * len(fresh),
-            edge_color=colours,
-            face_color="transparent",
-            edge_width=[unit * BREADTHS[curve.status] for curve in curves],
-        ):
-            self._shown = [*self._shown, *fresh[done]]
-            for record in fresh[done]:
-                in_pixels(record)  # a few at a time: they are asked for all at once below
-            yield
-        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
-        if gone:
-            yield
-
-    def follow(self, *, removed: bool) -> None:
-        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
-        left = set(self.keys())
-        less = removed and len(left) < len(self._shown)
-        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
-
-    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
-        """Draw curves, some at a time when they are needed."""
-        for start in range(0, len(records), CHUNK):
-            some = records[start : start + CHUNK]
-            for record, line in zip(some, thinned([r.curve.points for r in some]), strict=True):
-                yield in_stack(self.image, record.frame, line)
-
-    def _describe(self, records: list[Record], look: Look, changed: bool) -> None:
-        """Let features and colours say what is known now."""
-        layer: Any = self._layer
-        if changed or records != self._described or layer.features.empty:
-            layer.features = features(records)
-            self._shown = self._described = records
-        colours = colours_of(records, look)
-        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
-        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
-            layer.edge_color = colours
-        self._colours = painted
+            width = looks.line_width(size_of(self.image))
+            self.make(visible=False, edge_width=width, edge_color=palette.MOVING)
+        elif (layer := self.layer) is not None:
+            some = [(frame, line) for line in looks.coarse(lines)]
+            layer.data, _ = in_vectors(self.image, some)
+            if not self._filled:
+                self._filled = layer.visible = True
 
 
 class Drawing:
