@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from napari.layers import Shapes
+from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin.layers import slot
 from napari_splinesketch.plugin.layers.space import go_to_frame
@@ -112,8 +112,8 @@ class Day:
 
     def choose_layer(self) -> None:
         choices = self.bench.controller.choices
-        if choices.sketch_layers():
-            choices.sketches = self.chance.choice(choices.sketch_layers())
+        if choices.layers(Shapes):
+            choices.sketches = self.chance.choice(choices.layers(Shapes))
 
     def turn_page(self) -> None:
         image = self.bench.controller.choices.image
@@ -219,18 +219,18 @@ class Day:
         self.bench.rest()
         until(lambda: not self.bench.controller.drawing.busy, SOON)
         assert not self.bench.saver.problem
-        for layer in self.bench.controller.choices.sketch_layers():
+        for layer in self.bench.controller.choices.layers(Shapes):
             shadow = self.shadows.setdefault(layer.name, Shadow())
             lines = sorted(np.round(line, 2).tolist() for line in layer.data)
             wanted = sorted(np.round(line, 2).tolist() for line in shadow.lines)
             np.testing.assert_allclose(np.array(lines), np.array(wanted), atol=0.011)
-            image = self.bench.controller.choices.images()[0]
+            image = self.bench.controller.choices.layers(Image)[0]
             work = self.bench.controller.work_on(image, layer)
             known = {key_of(record): held(record) for record in work.records} if work else {}
             assert known == shadow.curves
             if work and work.records:
                 assert not work.layers.missing()
-        names = {layer.name for layer in self.bench.controller.choices.sketch_layers()}
+        names = {layer.name for layer in self.bench.controller.choices.layers(Shapes)}
         assert names == set(self.shadows)
 
 

@@ -96,8 +96,8 @@ class Choices:
         self._end = listen(
             (layers.inserted, self._on_inserted),
             (layers.removed, self._on_removed),
-            (layers.reordered, self._on_layers),
-            (layers.renamed, self._on_layers),
+            (layers.reordered, lambda event: changes.layers.emit()),
+            (layers.renamed, lambda event: changes.layers.emit()),
             *[(getattr(viewer.dims.events, name), self._on_edited) for name in LOOKED],
         )
 
@@ -107,13 +107,10 @@ class Choices:
         for kind in self._chosen:
             self._set(kind, None)
 
-    def images(self) -> list[Image]:
-        """Give the images to choose from, topmost first."""
-        return self._free(Image)
-
-    def sketch_layers(self) -> list[Shapes]:
-        """Give the layers of sketches to choose from, topmost first."""
-        return self._free(Shapes)
+    def layers(self, kind: type[L]) -> list[L]:
+        """Give the layers of a kind to choose from, topmost first."""
+        layers = [layer for layer in self._viewer.layers if not is_result(layer)]
+        return [layer for layer in reversed(layers) if isinstance(layer, kind)]
 
     @property
     def image(self) -> Image | None:
@@ -132,10 +129,6 @@ class Choices:
     @sketches.setter
     def sketches(self, layer: Shapes | None) -> None:
         self._set(Shapes, layer)
-
-    def _free(self, kind: type[L]) -> list[L]:
-        layers = [layer for layer in self._viewer.layers if not is_result(layer)]
-        return [layer for layer in reversed(layers) if isinstance(layer, kind)]
 
     def _there(self, kind: type[L]) -> L | None:
         # napari tells of its sliders before it tells that a layer is gone.
@@ -165,12 +158,9 @@ class Choices:
             self._changes.layers.emit()
 
     def _on_removed(self, event: Any) -> None:
-        for kind, others in ((Image, self.images), (Shapes, self.sketch_layers)):
+        for kind in self._chosen:
             if event.value is self._chosen[kind]:
-                self._set(kind, next(iter(others()), None))
-        self._changes.layers.emit()
-
-    def _on_layers(self, event: Any) -> None:
+                self._set(kind, next(iter(self.layers(kind)), None))
         self._changes.layers.emit()
 
     def _on_edited(self, event: Any) -> None:
@@ -262,13 +252,12 @@ FORM: dict[str, dict[str, Any]] = {
 
 def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
-    known = _napari()
-    if known is None:
+    known = _groups()
+    if not known:
         return Settings()
-    values = dict(pair for group in GROUPS for pair in getattr(known, group))
-    values = {each.name: values[each.name] for each in fields(Settings) if each.name in values}
+    keys, names = known.pop(KEYS).model_dump(), {each.name for each in fields(Settings)}
+    values = {name: value for group in known.values() for name, value in group if name in names}
     values["half_width"] = values.get("half_width") or None
-    keys = getattr(known, KEYS).model_dump()
     try:
         return Settings(**values, keys=keys)
     except ValueError:
@@ -277,14 +266,10 @@ def load() -> Settings:
 
 def save(settings: Settings) -> None:
     """Let napari keep what was chosen."""
-    known = _napari()
-    if known is None:
-        return
     # napari's preferences know no number that is not there.
-    chosen = vars(settings) | {"half_width": settings.half_width or 0.0}
-    groups = dict.fromkeys(GROUPS, chosen) | {KEYS: settings.keys}
-    for name, values in groups.items():
-        group = getattr(known, name)
+    chosen = {**vars(settings), "half_width": settings.half_width or 0.0}
+    for name, group in _groups().items():
+        values = settings.keys if name == KEYS else chosen
         for each in set(type(group).model_fields).intersection(values):
             if getattr(group, each) != values[each]:
                 setattr(group, each, values[each])
@@ -292,15 +277,13 @@ def save(settings: Settings) -> None:
 
 def on_change(call: Callable[[], None]) -> Callable[[], None]:
     """Have something called when the user changes napari's preferences; gives what ends that."""
-    known = _napari()
-    groups = [getattr(known, group) for group in (*GROUPS, KEYS)] if known else []
-
-    return listen(*((group.events, lambda event: call()) for group in groups))
+    return listen(*((group.events, lambda event: call()) for group in _groups().values()))
 
 
-def _napari() -> Any:
-    """Napari's settings of the plugin; None where it runs from a script without its manifest."""
+def _groups() -> dict[str, Any]:
+    """Napari's settings of the plugin; none where it runs from a script without its manifest."""
     try:
-        return get_plugin_settings(PLUGIN)
+        known = get_plugin_settings(PLUGIN)
     except KeyError:
-        return None
+        return {}
+    return {name: getattr(known, name) for name in (*GROUPS, KEYS)}

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from weakref import WeakSet
 
-from napari.layers import Shapes
+from napari.layers import Image, Shapes
 from napari.viewer import Viewer
 from psygnal import SignalInstance
 from qtpy.QtCore import QEvent, Qt, QTimer
@@ -80,9 +80,10 @@ class SplinesketchDock(QWidget):
         controller = self.controller
         choices = controller.choices
         pick_image = partial(setattr, choices, "image")
-        self.image = LayerChoice("Image", choices.images, pick_image, IMAGE_TIP)
+        self.image = LayerChoice("Image", partial(choices.layers, Image), pick_image, IMAGE_TIP)
         self.sketches = LayerChoice(
-            "Sketches", choices.sketch_layers, self._pick_sketches, SKETCHES_TIP, "New layer"
+            *("Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP),
+            new="New layer",
         )
         self.draw = button("Draw lines", DRAW_TIP, controller.draw)
         self.offer = OfferBox(controller, self.saver)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
+from napari_splinesketch.geometry import edges
 
 V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
@@ -107,16 +108,8 @@ def ribbon(curve: Curve) -> Line | None:
     return _around(curve.points, RIBBON_SDS * curve.sd)
 
 
-def normals(points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, "P 2"]:
-    """Unit vectors across a line."""
-    along = np.gradient(points, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    return np.column_stack([-along[:, 1], along[:, 0]])
-
-
 def _around(points: Line, distance: Float[np.ndarray, " P"]) -> Line:
-    across = distance[:, None] * normals(points)
-    left, right = points + across, points - across
+    left, right = edges(points, distance)
     return np.concatenate([left, right[::-1], left[:1]])
 
 

@@ -19,6 +19,7 @@ from scipy.ndimage import map_coordinates
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.geometry import edges
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers.looks import (
     Line,
@@ -26,7 +27,6 @@ from napari_splinesketch.plugin.layers.looks import (
     coarse,
     halo,
     has_outline,
-    normals,
     outline,
     rgba,
     ribbon,
@@ -294,8 +294,7 @@ def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndar
     """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
     reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
     count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
-    share = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
-    return points[:, None] + (reach[:, None] * share)[..., None] * normals(points)[:, None]
+    return np.linspace(*edges(points, reach), count, axis=1) if count > 1 else points[:, None]
 
 
 def mean_across(
