@@ -342,10 +342,6 @@ class Commands:
                 self._bound[command.id] = key, press
                 self._viewer.bind_key(*self._bound[command.id], overwrite=True)
 
-    def bound(self, name: str) -> bool:
-        """Whether a command has its key: another plugin may have taken it first."""
-        return name in self._bound
-
     def close(self) -> None:
         """Give all keys back."""
         for key, bound in self._bound.values():

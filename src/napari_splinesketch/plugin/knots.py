@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch import palette
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve
+from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.keeper import Notice, Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
@@ -66,12 +67,14 @@ class KnotEditing:
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         self._paint()
-        viewer.scene.camera.events.zoom.connect(self._paint)
         layers.selection.active = layer
         layer.mode = "select"
         layer.mouse_drag_callbacks.append(self._follow)
-        layer.events.data.connect(self._on_data)
-        layers.events.removed.connect(self._on_removed)
+        self._end = listen(
+            (viewer.scene.camera.events.zoom, self._paint),
+            (layer.events.data, self._on_data),
+            (layers.events.removed, self._on_removed),
+        )
         self._show()
         controller.tell(Notice("none", HELP))
 
@@ -93,16 +96,12 @@ class KnotEditing:
 
     def discard(self) -> None:
         """Leave the curve as it was."""
-        controller, layer = self._controller, self._slot.layer
+        controller, layers = self._controller, self._controller.viewer.layers
         if controller.knots is not self:
             return
         controller.knots = None
-        layers = controller.viewer.layers
-        layers.events.removed.disconnect(self._on_removed)
-        controller.viewer.scene.camera.events.zoom.disconnect(self._paint)
+        self._end()
         self._preview.remove()
-        if layer is not None:
-            layer.events.data.disconnect(self._on_data)
         self._slot.remove()
         if self._before in layers:
             layers.selection.active = self._before
@@ -194,13 +193,8 @@ def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
 
 def flipped(curve: Curve) -> Curve:
     """Let a curve begin where it ended."""
-    return replace(
-        curve,
-        knots=curve.knots[::-1],
-        points=curve.points[::-1],
-        half_width=curve.half_width[::-1],
-        sd=curve.sd[::-1],
-    )
+    along = ("knots", "points", "half_width", "sd")
+    return replace(curve, **{name: getattr(curve, name)[::-1] for name in along})
 
 
 def nearest(curve: Curve, point: Float[np.ndarray, 2]) -> tuple[int, float]:
@@ -214,12 +208,8 @@ def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
     along = spline.arc_length(curve.points)
     if min(along[at], along[-1] - along[at]) < SHORTEST:
         raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
-    first = _fitted(curve.points[: at + 1], curve.half_width[: at + 1], _share(curve, along, at))
-    rest = _share(curve, along[-1] - along, at)
-    return (
-        replace(first, residual=curve.residual),
-        replace(_fitted(curve.points[at:], curve.half_width[at:], rest), residual=curve.residual),
-    )
+    share = along[at] / along[-1]
+    return _fitted([curve], slice(at + 1), share), _fitted([curve], slice(at, None), 1 - share)
 
 
 def joined(curve: Curve, other: Curve) -> Curve:
@@ -229,10 +219,7 @@ def joined(curve: Curve, other: Curve) -> Curve:
     mine, theirs = np.unravel_index(apart.argmin(), apart.shape)
     first = curve if mine else flipped(curve)
     second = flipped(other) if theirs else other
-    points = np.concatenate([first.points, second.points])
-    width = np.concatenate([first.half_width, second.half_width])
-    made = _fitted(points, width, len(curve.knots) + len(other.knots))
-    made = replace(made, residual=max(curve.residual, other.residual))
+    made = _fitted([first, second])
     return made if mine else flipped(made)
 
 
@@ -262,21 +249,20 @@ def _with_width(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Float[np.ndarr
     return np.column_stack([knots, width])
 
 
-def _share(curve: Curve, along: Float[np.ndarray, " P"], at: int) -> int:
-    """Knots for a piece of a curve."""
-    return round(len(curve.knots) * float(along[at] / along.max())) + 2
-
-
-def _fitted(points: Float[np.ndarray, "N 2"], width: Float[np.ndarray, " N"], knots: int) -> Curve:
-    """Make a curve along a line."""
-    count = int(np.clip(knots, SOME, MOST))
+def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 1.0) -> Curve:
+    """Make a curve along others, or along a piece that is a share of their length."""
+    points = np.concatenate([curve.points[piece] for curve in curves])
+    width = np.concatenate([curve.half_width[piece] for curve in curves])
+    knots = sum(len(curve.knots) for curve in curves)
+    count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     apart = np.append(True, step > 0)
     even = spline.resample(np.column_stack([points, width])[apart], POINTS)
     found = spline.fit_knots(even[:, :2], count)
     at = np.linspace(0, 1, count)
     along = np.interp(at, np.linspace(0, 1, POINTS), even[:, 2])
-    return _by_hand(np.column_stack([found, along]), even[:, 2], np.inf)
+    residual = max(curve.residual for curve in curves)
+    return _by_hand(np.column_stack([found, along]), even[:, 2], residual)
 
 
 def _by_hand(

@@ -108,12 +108,7 @@ def lengths_of(lines: Sequence[Line]) -> Float[np.ndarray, " N"]:
 @once
 def print_of_sketch(record: Record) -> bytes:
     """What a curve's sketch has in common with lines that are the same."""
-    return print_of(record.sketch)
-
-
-def print_of(line: Line) -> bytes:
-    """What a line has in common with those that are the same."""
-    return prints_of([line])[0]
+    return prints_of([record.sketch])[0]
 
 
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
@@ -214,10 +209,11 @@ class State:
 
     def suggested(self, frame: int, lines: Collection[Line]) -> "State":
         """Suggest lines in a frame, in the place of those that have not become curves."""
-        refined = {print_of(r.sketch) for r in (*self.records, *self.deleted) if r.frame == frame}
-        kept = [
-            one for one in self.suggestions if one.frame != frame or print_of(one.line) in refined
-        ]
+        there = [record for record in (*self.records, *self.deleted) if record.frame == frame]
+        refined = set(map(print_of_sketch, there))
+        prints = prints_of([one.line for one in self.suggestions])
+        every = zip(self.suggestions, prints, strict=True)
+        kept = [one for one, known in every if one.frame != frame or known in refined]
         fresh = [Suggestion(frame, line) for line in lines]
         return replace(self, suggestions=(*kept, *fresh))
 
