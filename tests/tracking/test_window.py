@@ -1,10 +1,12 @@
 """What the frames around tell: gaps bridged, numbers put right, nothing held back without need."""
 
 from collections.abc import Sequence
+from typing import Any
 from weakref import WeakSet
 
 import numpy as np
 
+from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
@@ -75,6 +77,27 @@ def test_memory_does_not_grow_with_the_frames() -> None:
     assert last == 199
     assert max(alive) <= LONGEST + LOOK
     assert max(alive[100:]) <= max(alive[:100])
+
+
+def test_frames_wait_without_their_pictures_and_are_gone_through_again_around_their_bodies() -> (
+    None
+):
+    large = np.ones((300, 400))
+    sizes: list[int] = []
+    fake = FakeRefine((0, 1))
+
+    def refine(image: np.ndarray, *args: Any, **options: Any) -> Refinement:
+        sizes.append(image.size)
+        return fake(image, *args, **options)
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        return View(np.zeros_like(large) if frame in (5, 6) else large)
+
+    start = [Body(7, ((0, curve(LINE)),))]
+    results = list(follow(range(1, 11), start, read, refine=refine, pictures=False))
+    assert [r.frame for r in results] == list(range(1, 11))
+    assert all(r.refinement is not None and not r.refinement.background.size for r in results)
+    assert max(sizes) == large.size and min(sizes) < large.size / 4
 
 
 def test_a_cancelled_window_is_gone_on_with() -> None:

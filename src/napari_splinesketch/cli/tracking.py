@@ -88,6 +88,7 @@ class _Film:
             given=lambda frame: Given(self._frame(frame).good),
             on_progress=on_progress,
             smooth=self._job.smooth == "on",
+            pictures=False,
         ):
             yield self._done(tracked, time.perf_counter() - began)
             self._finished += 1

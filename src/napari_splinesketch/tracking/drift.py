@@ -6,6 +6,7 @@ from copy import copy
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
+from scipy.spatial.distance import cdist
 
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
@@ -20,6 +21,9 @@ THIN = 1.5
 SHARPER, FOLD = 1.5, 0.25
 """Factor by which a body may bend more sharply than it did, and what is added to that, as a share
 of 1 / half-width: a curve that leaves its body for another folds."""
+UNEXPLAINED, KNOWN = 2.0, 3
+"""Factor by which what a curve leaves of the image may be more than what it usually leaves, and
+frames that tell that."""
 JUMP = 0.35
 """Mean distance from where it was expected, as a share of the body's length."""
 FAINT = 0.35
@@ -28,6 +32,8 @@ UNLIKE = 1.6
 """Factor by which the contrast may change from frame to frame."""
 NEAR = 2.3
 """Half-widths between curves of which one may be taken for the other."""
+BESIDE = 1.5
+"""Half-widths from another curve where the image may show that one."""
 SAME = 0.6
 """Half-widths between curves that lie on one body ..."""
 ALONG = 0.5
@@ -49,6 +55,12 @@ def doubts(body: Body, curve: Curve, expected: Line) -> list[str]:
     if apart > JUMP * usual:
         found.append(f"it jumped by {apart:.0f} px")
     return found
+
+
+def explains_less(body: Body, curve: Curve) -> bool:
+    """Whether a curve leaves more of the image than its body has left before."""
+    before = [c.residual for _, c in body.seen if np.isfinite(c.residual)]
+    return len(before) >= KNOWN and curve.residual > UNEXPLAINED * float(np.median(before))
 
 
 def folds(body: Body, curve: Curve) -> bool:
@@ -128,6 +140,18 @@ def along_any(curve: Curve, others: Sequence[Curve]) -> float:
     low, high = curve.points.min(0) - reach, curve.points.max(0) + reach
     near = [o.points for o in others if ((o.points >= low) & (o.points <= high)).all(1).any()]
     return _share(curve.points, np.concatenate(near), reach) if near else 0.0
+
+
+def apart_from(curve: Curve, others: Sequence[Curve]) -> Bool[np.ndarray, " P"]:
+    """At which of its points no other curve comes near."""
+    apart = np.ones(len(curve.points), dtype=bool)
+    for other in others:
+        reach = BESIDE * _half_width(other)
+        low, high = other.points.min(0) - reach, other.points.max(0) + reach
+        near = np.flatnonzero(((curve.points >= low) & (curve.points <= high)).all(1))
+        if len(near):
+            apart[near] &= cdist(curve.points[near], other.points[::2]).min(1) > reach
+    return apart
 
 
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Curve, OnProgress, Progress
+from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.events import Entering, Parts
 from napari_splinesketch.tracking.search import Cancelled, Found, Search
@@ -44,6 +44,7 @@ def follow(
     given: Callable[[int], Given] = lambda frame: NOTHING_GIVEN,
     on_progress: OnProgress | None = None,
     smooth: bool = True,
+    pictures: bool = True,
 ) -> Iterator[Tracked]:
     """Track bodies through frames, giving each frame as it is done.
 
@@ -67,6 +68,9 @@ def follow(
     smooth
         Whether frames are held back where only those after them tell what is there; otherwise
         each frame is given by itself.
+    pictures
+        Whether reconstruction and background of the frames are wanted; otherwise frames that are
+        held back keep their pixels alone.
 
     Yields
     ------
@@ -77,7 +81,7 @@ def follow(
         from napari_splinesketch.engine.refine import refine as engine
 
         refine = cast(Refine, engine)
-    step = _Step(read, refine, preset, smooth)
+    step = _Step(read, refine, preset, smooth, pictures)
     window = Window(refine, preset)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
@@ -126,8 +130,10 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
 class _Step:
     """Places all bodies in one frame."""
 
-    def __init__(self, read: Read, refine: Refine, preset: PresetName, smooth: bool):
-        self._read, self._refine = read, refine
+    def __init__(
+        self, read: Read, refine: Refine, preset: PresetName, smooth: bool, pictures: bool
+    ):
+        self._read, self._refine, self._pictures = read, refine, pictures
         self._smooth, self._patience = smooth, PATIENCE if smooth else AT_ONCE
         self._entering = Entering()
         self._parts: Mapping[int, Parts] = {}
@@ -163,12 +169,16 @@ class _Step:
         gone = {body.id: LEFT for body in wanted if body not in inside}
         judged = _judged(frame, inside, found, gone, divided, self._patience)
         here = (*given.curves.values(), *judged.curves)
-        polarity = search.refinement.model.polarity if search.refinement else "auto"
+        refinement = search.refinement
+        polarity = refinement.model.polarity if refinement else "auto"
+        if refinement and not self._pictures:
+            none = np.empty((0, 0))
+            refinement = Refinement((), none, none, refinement.model, refinement.seconds)
         return replace(
             judged,
             given=kept,
             entered=self._entering(view, polarity, bodies, here) if self._smooth else (),
-            refinement=search.refinement,
+            refinement=refinement,
             view=view,
         )
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.engine.settings import MARGIN, SETTINGS, PresetName, Settings
-from napari_splinesketch.engine.spline import arc_length
+from napari_splinesketch.engine.settings import SETTINGS, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Curve,
@@ -16,10 +16,18 @@ from napari_splinesketch.engine.types import (
     Refinement,
 )
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import along_any, doubts, on_one_body, runs_along, seeing
+from napari_splinesketch.tracking.drift import (
+    along_any,
+    apart_from,
+    doubts,
+    explains_less,
+    on_one_body,
+    runs_along,
+    seeing,
+)
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.identity import agrees, place
-from napari_splinesketch.tracking.types import Line, Refine, View
+from napari_splinesketch.tracking.types import Line, Part, Place, Refine, View
 
 LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
@@ -33,6 +41,8 @@ ON_OTHERS = 0.5
 LEAST, MOST = 0.5, 0.8
 """Share of a curve that the image must show, and below which the rest is said to be inferred."""
 INFERRED = "inferred from the frames around it"
+ALONE = 0.25
+"""Share of a curve that no other one comes near: enough to tell whether anything is there."""
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
 
@@ -147,18 +157,24 @@ class Search:
         tried = {body.id for body in bodies}
         others = [one for one in found.values() if one.id not in tried]
         fixed = [*self._given.values(), *(one.curve for one in others if not one.empty)]
-        refinement = self._refined([lines[b.id] for b in bodies], fixed, preset, number)
-        curves = [self._view.place.curve_to_image(curve) for curve in refinement.curves]
+        wanted = [lines[b.id] for b in bodies]
+        view = self._view.around(wanted) if self.refinement else self._view
+        refinement = self._refined(view, wanted, fixed, preset, number)
+        curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         around = {**self._given, **{one.id: one.curve for one in others}}
         everyone = [*curves, *around.values()]
         shared = on_one_body(everyone)
         names = [body.id for body in bodies] + list(around)
-        seen = seeing(self._view, refinement, self._contrast)
+        seen = seeing(view, refinement, self._contrast)
         held = isinstance(preset, Settings) and preset.hold is not None
         better = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
-            there = float(seen(refinement.curves[i].points).mean())
+            alone = apart_from(curve, [o for o in everyone if o is not curve])
+            shows = seen(refinement.curves[i].points)
+            there = float(shows[alone].mean() if alone.mean() > ALONE else shows.mean())
+            if not alone.all() and explains_less(body, curve):
+                said.append("it crosses others and explains the image less well than before")
             torn = self._smooth and there < MOST and parts(body, refinement.curves[i], seen)
             if torn:
                 self.parts[body.id] = torn
@@ -177,8 +193,7 @@ class Search:
                 better = True
         if better:
             before = self.refinement
-            tried_lines = [self._view.place.to_block(lines[body.id]) for body in bodies]
-            self.refinement = _pasted(before, refinement, tried_lines) if before else refinement
+            self.refinement = _pasted(before, refinement, view.place) if before else refinement
 
     def _strays(self, body: Body, curve: Curve, others: Sequence[Curve]) -> bool:
         """Whether a curve that was searched for is on others and not where it is foretold."""
@@ -189,12 +204,12 @@ class Search:
 
     def _refined(
         self,
+        view: View,
         lines: Sequence[Line],
         fixed: Sequence[Curve],
         preset: PresetName | Settings,
         number: int,
     ) -> Refinement:
-        place_ = self._view.place
         begin, end = (*SHARES, 1.0)[number : number + 2]
 
         def report(progress: Progress) -> bool | None:
@@ -202,10 +217,10 @@ class Search:
             return self._report(replace(progress, fraction=fraction))
 
         refinement = self._refine(
-            self._view.pixels,
-            [place_.to_block(line) for line in lines],
+            view.pixels,
+            [view.place.to_block(line) for line in lines],
             preset,
-            fixed=[place_.curve_to_block(curve) for curve in fixed],
+            fixed=[view.place.curve_to_block(curve) for curve in fixed],
             on_progress=report,
         )
         if all(CANCELLED in curve.reasons for curve in refinement.curves):
@@ -213,20 +228,30 @@ class Search:
         return refinement
 
 
-def _pasted(old: Refinement, new: Refinement, lines: Sequence[Line]) -> Refinement:
-    """The picture of an earlier attempt with that of a later one around its lines."""
-    points = np.concatenate(lines)
-    margin = MARGIN + max(arc_length(line)[-1] for line in lines) / 2
-    low = np.maximum(np.floor(points.min(0) - margin), 0).astype(int)
-    high = np.ceil(points.max(0) + margin).astype(int) + 1
-    part = slice(low[0], high[0]), slice(low[1], high[1])
-    reconstruction, background = (
-        picture.astype(np.float32) for picture in (old.reconstruction, old.background)
-    )
-    reconstruction[part], background[part] = new.reconstruction[part], new.background[part]
-    return replace(
-        old,
-        reconstruction=reconstruction,
-        background=background,
-        seconds=old.seconds + new.seconds,
-    )
+@dataclass(frozen=True)
+class _Pasted:
+    """A picture of a frame, with a later one of a part of it; made when it is first read."""
+
+    name: str
+    old: Refinement
+    new: Refinement
+    corner: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.old.shape
+
+    def __call__(self) -> np.ndarray:
+        picture = getattr(self.old, self.name).astype(np.float32)
+        part = getattr(self.new, self.name)
+        (row, column), (rows, columns) = self.corner.astype(int), part.shape
+        picture[row : row + rows, column : column + columns] = part
+        return picture
+
+
+def _pasted(old: Refinement, new: Refinement, part: Place) -> Refinement:
+    """The pictures of an earlier attempt with those of a later one of a part of them."""
+    corner = part.corner if isinstance(part, Part) else np.zeros(2)
+    one, other = (_Pasted(name, old, new, corner) for name in ("reconstruction", "background"))
+    picture: Any = one, other  # made when they are read, as those of `refine`
+    return Refinement(old.curves, picture[0], picture[1], old.model, old.seconds + new.seconds)

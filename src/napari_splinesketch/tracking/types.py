@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float, Real
 
+from napari_splinesketch.engine.settings import MARGIN
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array, Curve, OnProgress, Refinement
 
 Line = Float[Array, "N 2"]
@@ -47,6 +49,34 @@ class Whole:
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """The place of pixels that begin at a `corner` of others, which lie at `rest`."""
+
+    rest: Place
+    corner: Float[Array, "2"]
+
+    def to_image(self, points: Line, /) -> Line:
+        """Take (row, col) of the pixels to the image's."""
+        return self.rest.to_image(points + self.corner)
+
+    def to_block(self, points: Line, /) -> Line:
+        """Take (row, col) of the image to the pixels'."""
+        return self.rest.to_block(points) - self.corner
+
+    def curve_to_image(self, curve: Curve, /) -> Curve:
+        """Take a curve of the pixels to the image."""
+        return self.rest.curve_to_image(_shifted(curve, self.corner))
+
+    def curve_to_block(self, curve: Curve, /) -> Curve:
+        """Take a curve of the image to the pixels."""
+        return _shifted(self.rest.curve_to_block(curve), -self.corner)
+
+
+def _shifted(curve: Curve, by: Float[Array, "2"]) -> Curve:
+    return replace(curve, points=curve.points + by, knots=curve.knots + np.append(by, 0))
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """What was read of a frame.
 
@@ -63,6 +93,16 @@ class View:
     pixels: Real[np.ndarray, "H W"]
     place: Place = field(default_factory=Whole)
     whole: bool = True
+
+    def around(self, lines: Sequence[Line]) -> "View":
+        """As much of it as the engine looks at for some lines, px of the image."""
+        blocks = [self.place.to_block(line) for line in lines]
+        margin = MARGIN + max(arc_length(line)[-1] for line in blocks) / 2 + 1
+        points = np.concatenate(blocks)
+        low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
+        high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
+        part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+        return View(self.pixels[part], Part(self.place, low), whole=False)
 
 
 @dataclass(frozen=True, eq=False)

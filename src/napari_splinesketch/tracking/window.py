@@ -260,8 +260,9 @@ class Window:
         if refinement is None or view is None:
             return {}
         lines = {i: foretold[i][0] for i in names}
+        near = view.around(list(lines.values()))
         search = Search(
-            result.frame, view, lines, others, self._refine, self._preset,
+            result.frame, near, lines, others, self._refine, self._preset,
             lambda progress: None, abs(refinement.model.contrast),
         )  # fmt: skip
         found = search.held([stretches[i].anchor for i in names], foretold)
