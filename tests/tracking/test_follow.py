@@ -11,6 +11,7 @@ from napari_splinesketch import synthetic
 from napari_splinesketch.engine.types import Curve, Progress, Refinement, SceneModel
 from napari_splinesketch.metrics import average_dtw, resample
 from napari_splinesketch.tracking import Body, Given, Tracked, View, follow
+from napari_splinesketch.tracking.drift import slid
 
 
 def moved(line: np.ndarray, rows: float, columns: float) -> np.ndarray:
@@ -156,26 +157,34 @@ def test_where_nothing_is_there_is_no_curve() -> None:
     assert results[2].lost == {7}
 
 
-def test_what_shows_another_body_shows_nothing_of_one_that_crosses_it() -> None:
-    shown = np.zeros_like(BRIGHT)
-    shown[8:13, 5:60] = 1
-    beside = np.array([[10.0, 10], [14.3, 40]])
-    refine = FakeRefine((0, 0))
-    start = {1: [(0, curve(LINE))], 2: [(0, curve(beside))]}
-    (result,) = run(refine, [1], start=start, read=lambda frame, lines: View(shown), smooth=False)
-    assert result.ids == (1,)
-    assert "nothing" in result.missing[2]
-
-
 def test_a_curve_that_crosses_others_is_doubted_where_it_explains_less_than_before() -> None:
     def answer(line: np.ndarray) -> Curve:
-        return replace(curve(line), residual=0.15 if len(line) == 12 and line[0, 0] < 25 else 0.05)
+        return replace(curve(line), residual=0.15 if np.ptp(line[:, 0]) < 5 else 0.05)
 
     across = np.array([[5.0, 25], [35, 25]])
-    for near, flagged in ((across, {7}), (moved(across, 0, 40), set())):
-        start = {7: [(t, curve(LINE)) for t in range(4)], 3: [(3, curve(near))]}
-        (result,) = run(FakeRefine((0, 0), answer), [4], start=start, smooth=False)
-        assert {i for i in result.drifting if i == 7} == flagged
+    for near, doubted in ((across, True), (moved(across, 0, 40), False)):
+        start = {i: [(t, curve(x)) for t in range(4)] for i, x in ((7, LINE), (3, near))}
+        (result,) = run(FakeRefine((0, 0), answer), [4], start=start)
+        assert (7 in result.drifting) == doubted
+
+
+def test_a_curve_that_slid_onto_another_body_is_told_from_one_that_meets_it() -> None:
+    shown = np.zeros(BRIGHT.shape)
+    shown[8:13, 10:70] = 1
+    free = np.arange(100) < 60
+
+    def told(line: np.ndarray, free: np.ndarray) -> bool:
+        return slid(
+            resample(line),
+            free,
+            2.0,
+            lambda points: shown[tuple(np.rint(points).astype(int).T)] > 0,
+        )
+
+    assert told(moved(LINE, 0, 10), free), "its body goes on before it"
+    assert told(moved(LINE, 0, 10)[::-1], free[::-1])
+    assert not told(LINE, free), "it begins where its body does"
+    assert not told(moved(LINE, 0, 10), free | True), "no other body is there"
 
 
 def test_a_body_that_leaves_the_image_is_lost_at_once() -> None:

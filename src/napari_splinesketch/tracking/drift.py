@@ -34,6 +34,9 @@ NEAR = 2.3
 """Half-widths between curves of which one may be taken for the other."""
 BESIDE = 1.5
 """Half-widths from another curve where the image may show that one."""
+GOES_ON, SLID = 3.0, 0.15
+"""Half-widths by which a body must go on beyond the end of a curve, and the share of the curve that
+lies on another body at its other end, for it to have slid there."""
 SAME = 0.6
 """Half-widths between curves that lie on one body ..."""
 ALONG = 0.5
@@ -152,6 +155,23 @@ def apart_from(curve: Curve, others: Sequence[Curve]) -> Bool[np.ndarray, " P"]:
         if len(near):
             apart[near] &= cdist(curve.points[near], other.points[::2]).min(1) > reach
     return apart
+
+
+def slid(
+    line: Line, free: Bool[np.ndarray, " P"], half_width: float, seen: Callable[[Line], np.ndarray]
+) -> bool:
+    """Whether one end of a line lies on others while the image goes on straight beyond the other.
+
+    `free` says at which of its points no other curve comes near.
+    """
+    step = float(np.linalg.norm(np.diff(line, axis=0), axis=1).mean())
+    beyond = GOES_ON * half_width / max(step, 1e-9) * np.linspace(0.3, 1, 8)[:, None]
+    end = max(int(SLID * len(line)), 2)
+    for way, alone in ((line, free), (line[::-1], free[::-1])):
+        on = way[-1] + beyond * (way[-1] - way[-end]) / (end - 1)
+        if alone[-1] and not alone[:end].any() and seen(on).all():
+            return True
+    return False
 
 
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:

@@ -17,7 +17,7 @@ from napari_splinesketch.tracking.types import Line
 AGREE = 3.0
 """Standard errors, beside half of a half-width, within which a curve is where it is expected."""
 SWAP = 8.0
-"""By how much less likely (-2 log) the numbers must be as they are for them to be exchanged."""
+"""By how much less likely (-2 log) every other curve must be to be the body's."""
 REACH, LENGTH = 0.6, 0.5
 """How far a body may have gone that is looked for among suggestions, as a share of its length; and
 what a px of difference in length costs, in px of distance."""
@@ -34,37 +34,16 @@ Foretold = tuple[Points, float]
 """Where a body is expected, and the standard error, px."""
 
 
-def assigned(
-    names: list[int], before: Mapping[int, list[Known]], sides: Mapping[int, list[Known]]
-) -> dict[int, int]:
-    """Whose curves after the stretch are whose, by what both ends foretell."""
-    cost = np.array([[unlikely(before[i], sides[j], i != j) for j in names] for i in names])
-    rows, columns = linear_sum_assignment(cost)
-    if np.trace(cost) - cost[rows, columns].sum() < SWAP:
-        return {i: i for i in names}
-    return {names[i]: names[j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
-
-
-def unlikely(before: list[Known], after: list[Known], turn: bool) -> float:
-    """-2 log likelihood that one body did what is known before and after."""
-    if turn:
-        after = [turned(side, before, True) for side in after]
-    frame, line = after[-1]
+def unlikely(before: list[Known], now: Known, either_way: bool) -> float:
+    """-2 log likelihood that one body did what is known before, and is where a line is now."""
+    frame, line = now
     expected, sd = motion.ahead(before, frame)
     if not np.isfinite(sd):
         sd = motion.BEFORE * abs(frame - before[-1][0]) ** motion.GROWTH
-    apart = float(((expected - line) ** 2).sum(1).mean()) / 2
+    ways = (line, line[::-1]) if either_way else (line,)
+    apart = min(float(((expected - way) ** 2).sum(1).mean()) / 2 for way in ways)
     lengths = [np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (before[-1][1], line)]
     return apart / sd**2 + (np.log(lengths[0] / lengths[1]) / LENGTH_SD) ** 2
-
-
-def turned(side: Known, before: list[Known], turn: bool) -> Known:
-    """The side, run through the way that is likelier for the body."""
-    if not turn:
-        return side
-    expected, _ = motion.ahead(before, side[0])
-    ways = (side[1], side[1][::-1])
-    return side[0], min(ways, key=lambda way: float(((way - expected) ** 2).sum()))
 
 
 def run_like(curve: Curve, like: Points) -> Curve:

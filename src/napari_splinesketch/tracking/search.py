@@ -24,6 +24,7 @@ from napari_splinesketch.tracking.drift import (
     on_one_body,
     runs_along,
     seeing,
+    slid,
 )
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.identity import agrees, place
@@ -41,8 +42,6 @@ ON_OTHERS = 0.5
 LEAST, MOST = 0.5, 0.8
 """Share of a curve that the image must show, and below which the rest is said to be inferred."""
 INFERRED = "inferred from the frames around it"
-ALONE = 0.25
-"""Share of a curve that no other one comes near: enough to tell whether anything is there."""
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
 
@@ -170,11 +169,13 @@ class Search:
         better = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
-            alone = apart_from(curve, [o for o in everyone if o is not curve])
-            shows = seen(refinement.curves[i].points)
-            there = float(shows[alone].mean() if alone.mean() > ALONE else shows.mean())
-            if not alone.all() and explains_less(body, curve):
-                said.append("it crosses others and explains the image less well than before")
+            there = float(seen(refinement.curves[i].points).mean())
+            if self._smooth:
+                alone = apart_from(curve, [o for o in everyone if o is not curve])
+                if not alone.all() and explains_less(body, curve):
+                    said.append("it crosses others and explains the image less well than before")
+                if slid(refinement.curves[i].points, alone, body.half_width, seen):
+                    said.append("it slid along its path onto another body")
             torn = self._smooth and there < MOST and parts(body, refinement.curves[i], seen)
             if torn:
                 self.parts[body.id] = torn

@@ -12,12 +12,16 @@ from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.motion import MOVERS, Known, Mover, Points, steps_to
 
-LAGS = (1, 2)
+LAGS = (1, 2, 3, 4)
 """Frames on either side that tell where a curve is."""
+KNOWN = 9
+"""Frames before it that tell how well they do."""
 LOOK = LAGS[-1] + 1
 """Frames after one that are needed for it."""
 NOISY = 0.1
 """Standard error, px, from which it is worth while to wait for those frames."""
+FEWEST = 3
+"""Frames on which a movement must have been tried to be believed."""
 SMOOTH = 8
 """Points of a curve over which errors of foretelling are averaged (standard deviation)."""
 TOGETHER = 1.3
@@ -72,7 +76,7 @@ def _learned(known: Sequence[Known], lag: int) -> tuple[Mover, Along] | None:
         older, newer, now = known[i - lag - 1], known[i - lag], known[i]
         steps = steps_to(older, newer, now[0])
         found.append([offsets(now[1], m(older[1], newer[1], steps)) ** 2 for m in MOVERS])
-    if len(found) < 2:
+    if len(found) < FEWEST:
         return None
     squared = np.mean(found, axis=0)
     best = int(np.argmin(squared.mean(1)))

@@ -185,11 +185,6 @@ class Tracked:
             self, ids=ids, curves=tuple(curves.values()), sketches=tuple(lines[i] for i in ids)
         )
 
-    def renamed(self, became: Mapping[int, int]) -> "Tracked":
-        """The same frame, in which bodies get the curves of others."""
-        known = self.by_id
-        return self.with_curves({i: known[became.get(i, i)] for i in known})
-
 
 Read = Callable[[int, Sequence[Line]], View]
 """Reads a frame, at least around some lines."""

@@ -16,7 +16,7 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, steady
-from napari_splinesketch.tracking.bodies import MEMORY, Body
+from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import folds, near_others
 from napari_splinesketch.tracking.identity import Foretold
 from napari_splinesketch.tracking.motion import Known, Points
@@ -102,7 +102,7 @@ class Window:
         curves = result.by_id
         before = [_known(t, c) for t, c in stretch.anchor.seen]
         cost = {
-            j: identity.unlikely(before, [_known(result.frame, curves[j])], j != name)
+            j: identity.unlikely(before, _known(result.frame, curves[j]), j != name)
             for j in {name, *stretch.partners}
             if j in curves
         }
@@ -126,7 +126,7 @@ class Window:
             for i, curve in first.by_id.items():
                 if INFERRED not in curve.reasons:
                     seen = [*self._seen.get(i, []), _known(first.frame, curve)]
-                    self._seen[i] = seen[-MEMORY:]
+                    self._seen[i] = seen[-steady.KNOWN :]
             self._begin += 1
             count -= 1
             del self._held[0]
@@ -191,14 +191,9 @@ class Window:
         first = min(s.first for s in stretches.values()) - self._begin
         end = len(self._held) - CLEAR
         names = sorted(stretches)
-        far = [r.by_id for r in self._held[end:]]
-        sides = {i: [_known(self._held[end + k].frame, far[k][i]) for k in (1, 0)] for i in names}
+        clear = self._held[end:][::-1]
+        after = {i: [_known(r.frame, r.by_id[i]) for r in clear] for i in names}
         before = {i: [_known(t, c) for t, c in stretches[i].anchor.seen] for i in names}
-        became = identity.assigned(names, before, sides)
-        for k in range(end, len(self._held)):
-            self._held[k] = self._held[k].renamed(became)
-        after = {i: [identity.turned(side, before[i], became[i] != i) for side in sides[became[i]]]
-                 for i in names}  # fmt: skip
         found: dict[int, list[tuple[int, Curve]]] = {i: [] for i in names}
         for k in range(end - 1, first - 1, -1):
             here = [i for i in names if stretches[i].first <= self._begin + k]
