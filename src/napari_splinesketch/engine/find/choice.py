@@ -37,8 +37,8 @@ class Candidates:
         (N, 2) each.
     cost
         (C,) of each path alone.
-    unseen
-        (C,) share of each without evidence.
+    known
+        (C, F) what is known of each, in the order of `scoring.FEATURES`.
     covers
         (C, E) which pieces of the graph it runs along.
     explains
@@ -48,7 +48,7 @@ class Candidates:
 
     lines: tuple[Line, ...]
     cost: Float[Array, " C"]
-    unseen: Float[Array, " C"]
+    known: Float[Array, "C F"]
     covers: Bool[Array, "C E"]
     explains: float = EXPLAINS
 

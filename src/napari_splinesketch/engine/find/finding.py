@@ -54,8 +54,8 @@ class Start:
         Of the body, px.
     contrast
         Of the body, as a share of the scene's.
-    unseen
-        Share of the path without evidence.
+    known
+        (F,) what is known of the path, in the order of `scoring.FEATURES`.
     goes_on
         Whether there is a body beyond its first and beyond its last point: only the sketch tells
         where such a curve ends.
@@ -65,7 +65,7 @@ class Start:
     found: bool
     half_width: float
     contrast: float
-    unseen: float
+    known: Float[Array, " F"]
     goes_on: tuple[bool, bool] = (False, False)
 
 
@@ -154,7 +154,7 @@ def candidates_of(
 def believed(seen: Scene, sketches: list[Line]) -> Found:
     """The sketches as they are, where they are known to lie on their bodies."""
     starts = [
-        Start(sketch, True, WIDTHS[rung], 1.0, 0.0)
+        Start(sketch, True, WIDTHS[rung], 1.0, np.zeros(len(scoring.FEATURES)))
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
     return Found(seen, starts, [[i] for i in range(len(sketches))])
@@ -224,9 +224,9 @@ def _candidates(
     cost = scoring.cost(known)
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
-    share = known[order, scoring.FEATURES.index("unseen")]
     kept = tuple(lines[i] for i in order)
-    return Candidates(kept, cost[order], share, along[order], 0.0 if clicked else choice.EXPLAINS)
+    explains = 0.0 if clicked else choice.EXPLAINS
+    return Candidates(kept, cost[order], known[order], along[order], explains)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
@@ -265,9 +265,9 @@ def _start(
     evidence: Float[Array, "H W"],
 ) -> Start:
     """A path with what the image is like along it."""
-    line, unseen = mine.lines[path], float(mine.unseen[path])
-    if unseen > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
-        return Start(sketch, False, WIDTHS[rung], 1.0, unseen)
+    line, known = mine.lines[path], mine.known[path]
+    if known[scoring.FEATURES.index("unseen")] > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
+        return Start(sketch, False, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
@@ -276,7 +276,7 @@ def _start(
     half_width = min(WIDTHS[own], half_width_across(seen.normal, line, WIDTHS[own]))
     sampled = spline.resample(line, scoring.SAMPLES)
     goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
-    return Start(line, True, half_width, contrast, unseen, tuple(goes_on.tolist()))
+    return Start(line, True, half_width, contrast, known, tuple(goes_on.tolist()))
 
 
 def _rescaled(found: Found) -> Found:

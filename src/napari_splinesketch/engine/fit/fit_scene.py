@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
@@ -22,6 +23,9 @@ SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """What is held in place is held within so many px: sketches without a body, and for so many more
 sweeps the ends beyond which a body goes on."""
+LEFT, LEFT_PX, MOSTLY = 1.3, 0.5, 0.9
+"""A curve of which less than this share lies within so many half-widths and px of its path was
+drawn off its body, by a neighbour or by texture: it is fitted again, and stays on the path."""
 GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
@@ -54,12 +58,15 @@ class SceneFit:
         Bodies that did not move.
     starts
         Where the fit of each sketch began.
+    held
+        Numbers of the curves that stay on their paths, which their fits had left.
     """
 
     seen: Scene
     bodies: list[Body]
     fixed: list[Body]
     starts: list[Start]
+    held: set[int]
 
 
 def fit_scene(
@@ -99,6 +106,7 @@ def fit_scene(
     for members in found.clusters:
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
     done: dict[int, Body] = {}
+    held: set[int] = set()
     others: list[Body] = []
     for knots, members in sorted(groups.items()):
 
@@ -111,13 +119,14 @@ def fit_scene(
             report("polishing", 0.4 + 0.6 * finished, lines)
 
         mine = [starts[i] for i in members]
-        fitted = _fit_group(seen, mine, still, knots, settings, on_fit)
+        fitted, left = _fit_group(seen, mine, still, knots, settings, on_fit)
+        held |= {members[row] for row in left}
         done.update(zip(members, fitted, strict=False))
         others = fitted[len(members) :]
     bodies = [done[i] for i in range(len(starts))]
     if settings.hold is None:
         bodies = pairs.settle_pairs(seen, sketches, bodies, others, settings.sweeps)
-    return SceneFit(seen, bodies, others, starts)
+    return SceneFit(seen, bodies, others, starts, held)
 
 
 def _width_of(curve: Float[Array, "P 3"]) -> float:
@@ -145,10 +154,11 @@ def _fit_group(
     knots: int,
     settings: Settings,
     report: fitting.Report,
-) -> list[Body]:
+) -> tuple[list[Body], set[int]]:
     """Fit bodies with the same number of knots, and the look of those that stay still.
 
-    A second fit holds the ends beyond which a curve grew though nothing is seen there.
+    A second fit holds the ends beyond which a curve grew though nothing is seen there, and curves
+    that left their paths; their rows are returned, too.
     """
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
@@ -158,15 +168,31 @@ def _fit_group(
     hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
     count, sweeps = len(starts), settings.sweeps
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    theta, cut = np.array([body.theta for body in found]), False
-    for row, start in enumerate(starts) if settings.hold is None else ():
-        ended = _ended(found[row], start) if start.found else None
-        if ended is not None:
-            cut, theta[row, : 2 * knots] = True, ended.T.ravel()
-            hold[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
-    if not cut:
-        return found
-    return fitting.fit_curves(seen, theta, priors, sweeps[:HOLDING], moving=count, hold=hold)
+    left: set[int] = set()
+    if settings.hold is not None:
+        return found, left
+    first, ends = theta, [0, knots - 1, knots, 2 * knots - 1]
+    for number in range(2):
+        theta = np.array([body.theta for body in found])
+        again = False
+        for row, (body, start) in enumerate(zip(found, starts, strict=False)):
+            ended = _ended(body, start) if start.found and not number else None
+            if ended is not None:
+                again, theta[row, : 2 * knots], hold[row, ends] = True, ended.T.ravel(), HELD**-2.0
+            elif start.found and number and _left(body, start):
+                again, theta[row], hold[row] = True, first[row], HELD**-2.0
+                left.add(row)
+        if again:
+            found = fitting.fit_curves(
+                seen, theta, priors, sweeps[:HOLDING], moving=count, hold=hold
+            )
+    return found, left
+
+
+def _left(body: Body, start: Start) -> bool:
+    """Whether a curve has left the path that it was to follow."""
+    apart, _ = KDTree(spline.resample(start.line, SAMPLES)).query(body.points(100))
+    return float(np.quantile(apart, MOSTLY)) > LEFT * start.half_width + LEFT_PX
 
 
 def _ended(body: Body, start: Start) -> Line | None:

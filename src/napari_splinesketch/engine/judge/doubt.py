@@ -7,22 +7,31 @@ from jaxtyping import Float
 from scipy.spatial import distance
 
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.types import Array
 
 END_SHARE = 0.1
 """Of the points, at either end, may be uncertain."""
 LEAST_SD = 0.03
 """Added to standard errors, px: below, they tell nothing."""
-SIGNS = ("sd", "astray", "unseen", "goes_on")
-WEIGHTS = np.array([1.3, 2.1, 6.6, 4.4])
-USUAL = np.array([-1.2, -2.7, 0.01, 0.0])
+SIGNS = ("sd", "astray", "cost")
+WEIGHTS = np.array([1.2, 1.3, 0.88])
+USUAL = np.array([-0.94, -2.9, 1.4])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 3.0
+THRESHOLD = 2.6
 """Of the weighted sum, above which a curve needs review. The weights are fitted to real images and
-generated ones by tests/benchmarks/doubt_weights.py, but for that of "goes_on", which marks a curve
-by itself; the threshold is chosen from what the command prints."""
+generated ones by tests/benchmarks/doubt_weights.py; the threshold is chosen from what the command
+prints."""
 TELLING = 0.5
 """Signs that add more than this are named."""
+WORDS = {
+    "apart": "it runs beside its sketch",
+    "missed": "it misses points of its sketch",
+    "kink": "it bends sharply",
+    "short": "it is shorter than its sketch",
+    "long": "it is longer than its sketch",
+}
+"""Why a path is an unlikely one for its sketch, by what costs it most."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +46,14 @@ class Evidence:
         Farthest that curve and sketch are from each other, px.
     drawn
         Length of the sketch, px.
-    unseen
-        Share of its path where the image shows no body.
-    goes_on
-        Beyond how many of the path's ends the image shows a body: where it does beyond both, only
-        a part was sketched.
+    known
+        (F,) what is known of its path, in the order of `scoring.FEATURES`.
     """
 
     sd: float
     astray: float
     drawn: float
-    unseen: float
-    goes_on: int
+    known: Float[Array, " F"]
 
     @property
     def signs(self) -> Float[Array, " S"]:
@@ -57,18 +62,22 @@ class Evidence:
             [
                 np.log(LEAST_SD + min(self.sd, 1e3)),
                 np.log(0.01 + self.astray / self.drawn),
-                self.unseen,
-                float(self.goes_on == 2),
+                np.log1p(self.known @ scoring.WEIGHTS),
             ]
         )
+
+    @property
+    def dearest(self) -> str:
+        """What of its path costs most, in words."""
+        name = scoring.FEATURES[int((self.known * scoring.WEIGHTS).argmax())]
+        return WORDS.get(name, f"{self.known[0]:.0%} of it cannot be seen")
 
 
 def collect(
     points: Float[Array, "P 2"],
     sd: Float[Array, " P"],
     sketch: Float[Array, "N 2"],
-    unseen: float,
-    goes_on: int,
+    known: Float[Array, " F"],
 ) -> Evidence:
     """The evidence about one curve.
 
@@ -78,7 +87,7 @@ def collect(
         (P, 2) the curve, uniform in arc length; (P,) its standard errors, px.
     sketch
         (N, 2) what was drawn.
-    unseen, goes_on
+    known
         See `Evidence`.
     """
     end = int(END_SHARE * len(points))
@@ -87,8 +96,7 @@ def collect(
         sd=float(sd[end:-end].max()),
         astray=float(max(apart.min(0).max(), apart.min(1).max())),
         drawn=float(spline.arc_length(sketch)[-1]),
-        unseen=unseen,
-        goes_on=goes_on,
+        known=known,
     )
 
 
@@ -100,8 +108,7 @@ def reasons(evidence: Evidence) -> list[str]:
     words = (
         f"its position is uncertain by up to {evidence.sd:.1f} px",
         f"it strays up to {evidence.astray:.0f} px from its sketch",
-        f"{evidence.unseen:.0%} of it cannot be seen",
-        "the body seems to go on beyond its ends",
+        evidence.dearest,
     )
     least = min(TELLING, share.max())
     return [text for text, mine in zip(words, share, strict=True) if mine >= least]

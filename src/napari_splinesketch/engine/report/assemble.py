@@ -123,15 +123,18 @@ def _curves(
         reasons = []
         if not fit.starts[i].found:
             reasons.append("no body was seen along its sketch")
+        if all(fit.starts[i].goes_on):
+            reasons.append("the body seems to go on beyond its ends")
         if i in twins:
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         u = assess.uniform(body.knots)
         points = spline.basis(len(body.knots), u) @ body.knots
         near = beside_others(points, [everything[k] for k in others], widths[i])
         sd = standard_error(body, u, misfit, near)
-        start = fit.starts[i]
-        evidence = doubt.collect(points, sd, sketch, start.unseen, sum(start.goes_on))
-        reasons += doubt.reasons(evidence)
+        if i in fit.held:
+            reasons.append("its fit left the path that was found, so it stays on the path")
+            sd = np.maximum(sd, widths[i])
+        reasons += doubt.reasons(doubt.collect(points, sd, sketch, fit.starts[i].known))
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
 
 
