@@ -30,7 +30,10 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     window = viewer.window._qt_window
     window.resizeDocks([around], [250], Qt.Orientation.Horizontal)
     QTest.qWait(100)
-    before = dock.height()
+    before, place = dock.height(), dock.curve.pos()
+    viewer.layers["film sketches"].add([[0, 80, 20], [0, 80, 60]], shape_type="line")
+    QTest.qWait(100)
+    assert dock.refine.isEnabled() and dock.curve.pos() == place, "nothing moves for that"
     click(dock.review)
     until(lambda: dock.panel is not None and dock.panel.isVisible(), 10)
     QTest.qWait(200)

@@ -93,7 +93,8 @@ class SplinesketchDock(QWidget):
         self.preset.tooltip = "\n".join([self.preset.tooltip, *words.PRESET_TIPS.values()])
         self.at_once = QCheckBox(controller.actions["at_once"].name)
         self.refine = CommandButton(controller.actions, "refine")
-        self.refine.setStyleSheet("font-weight: bold; padding: 6px;")
+        # A border of our own: napari's theme gives one to what is disabled, and all below moves.
+        self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         self.more = boxes.RefineMenu(controller)
         self.curve = boxes.CurveBox(controller)
         self.track = CommandButtons(controller.actions, "film", 2)

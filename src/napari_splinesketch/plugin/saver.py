@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -148,7 +149,7 @@ class Saver(QObject):
         """Do not offer again what was found; the files stay, under another name."""
         for offer in self.offers():
             try:
-                sessions.put_aside(offer.folder)
+                _put_aside(offer.folder)
             except OSError as error:
                 self._problems["look"] = f"Saved work could not be put aside: {error}."
             self._forget(offer)
@@ -376,6 +377,14 @@ def _folders(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[
         parents.insert(0, Path(chosen).expanduser())
     found = [folder for parent in parents for folder in sorted(parent.glob(f"*{ending}"))]
     return parents[0] / called, list(dict.fromkeys(filter(Path.is_dir, found)))
+
+
+def _put_aside(path: Path) -> None:
+    """Rename a folder, so that it is not offered again."""
+    folder = Folder(path)
+    names = (path.with_name(f"{path.name}{-n or ''}{sessions.OLD}") for n in count())
+    path.rename(next(name for name in names if not name.exists()))
+    folder.release()
 
 
 def _write(orders: Sequence[Order]) -> str:

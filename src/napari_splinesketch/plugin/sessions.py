@@ -13,9 +13,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pydantic
@@ -100,6 +99,22 @@ class _Strict(pydantic.BaseModel):
     model_config = _STRICT
     most_bytes: ClassVar = 2**27
 
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file; LabelsError where it is not as it should be."""
+        size, most = path.stat().st_size, cls.most_bytes
+        if size > most:
+            raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except pydantic.ValidationError as error:
+            first = error.errors(include_url=False, include_context=False)[0]
+            place = ".".join(map(str, first["loc"]))
+            given = first["input"] if isinstance(first["input"], str | int | float) else ""
+            found = f" (it is {str(given)[:40]!r})" if place and given != "" else ""
+            said = first["msg"].removeprefix("Value error, ") + found
+            raise LabelsError(path, place, said) from None
+
 
 class _Record(_Strict):
     id: Annotated[NonNegativeInt, Field(le=MAX_INTEGER)]
@@ -158,43 +173,25 @@ class Head(_Strict):
     """What a folder holds, for the question whether to go on with it."""
 
     most_bytes = 2**18
+    format: NonNegativeInt
     layer: Annotated[str, Field(max_length=1000)]
     sketches: NonNegativeInt
     curves: NonNegativeInt
     frames: NonNegativeInt
     saved: AwareDatetime
     image: dict[str, Any]
-    format: NonNegativeInt
+
+    @pydantic.field_validator("format")
+    @classmethod
+    def _is_known(cls, number: int) -> int:
+        if number > FORMAT:
+            raise ValueError("was written by a newer version; update napari-splinesketch")
+        return number
 
     @property
     def sha256(self) -> str:
         """Checksum of the image."""
         return str(self.image.get("sha256", ""))
-
-
-M = TypeVar("M", bound=_Strict)
-
-
-def _read(model: type[M], path: Path) -> M:
-    size, most = path.stat().st_size, model.most_bytes
-    if size > most:
-        raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
-    try:
-        return model.model_validate_json(path.read_bytes())
-    except pydantic.ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        given = first["input"] if isinstance(first["input"], str | int | float) else ""
-        found = f" (it is {str(given)[:40]!r})" if place and given != "" else ""
-        raise LabelsError(path, place, first["msg"].removeprefix("Value error, ") + found) from None
-
-
-def _read_head(path: Path) -> Head:
-    head = _read(Head, path / HEAD)
-    if head.format > FORMAT:
-        reason = "was written by a newer version; update napari-splinesketch"
-        raise LabelsError(path / HEAD, "format", reason)
-    return head
 
 
 def _head_text(session: Session) -> str:
@@ -289,11 +286,12 @@ class Folder:
     def fresh(cls, parent: Path) -> "Folder":
         """Make a folder in another one, with a number that nobody has."""
         parent.mkdir(parents=True, exist_ok=True)
-        number = 1
-        while (path := parent / str(number)).exists():
+        number = 0
+        while True:
             number += 1
-        path.mkdir()
-        return cls(path)
+            with suppress(FileExistsError):
+                (parent / str(number)).mkdir()
+                return cls(parent / str(number))
 
     def holds(self, pictures: Mapping[int, Patch]) -> None:
         """Take note of reconstructions that were read from it: they need not be written again."""
@@ -356,7 +354,7 @@ def _name(frame: int, ending: str = "json") -> str:
 def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
-        head = _read_head(path)
+        head = Head.read(path / HEAD)
     except FileNotFoundError:
         return None
     return head if head.sketches or head.curves else None
@@ -367,7 +365,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
     A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
     """
-    head = _read_head(path)
+    head = Head.read(path / HEAD)
     drawn: dict[int, Any] = {}
     problems, records, deleted = list[str](), list[Record](), list[Record]()
     patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
@@ -378,7 +376,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
         try:
             if frame >= frames:
                 raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
-            page = _read(Page, file)
+            page = Page.read(file)
             drawn[frame] = page.sketches
             if frame == EVERY:
                 continue
@@ -398,11 +396,3 @@ def stamp(path: Path) -> int:
     with suppress(OSError):
         return (path / HEAD).stat().st_mtime_ns
     return 0
-
-
-def put_aside(path: Path) -> None:
-    """Rename a folder, so that it is not offered again."""
-    folder = Folder(path)
-    names = (path.with_name(f"{path.name}{f'-{n}' if n > 1 else ''}{OLD}") for n in count(1))
-    path.rename(next(name for name in names if not name.exists()))
-    folder.release()
