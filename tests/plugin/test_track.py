@@ -4,7 +4,8 @@ import weakref
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.films import Progressing, bodies_at
+from napari_splinesketch.plugin.films import Tracking, bodies_at
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -141,7 +142,7 @@ def test_cancelling_keeps_what_is_done(
     assert film.progress.isVisible()
     assert "frame 4" in film.stage.text().lower()
     click(film.progress.cancel)
-    assert "2 frames tracked by then stay" in film.notice.text()
+    assert "Kept: 2 frames tracked by then" in film.notice.text()
     fake.go.set()
     QTest.qWait(300)
     assert keys(film)[-1] == (3, 2)
@@ -201,14 +202,16 @@ def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
         ),
         Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view()),
     ]
-    going = Progressing(range(1, 4))
+    told: list[Any] = []
+    elsewhere: Any = SimpleNamespace(work=None, finish=told.append)
+    going = Tracking(elsewhere, cast(Any, object()), range(1, 4))
     going.results += results
-    assert all(one.view for one in going.new())
-    assert not going.results and not going.new()
     pictures = [weakref.ref(one.view) for one in results]
     results.clear()
+    going.over()
+    assert not going.results
     assert [picture() for picture in pictures] == [None] * 3
-    said = going.said()
+    said = told[0].text
     assert "Divided: 3 (frame 2). Left the image: 4 (frame 3)." in said
     assert "1 body came into view, without a curve: frame 1." in said
 

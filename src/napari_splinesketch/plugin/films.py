@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -197,7 +197,7 @@ class Films:
         corrected: int | None = None,
     ) -> None:
         controller, state = self._controller, work.state
-        going = Progressing(ways[0], corrected)
+        going = Tracking(controller, work, ways[0], corrected)
         carry = partial(
             engine.track,
             ways,
@@ -208,43 +208,66 @@ class Films:
             None if corrected is None else curves_by_frame(state),
             going.results.append,
         )
-        controller.start(
-            carry,
-            lambda _: self._on_tracked(work, going),
-            "Tracking",
-            see=lambda progress: self._take(work, going),
-            cancelled=going.cancelled,
-            on=work,
-        )
+        controller.start(carry, going.over, "Tracking", going.take, going.cancelled, on=work)
 
-    def _take(self, work: Work, going: Progressing) -> None:
+
+class Tracking:
+    """Curves that are carried over some `frames`, and taken over as they come.
+
+    Where they were `corrected` in a frame, those around it are fitted again. The `results` are
+    still to be taken over.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        work: Work,
+        frames: Sequence[int],
+        corrected: int | None = None,
+    ):
+        self.results = list[Tracked]()
+        self._controller, self._work = controller, work
+        self._frames, self._corrected = frames, corrected
+        self._taken: list[Tracked] = []
+        self._begun = False
+
+    def take(self, progress: object = None) -> None:
         """Take over the frames that are done by now."""
-        controller = self._controller
-        done = going.new()
+        controller, work = self._controller, self._work
+        done = [self.results.pop(0) for _ in range(len(self.results))]
+        # The pictures of a long film would fill the memory.
+        self._taken += [replace(one, view=None, refinement=None) for one in done]
         if not done or work is not controller.work:
             return
-        state = work.state
-        for one in done:
-            state = taken_in(state, one)
-        if going.begun:
+        state = reduce(taken_in, done, work.state)
+        if self._begun:
             controller.amend(state)
         else:
-            going.begun = True
-            controller.apply(going.name, state)
+            self._begun = True
+            to = f"Track to frame {self._frames[-1]}"
+            around = f"Refit around frame {self._corrected}"
+            controller.apply(to if self._corrected is None else around, state)
 
-    def _on_tracked(self, work: Work, going: Progressing) -> None:
-        self._take(work, going)
-        controller = self._controller
-        notice = Notice("done", going.said())
+    def over(self, outcome: object = None) -> None:
+        """Take over the rest, and say what came of it; go to the frame where it is a single one."""
+        self.take()
+        controller, work = self._controller, self._work
+        notice = Notice("done", words.tracked(self._taken, self._corrected))
         if work is not controller.work:
             controller.finish(notice)
             return
-        if going.single is not None:
+        if len(self._frames) == 1 and self._corrected is None:
             numbers = {number for _, number in controller.selection}
-            go_to_frame(controller.viewer, work.image, going.single)
-            there = [key for key in work.state.by_key if key[0] == going.single]
+            go_to_frame(controller.viewer, work.image, self._frames[0])
+            there = [key for key in work.state.by_key if key[0] == self._frames[0]]
             controller.select(key for key in there if key[1] in numbers)
         controller.show(work, partial(controller.finish, notice))
+
+    def cancelled(self) -> str:
+        """Say what became of it when the user has cancelled."""
+        if not self._taken:
+            return "Nothing was changed."
+        return f"Kept: {words.count(len(self._taken), 'frame')} tracked by then."
 
 
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
@@ -323,46 +346,3 @@ def usable(record: Record) -> bool:
 def _decided(record: Record) -> bool:
     """Whether the user has decided on a curve, or made it herself."""
     return record.review == "accepted" or record.locked or record.drawn or record.edited
-
-
-class Progressing:
-    """How far tracking has come over some `frames`, and what became of the bodies.
-
-    Where curves were `corrected` in a frame, those around it are fitted again. It has `begun` once
-    any frame has been taken over; `results` are those that are still to be.
-    """
-
-    def __init__(self, frames: Sequence[int], corrected: int | None = None):
-        self.begun, self.results = False, list[Tracked]()
-        self._frames, self._corrected = frames, corrected
-        self._taken: list[Tracked] = []
-
-    @property
-    def name(self) -> str:
-        """Name of the step."""
-        if self._corrected is not None:
-            return f"Refit around frame {self._corrected}"
-        return f"Track to frame {self._frames[-1]}"
-
-    @property
-    def single(self) -> int | None:
-        """The frame, where there is but one to go to."""
-        return self._frames[0] if len(self._frames) == 1 and self._corrected is None else None
-
-    def new(self) -> list[Tracked]:
-        """Give the results that have come since the last call; of those before little is kept."""
-        fresh = [self.results.pop(0) for _ in range(len(self.results))]
-        # The pictures of a long film would fill the memory.
-        self._taken += [replace(one, view=None, refinement=None) for one in fresh]
-        return fresh
-
-    def cancelled(self) -> str:
-        """Say what became of it when the user has cancelled."""
-        kept = len(self._taken)
-        if not kept:
-            return "Nothing was changed."
-        return f"{words.count(kept, 'frame')} tracked by then {'stays' if kept == 1 else 'stay'}."
-
-    def said(self) -> str:
-        """Say what came of it."""
-        return words.tracked(self._taken, self._corrected)
