@@ -143,7 +143,7 @@ class Choices:
                 getattr(getattr(layer.events, name), what)(self._on_edited)
             if isinstance(layer, Shapes):
                 getattr(layer.events.mode, what)(self._on_edited)
-                getattr(layer.selected_data.events.items_changed, what)(self._on_selected)
+                getattr(layer.selected_data.events.items_changed, what)(self._on_edited)
         self._chosen[kind] = new
         self._changes.layers.emit()
 
@@ -166,11 +166,8 @@ class Choices:
     def _on_edited(self, event: Any) -> None:
         self._changes.edited.emit()
         added = getattr(event, "action", None) == ActionType.ADDED
-        if event.source is self._chosen[Shapes] and added:
+        if added and event.source is self._chosen[Shapes]:
             self._changes.drawn.emit()
-
-    def _on_selected(self) -> None:
-        self._changes.edited.emit()
 
 
 @dataclass(frozen=True, kw_only=True)
