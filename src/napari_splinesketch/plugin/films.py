@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-SAME = 0.02
-"""Lines no further apart are the same, px: layers hold single precision."""
 PREVIEW_AFTER_MS = 60
 """Suggestions follow the slider when it has stood still for so long."""
 SUGGEST = "Suggest lines"
@@ -92,15 +90,11 @@ class Suggestions:
         self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
     ) -> Sequence[Line]:
         """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
-        lines = drawn.drawn_in(self._controller.viewer, layer, image, frame).lines
-        gone = [one.line for one in set(work.state.suggestions).difference(cleared.suggestions)]
-        groups = {n: np.stack([x for x in gone if len(x) == n]) for n in set(map(len, gone))}
-
-        def suggested(line: Line) -> bool:
-            apart = np.abs(groups[len(line)] - line) if len(line) in groups else np.ones((1, 1, 1))
-            return bool((apart.max(axis=(1, 2)) < SAME).any())
-
-        mine = [line for line in lines if not suggested(line)]
+        seen = drawn.drawn_in(self._controller.viewer, layer, image, frame)
+        gone = set(work.state.suggestions).difference(cleared.suggestions)
+        suggested = work.suggested.positions(gone)
+        pairs = zip(seen.lines, seen.numbers, strict=True)
+        mine = [line for line, position in pairs if position not in suggested]
         return [*mine, *(r.curve.points for r in work.records if r.frame == frame)]
 
     def _on_suggested(

@@ -1,7 +1,7 @@
 """What the user draws: the lines of a Shapes layer, in pixels of an image; and lines suggested."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
@@ -200,14 +200,21 @@ class SuggestedLines:
         self._viewer, self._image, self._sketches = viewer, image, sketches
         self._shown: dict[model.Suggestion, np.ndarray] = {}
 
+    def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
+        """Say where in their layer lines are that were suggested, and are as they were."""
+        shown = [self._shown[one] for one in suggestions if one in self._shown]
+        prints = {vertices.tobytes() for vertices in shown}  # in the layers' single precision
+        data = self._sketches.data if prints else ()
+        return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
+
     def show(self, wanted: Sequence[model.Suggestion]) -> Iterator[None]:
         """Add and remove lines, some at each step."""
         if not {self._image, self._sketches} <= set(self._viewer.layers):
             return
-        gone = [self._shown.pop(one) for one in set(self._shown).difference(wanted)]
-        prints = {vertices.tobytes() for vertices in gone}  # in the layers' single precision
-        data = self._sketches.data if gone else ()
-        old = [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
+        gone = set(self._shown).difference(wanted)
+        old = self.positions(gone)
+        for one in gone:
+            del self._shown[one]
         if old:
             self._sketches.selected_data = set()
             self._sketches.remove(old)
