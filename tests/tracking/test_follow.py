@@ -90,6 +90,20 @@ def test_two_known_frames_give_a_velocity() -> None:
     np.testing.assert_allclose(back.calls[0][0][0][0], LINE[0] + (6, 0))
 
 
+def test_a_body_that_is_known_well_is_left_room_to_move_as_a_whole() -> None:
+    held: list[float] = []
+    fake = FakeRefine()
+
+    def refine(image: np.ndarray, lines: Any, preset: Any, /, **options: Any) -> Refinement:
+        held.append(getattr(preset, "hold", None) or 0.0)
+        return fake(image, lines, preset, **options)
+
+    body = Body(7, tuple((t, curve(moved(LINE, 0, t))) for t in range(5)))
+    list(follow([5], [body], bright, refine=refine))
+    knots = 10  # that go together: each tells the less of where the whole is
+    assert held[0] > 0.8 * np.sqrt(knots) * body.foretold(5)[1]
+
+
 def test_what_is_given_stays_and_leads_on() -> None:
     refine = FakeRefine((0, 0))
     kept = curve(moved(LINE, 9, 0))

@@ -34,9 +34,10 @@ LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
 SURE = 0.8
 """Half-widths: where a body is known so well, it is not searched for."""
-HOLDS = 1.5, 0.5
-"""Errors of a prediction go together along a body: so much less is each point's to be believed;
-and so much where a curve that is free to leave its body does."""
+HOLDS = 3.0, 0.5
+"""Errors of a prediction go together along a body: each of about ten knots is to be believed by
+the square root of that less, or the curve lags behind its body; and by so much where a curve that
+is free to leave its body does."""
 ON_OTHERS = 0.5
 """Share of a curve that may lie on others where it is not foretold."""
 LEAST, MOST = 0.5, 0.8
