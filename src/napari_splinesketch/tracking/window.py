@@ -1,9 +1,9 @@
 """What one frame cannot tell, the frames around it can: stretches in doubt, seen from both ends.
 
 Where bodies lie on each other and the fit is unsure, or where one is out of sight, frames are held
-back until all of them are clear again. Then who is who is decided by what the frames before and
-after foretell; each frame in between is gone through again, backwards, and what it does not show
-is inferred. A film in which nothing of the kind happens passes through frame by frame.
+back until all of them are clear again. Then each frame in between is gone through again, backwards,
+by what the frames before and after foretell, and what it does not show is inferred.
+A film in which nothing of the kind happens passes through frame by frame.
 """
 
 from collections.abc import Iterator, Mapping
