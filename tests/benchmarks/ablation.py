@@ -122,7 +122,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "background that varies": _set(background, TOLERANCE=1e6),
     "slopes count against ridges": _set(ridges, SLOPE=0.0),
     "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
-    "paths in the sketch's order": _set(strip, ordered_path=lambda _, sketch, *__: sketch),
+    "paths along the sketch": _set(strip, ordered_path=lambda _, sketch, *__: sketch),
     "joint choice": _set(choice, SHARED=0.0, EXPLAINS=0.0),
     "bends of a path": _set(
         scoring, WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, scoring.WEIGHTS)

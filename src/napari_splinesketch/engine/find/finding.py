@@ -24,12 +24,8 @@ BODY = 0.45
 """Evidence from which a pixel is body."""
 FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
-STRIPS = (1.0, 0.4)
-"""Shares of the reach within which paths that keep the sketch's order are looked for."""
-NARROW = 1.0
-"""Half-widths within which a sketch that is right already has its body, but for a px."""
-LEAST_OF, MOST_OF = 0.5, 0.97
-"""Shares of a path that the part between the ends of a sketch may be, to be another path."""
+NARROW, NARROW_PX = 1.0, 2.0
+"""Half-widths and px within which a clicked sketch that is right already has its body."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 UNSEEN = 0.6
@@ -188,8 +184,7 @@ def _candidates(
     unseen: Float[Array, " E"],
     settings: Settings,
 ) -> Candidates:
-    """Paths that one sketch may mean, of the graph and of strips along the sketch."""
-    reach = reach_of(sketch, half_width)
+    """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
     tolerance = float(scoring.tolerance(sketch, half_width).min())
     routes = paths.routes_of_sketch(
         graph, unseen, sketch, half_width, _reach(sketch, half_width), tolerance,
@@ -206,18 +201,13 @@ def _candidates(
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    reaches = [share * reach for share in STRIPS]
     clicked = len(sketch) in scoring.CLICKED
+    within = reach_of(sketch, half_width)
     if clicked:
-        shorter = [(k, _between_ends(line, sketch)) for k, line in enumerate(lines)]
-        kept = [k for k, line in shorter if line is not None]
-        lines += [line for _, line in shorter if line is not None]
-        along = np.concatenate([along, along[kept]])
-        reaches.append(min(NARROW * half_width + 1.0, reach))
-    strips = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
-    strips += [sketch] * clicked
-    lines += [smoothed(line, SMOOTH * half_width) for line in strips]
-    along = np.concatenate([along, [_along(graph, [line], half_width) for line in strips]])
+        within = min(NARROW * half_width + NARROW_PX, within)
+    own = [strip.ordered_path(evidence, sketch, half_width, within), *[sketch] * clicked]
+    lines += [smoothed(line, SMOOTH * half_width) for line in own]
+    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
@@ -237,13 +227,6 @@ def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " 
     along = evidence[tuple(np.concatenate(graph.pieces).astype(int).T)]
     total = np.add.reduceat(along, np.cumsum(count) - count)
     return 1 - np.minimum(total / count / scoring.SEEN, 1)
-
-
-def _between_ends(line: Line, sketch: Line) -> Line | None:
-    """The part of a path between the ends of a sketch; None where that is nearly all or little."""
-    ends = sketch[[0, -1], None] - line
-    first, last = sorted((ends**2).sum(2).argmin(1).tolist())
-    return line[first : last + 1] if MOST_OF > (last - first) / len(line) > LEAST_OF else None
 
 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
