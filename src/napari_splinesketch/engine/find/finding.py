@@ -24,7 +24,9 @@ BODY = 0.45
 """Evidence from which a pixel is body."""
 FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
-NARROW, NARROW_PX = 1.0, 2.0
+STRIPS = (1.0, 0.4)
+"""Shares of the reach within which paths along the sketch are looked for."""
+NARROW, NARROW_PX = 1.0, 1.0
 """Half-widths and px within which a clicked sketch that is right already has its body."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
@@ -201,11 +203,12 @@ def _candidates(
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    clicked = len(sketch) in scoring.CLICKED
-    within = reach_of(sketch, half_width)
+    reach, clicked = reach_of(sketch, half_width), len(sketch) in scoring.CLICKED
+    reaches = [share * reach for share in STRIPS]
     if clicked:
-        within = min(NARROW * half_width + NARROW_PX, within)
-    own = [strip.ordered_path(evidence, sketch, half_width, within), *[sketch] * clicked]
+        reaches.append(min(NARROW * half_width + NARROW_PX, reach))
+    own = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
+    own += [sketch] * clicked
     lines += [smoothed(line, SMOOTH * half_width) for line in own]
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
