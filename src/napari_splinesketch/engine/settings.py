@@ -85,7 +85,7 @@ class Settings:
 
 
 SETTINGS: dict[PresetName, Settings] = {
-    "fast": Settings(weigh=1000, sweeps=(6, 4, 4)),
+    "fast": Settings(sweeps=(6, 4, 4)),
     "balanced": Settings(),
     "thorough": Settings(weigh=6000, paths=40),
 }

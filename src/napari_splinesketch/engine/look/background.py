@@ -15,13 +15,6 @@ BLOCK = 32
 TOLERANCE = 0.3
 """A background that misses the blocks' medians by this share of the noise is good enough."""
 
-CURVED_PIXELS = 8000
-"""So many pixels tell the surface that a varying background is measured from."""
-CUBIC = [(i, j) for i in range(4) for j in range(4 - i)]
-"""Powers of row and column in that surface."""
-CURVED_ROUNDS, STANDS_OUT = 6, 2.0
-"""Times that it is fitted, and standard deviations beyond which a pixel is left out."""
-
 
 def estimate_background(
     image: Float[Array, "H W"], noise: float, kind: Kind | None = None
@@ -48,39 +41,11 @@ def estimate_background(
         return np.full(image.shape, np.median(medians)), kind
     if kind == "linear":
         return _plane_at(_plane(medians, rows, columns), np.arange(h), np.arange(w)), kind
-    curved = _curved(image)
-    rest, rows, columns = _block_medians(image, curved)
-    _add_interpolated(curved, rest, rows, columns)
-    return curved, kind
+    return _interpolated(medians, rows, columns, image.shape), kind
 
 
-def _curved(image: Float[Array, "H W"]) -> Float[Array, "H W"]:
-    """The cubic surface that most pixels lie on: what stands out is left out of the fit."""
-    h, w = image.shape
-    rows, columns = (np.linspace(-1, 1, n) for n in (h, w))
-    step = max(1, round(np.sqrt(h * w / CURVED_PIXELS)))
-    values = image[::step, ::step].ravel()
-    design = _cubic(*np.meshgrid(rows[::step], columns[::step], indexing="ij"))
-    kept = np.ones(len(values), dtype=bool)
-    coefficients = np.zeros(design.shape[1])
-    for _ in range(CURVED_ROUNDS):
-        coefficients = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
-        rest = np.abs(values - design @ coefficients)
-        kept = rest <= STANDS_OUT * 1.4826 * np.median(rest)
-    powers = np.zeros((4, 4))
-    powers[tuple(zip(*CUBIC, strict=True))] = coefficients
-    return np.vander(rows, 4, increasing=True) @ powers @ np.vander(columns, 4, increasing=True).T
-
-
-def _cubic(rows: Float[Array, "h w"], columns: Float[Array, "h w"]) -> Float[Array, "P 10"]:
-    r, c = rows.ravel(), columns.ravel()
-    return np.stack([r**i * c**j for i, j in CUBIC], axis=1)
-
-
-def _block_medians(image, less=None):
+def _block_medians(image):
     """Median of each block, cleaned by its neighbours, and the blocks' centres.
-
-    Where something is taken off the image, that is done block by block: images are large.
 
     What is cleaned is the difference from a plane, so that a slope survives at the border.
     """
@@ -90,17 +55,12 @@ def _block_medians(image, less=None):
         edges.append(edge)
         centres.append((edge[1:] + edge[:-1] - 1) / 2)
     medians = [
-        [np.median(_less(image, less, a, b, c, d)) for c, d in pairwise(edges[1])]
+        [np.median(image[a:b:2, c:d:2]) for c, d in pairwise(edges[1])]
         for a, b in pairwise(edges[0])
     ]
     plane = _plane_at(_plane(np.array(medians), *centres), *centres)
     rest = ndimage.median_filter(np.array(medians) - plane, 3, mode="nearest")
     return plane + rest, *centres
-
-
-def _less(image, less, top, bottom, left, right):
-    place = slice(top, bottom, 2), slice(left, right, 2)
-    return image[place] if less is None else image[place] - less[place]
 
 
 def _simplest(medians, rows, columns, noise: float) -> Kind:
@@ -127,11 +87,13 @@ def _plane_at(plane, rows, columns):
     return level + down * rows[:, None] + across * columns
 
 
-def _add_interpolated(picture, medians, rows, columns):
-    """Add the blocks' medians, interpolated between their centres, row by row."""
-    lines = np.stack([np.interp(np.arange(picture.shape[1]), columns, line) for line in medians])
-    at = np.interp(np.arange(len(picture)), rows, np.arange(len(rows)))
-    below = np.floor(at).astype(int).clip(0, max(len(rows) - 2, 0))
+def _interpolated(medians, rows, columns, shape):
+    """(H, W) the blocks' medians, interpolated; row by row, since images are large."""
+    across = np.stack([np.interp(np.arange(shape[1]), columns, line) for line in medians])
+    at = np.interp(np.arange(shape[0]), rows, np.arange(len(rows)))
+    below = at.astype(int).clip(0, max(len(rows) - 2, 0))
     above = np.minimum(below + 1, len(rows) - 1)
+    picture = np.empty(shape)
     for row, low, high, part in zip(picture, below, above, at - below, strict=True):
-        row += lines[low] * (1 - part) + lines[high] * part
+        row[:] = across[low] * (1 - part) + across[high] * part
+    return picture
