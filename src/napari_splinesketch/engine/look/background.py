@@ -94,6 +94,6 @@ def _interpolated(medians, rows, columns, shape):
     below = at.astype(int).clip(0, max(len(rows) - 2, 0))
     above = np.minimum(below + 1, len(rows) - 1)
     picture = np.empty(shape)
-    for row, low, high, part in zip(picture, below, above, at - below, strict=True):
-        row[:] = across[low] * (1 - part) + across[high] * part
+    for row, (low, high, part) in enumerate(zip(below, above, at - below, strict=True)):
+        picture[row] = across[low] * (1 - part) + across[high] * part
     return picture
