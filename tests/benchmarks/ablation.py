@@ -131,6 +131,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "sweeps until all have settled": _set(fitting, MORE=0),
+    "curves that touch take turns": _set(fitting, _apart=lambda now, _: fitting._chunks(now)),
     "fits that left their paths are undone": _set(fit_scene, LEFT=1e6),
     "a clicked sketch is a path itself": _set(scoring, CLICKED=range(0)),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),

@@ -7,6 +7,7 @@ from scipy import ndimage
 from napari_splinesketch import refine
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
+from napari_splinesketch.engine.fit import fit_scene
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import SETTINGS
 
@@ -113,6 +114,43 @@ def test_a_clicked_sketch_ends_where_it_was_clicked_on_a_body_that_goes_on(first
     sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(first, first + 44, 5)])
     (start,) = found(drawn([line]), [sketch]).starts
     np.testing.assert_allclose(start.line[[0, -1], 1], sketch[[0, -1], 1], atol=2)
+
+
+def test_a_clicked_end_that_is_a_little_short_of_the_tip_grows_to_it():
+    line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
+    sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(24, 96, 5)])
+    image = drawn([line])
+    (start,) = found(image, [sketch]).starts
+    assert not any(start.goes_on)
+    (curve,) = refine(image, [sketch]).curves
+    np.testing.assert_allclose(curve.points[[0, -1], 1], [20, 100], atol=1.5)
+
+
+def test_the_middle_of_a_body_that_goes_on_is_marked():
+    line = np.column_stack([np.full(120, 45.0), np.arange(120.0)])
+    sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(35, 80, 5)])
+    (curve,) = refine(drawn([line]), [sketch]).curves
+    assert "go on beyond its ends" in " ".join(curve.reasons)
+
+
+def test_a_curve_whose_fit_left_its_path_stays_on_it_and_says_so(monkeypatch):
+    """The sketch is a px aside, and here that is too far to go."""
+    line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
+    sketch = np.column_stack([np.full(5, 46.2), np.linspace(17, 103, 5)])
+    monkeypatch.setattr(finding.strip, "ordered_path", lambda _, sketch, *__: sketch)
+    monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
+    free, held = (_refined_with(monkeypatch, px, drawn([line]), sketch) for px in (2.0, 0.5))
+    assert abs(free.points[10:-10, 0] - 45).max() < 0.3
+    assert not any("stays on the path" in reason for reason in free.reasons)
+    assert abs(held.points[10:-10, 0] - 46.2).max() < 0.3
+    assert any("stays on the path" in reason for reason in held.reasons)
+    assert held.sd.min() > HALF_WIDTH / 2
+
+
+def _refined_with(monkeypatch, px: float, image, sketch):
+    monkeypatch.setattr(fit_scene, "LEFT", 0.0)
+    monkeypatch.setattr(fit_scene, "LEFT_PX", px)
+    return refine(image, [sketch]).curves[0]
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.5])

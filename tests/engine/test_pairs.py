@@ -32,6 +32,5 @@ def test_two_sketches_on_one_body_stay_on_it_and_say_so():
     trial = CASES["same_body"].make(1)
     found = refine(trial.image, trial.sketches, "balanced").curves
     assert all("same body" in " ".join(c.reasons) for c in found)
-
     widths = [np.median(c.half_width) for c in found]
     assert min(widths) > 2.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -157,8 +158,8 @@ def _fit_group(
 ) -> tuple[list[Body], set[int]]:
     """Fit bodies with the same number of knots, and the look of those that stay still.
 
-    A second fit holds the ends beyond which a curve grew though nothing is seen there, and curves
-    that left their paths; their rows are returned, too.
+    A second fit holds the ends beyond which a curve grew though nothing is seen there, and a third
+    one the curves that left their paths; the rows of these are returned, too.
     """
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
@@ -168,25 +169,26 @@ def _fit_group(
     hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
     count, sweeps = len(starts), settings.sweeps
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    left: set[int] = set()
     if settings.hold is not None:
-        return found, left
-    first, ends = theta, [0, knots - 1, knots, 2 * knots - 1]
-    for number in range(2):
-        theta = np.array([body.theta for body in found])
-        again = False
-        for row, (body, start) in enumerate(zip(found, starts, strict=False)):
-            ended = _ended(body, start) if start.found and not number else None
-            if ended is not None:
-                again, theta[row, : 2 * knots], hold[row, ends] = True, ended.T.ravel(), HELD**-2.0
-            elif start.found and number and _left(body, start):
-                again, theta[row], hold[row] = True, first[row], HELD**-2.0
-                left.add(row)
-        if again:
-            found = fitting.fit_curves(
-                seen, theta, priors, sweeps[:HOLDING], moving=count, hold=hold
-            )
-    return found, left
+        return found, set()
+    again = partial(
+        fitting.fit_curves, seen, priors=priors, sweeps=sweeps[:HOLDING], moving=count, hold=hold
+    )
+    known = [row for row, start in enumerate(starts) if start.found]
+    ended = {row: _ended(found[row], starts[row]) for row in known}
+    cut = {row: line for row, line in ended.items() if line is not None}
+    if cut:
+        begin = np.array([body.theta for body in found])
+        for row, line in cut.items():
+            begin[row, : 2 * knots] = line.T.ravel()
+            hold[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
+        found = again(begin)
+    left = [row for row in known if _left(found[row], starts[row])]
+    if left:
+        begin = np.array([body.theta for body in found])
+        begin[left], hold[left] = theta[left], fitting.PIN**-2.0
+        found = again(begin)
+    return found, set(left)
 
 
 def _left(body: Body, start: Start) -> bool:

@@ -151,7 +151,7 @@ def fit_curves(
     pending: Sequence[int] = np.flatnonzero(meets.any(1) | pinned).tolist()
     for turn, steps in enumerate((1, *sweeps, *[sweeps[-1]] * MORE)):
         visited = 0
-        for now in _chunks(pending):
+        for now in _apart(pending, meets) if turn else _chunks(pending):
             order = np.zeros(len(begin), np.int32)
             order[: len(now)] = now
             numbers = np.int32(len(now)), np.int32(steps)
@@ -166,6 +166,23 @@ def fit_curves(
         if not pending:
             break
     return bodies()
+
+
+def _apart(curves: Sequence[int], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
+    """The curves in chunks of which no two meet, so that each sees the others as they are now.
+
+    Two overlapping curves that step at the same time overshoot together, for ever.
+    """
+    colours: list[list[int]] = []
+    for i in curves:
+        free = (c for c in colours if not meets[i, c].any())
+        colour = next(free, None)
+        if colour is None:
+            colours.append([i])
+        else:
+            colour.append(i)
+    for colour in colours:
+        yield from _chunks(colour)
 
 
 def _chunks(curves: Sequence[int]) -> Iterator[list[int]]:

@@ -70,7 +70,8 @@ class Evidence:
     def dearest(self) -> str:
         """What of its path costs most, in words."""
         name = scoring.FEATURES[int((self.known * scoring.WEIGHTS).argmax())]
-        return WORDS.get(name, f"{self.known[0]:.0%} of it cannot be seen")
+        unseen = self.known[scoring.FEATURES.index("unseen")]
+        return WORDS.get(name, f"{unseen:.0%} of it cannot be seen")
 
 
 def collect(
