@@ -47,7 +47,7 @@ class Problem:
         line = synthetic.displace(made.centrelines[0], 2, np.random.default_rng(seed))
         theta, priors = bands.begin([(line, seen.half_width, 1.0)], KNOTS, seen)
         pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid)]
-        free = np.zeros((1, 2 * KNOTS))
+        free = np.zeros((1, 2 * KNOTS, 2 * KNOTS))
         one, _, begin = bands.make_bands(seen.normal, pixels, theta, seen.half_width, priors, free)
         edge = np.full(2 * KNOTS, 1e6)
         level = solver.Level(
@@ -77,7 +77,7 @@ def residuals(theta, problem):
     tangent = knots[:, 2:] - knots[:, :-2]
     tangent = jax.lax.stop_gradient(tangent / (jnp.linalg.norm(tangent, axis=0) + 1e-6))
     uneven = jnp.sqrt(one.spacing) * (tangent * second).sum(0)
-    prior = jnp.sqrt(one.prior_weight) * (theta - one.prior_mean)
+    prior = jnp.sqrt(jnp.diagonal(one.prior_precision)) * (theta - one.prior_mean)
     return jnp.concatenate([robust, stiff, uneven, prior])
 
 

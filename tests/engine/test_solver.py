@@ -11,6 +11,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands, fitting, profile, solver
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.settings import Hold
 
 KNOTS = 8
 SHAPE = (110, 128)
@@ -45,7 +46,7 @@ class Problem:
     def bands(self, count: int = 2):
         theta = self.theta[:count]
         priors = replace(self.priors, mean=self.priors.mean[:count], sd=self.priors.sd[:count])
-        free = np.zeros((count, 2 * KNOTS))
+        free = np.zeros((count, 2 * KNOTS, 2 * KNOTS))
         return bands.make_bands(self.seen.normal, self.pixels[:count], theta, 3.0, priors, free)
 
     def fitted(self, **options) -> list[fitting.Body]:
@@ -169,10 +170,32 @@ def test_knots_are_held_as_much_as_the_hold_weighs(problem):
     knots = problem.theta[:, : 2 * KNOTS]
     moved = []
     for weight in (0.0, 1.0, 1e6):
-        found = problem.fitted(hold=np.full_like(knots, weight))
+        found = problem.fitted(hold=np.array([weight * np.eye(2 * KNOTS)] * len(knots)))
         ends = np.array([body.theta[: 2 * KNOTS] for body in found])
         moved.append(np.abs(ends - knots).max())
     assert moved[0] > moved[1] > 0.1 > moved[2]
+
+
+def test_a_hold_is_tight_across_a_body_and_loose_along_it(problem):
+    lines = [_knots(theta) for theta in problem.theta]
+    tight = Hold(across=0.02, along=50.0, stretch=0.02)
+    spread = np.linalg.inv(bands.precision(lines[0], tight))
+    tangent = np.gradient(lines[0], axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    along, across = tangent.T.ravel(), np.array([-tangent[:, 1], tangent[:, 0]]).ravel()
+    assert along @ spread @ along == pytest.approx(KNOTS * 0.02**2 + KNOTS**2 * 50.0**2)
+    assert across @ spread @ across == pytest.approx(KNOTS * 0.02**2, rel=1e-4)
+    free = Hold(across=3.0, along=0.0, stretch=3.0)
+    np.testing.assert_allclose(bands.precision(lines[0], free), np.eye(2 * KNOTS) / 9, atol=1e-6)
+
+    found = problem.fitted(hold=np.array([bands.precision(line, tight) for line in lines]))
+    for body, line in zip(found, lines, strict=True):
+        moved = body.knots - line
+        tangent = np.gradient(line, axis=0)
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        slid = (moved * tangent).sum(1)
+        assert np.abs(moved - slid[:, None] * tangent).max() < 0.2
+        assert np.ptp(slid) < 0.1 < 0.5 < np.abs(slid.mean())
 
 
 def test_the_report_rises_and_its_exception_stops():
@@ -268,7 +291,7 @@ def test_more_curves_than_the_largest_size_holds(monkeypatch):
     lines = [np.linspace([5, 5 + 4 * i], [40, 5 + 4 * i], KNOTS) for i in range(9)]
     theta = np.stack([np.r_[line.T.ravel(), priors.mean[0]] for line in lines])
     pixels = [bands.band_pixels(line, 6.0, np.ones((50, 60), bool)) for line in lines]
-    free = np.zeros((9, 2 * KNOTS))
+    free = np.zeros((9, 2 * KNOTS, 2 * KNOTS))
     made, _, begin = bands.make_bands(np.ones((50, 60)), pixels, theta, 3.0, priors, free)
     assert len(begin) == 12
     assert (made.weight.sum(1)[:9] == [len(own) for own in pixels]).all()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import synthetic
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Curve, Progress, Refinement, SceneModel
 from napari_splinesketch.metrics import average_dtw, resample
 from napari_splinesketch.tracking import Body, Given, Tracked, View, follow
@@ -95,7 +96,7 @@ def test_a_body_that_is_known_well_is_left_room_to_move_as_a_whole() -> None:
     fake = FakeRefine()
 
     def refine(image: np.ndarray, lines: Any, preset: Any, /, **options: Any) -> Refinement:
-        held.append(getattr(preset, "hold", None) or 0.0)
+        held.append(preset.hold[0].across if isinstance(preset, Settings) else 0.0)
         return fake(image, lines, preset, **options)
 
     body = Body(7, tuple((t, curve(moved(LINE, 0, t))) for t in range(5)))

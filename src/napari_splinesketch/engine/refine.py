@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -111,6 +112,8 @@ def _fitted(
 
         return fit_paper(island, seen, seed, report)
     settings = SETTINGS[preset] if isinstance(preset, str) else preset
+    if settings.hold is not None:
+        settings = replace(settings, hold=tuple(settings.hold[i] for i in island.members))
     found = fit_scene(seen, island.sketches, island.fixed, settings, report)
     return assemble.describe(island, found.seen, found)
 

@@ -59,6 +59,25 @@ HELP: dict[str, str] = {one.name: one.metadata["help"] for one in fields(Asked)}
 
 
 @dataclass(frozen=True)
+class Hold:
+    """How well it is known where a body is: standard errors, px.
+
+    Attributes
+    ----------
+    across
+        Of each of its knots, along the normal.
+    along
+        Of the body as a whole, along its own path.
+    stretch
+        Of its knots along the path, against each other: how well its length is known.
+    """
+
+    across: float
+    along: float
+    stretch: float
+
+
+@dataclass(frozen=True)
 class Settings:
     """What a preset stands for.
 
@@ -73,15 +92,15 @@ class Settings:
     knots
         Numbers of knots that a curve may have, in rising order.
     hold
-        Standard error of the sketches, px, where it is known: nothing is searched for, and curves
-        are held to their sketches by so much. None searches.
+        How well each sketch is known, where it is: nothing is searched for, and curves are held to
+        their sketches by so much. None searches.
     """
 
     weigh: int = 3000
     paths: int = 20
     sweeps: tuple[int, ...] = (5, 4, 4, 4, 4, 4)
     knots: tuple[int, ...] = (8, 12, 16, 24, 48, 96)
-    hold: float | None = None
+    hold: tuple[Hold, ...] | None = None
 
 
 SETTINGS: dict[PresetName, Settings] = {

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from napari_splinesketch.engine.settings import SETTINGS, PresetName, Settings
+from napari_splinesketch.engine.settings import SETTINGS, Hold, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Curve,
@@ -127,8 +127,9 @@ class Search:
         for hold in HOLDS if self._preset != "paper" else ():
             tried = [b for b in bodies if b.id not in found or not found[b.id].trusted]
             if tried:
-                sd = hold * float(unit * np.median([foretold[b.id][1] for b in tried]))
-                self._attempt(0, tried, lines, replace(SETTINGS[self._preset], hold=sd), found)
+                sds = [hold * float(unit * foretold[b.id][1]) for b in tried]
+                known = tuple(Hold(sd, sd, sd) for sd in sds)
+                self._attempt(0, tried, lines, replace(SETTINGS[self._preset], hold=known), found)
         return found
 
     def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:

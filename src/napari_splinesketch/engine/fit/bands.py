@@ -12,6 +12,7 @@ from napari_splinesketch.engine.fit.solver import TILE, Bands
 from napari_splinesketch.engine.fit.tube import FINER, GLOBALS, INDEX, Basis
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.settings import Hold
 from napari_splinesketch.engine.types import Array
 
 SAMPLES, PER_KNOT = 64, 2.6
@@ -94,6 +95,18 @@ def begin(
     return np.concatenate([np.reshape(lines, (-1, 2 * knots)), priors.mean], axis=1), priors
 
 
+def precision(line: Float[Array, "K 2"], hold: Hold) -> Float[Array, "2K 2K"]:
+    """Inverse covariance of knots (K rows, then K columns) that are known as `hold` says."""
+    count = len(line)
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    along = np.concatenate([np.diag(t) for t in tangent.T])
+    across = np.concatenate([np.diag(-tangent[:, 1]), np.diag(tangent[:, 0])])
+    common = hold.along**2 / (hold.stretch**2 + count * hold.along**2)
+    together = (np.eye(count) - common) / hold.stretch**2
+    return across @ across.T / hold.across**2 + along @ together @ along.T
+
+
 def band_pixels(
     points: Float[Array, "P 2"], radius: float, valid: Bool[Array, "H W"]
 ) -> Int[Array, " M"]:
@@ -113,11 +126,11 @@ def make_bands(
     theta: Float[Array, "n D"],
     half_width: float,
     priors: Priors,
-    hold: Float[Array, "n 2K"],
+    hold: Float[Array, "n 2K 2K"],
 ) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
     """Pad everything, and move every curve to its own centre.
 
-    `hold` is 1 / variance of the knots around where they start, px⁻².
+    `hold` is the inverse covariance of the knots around where they start, px⁻².
 
     Returns
     -------
@@ -150,11 +163,13 @@ def make_bands(
     length = np.ones(n)
     xy = begin[:count, : 2 * knots].reshape(count, 2, knots)
     length[:count] = np.linalg.norm(np.diff(xy, axis=2), axis=1).sum(1) + 1e-3
-    mean, precision = np.zeros((2, n, d), dtype=np.float32)
+    mean, precision = np.zeros((n, d), np.float32), np.zeros((n, d, d), np.float32)
     mean[:count, 2 * knots :] = priors.mean
-    precision[:count, 2 * knots :] = priors.sd**-2.0
+    precision[:count, 2 * knots :, 2 * knots :] = priors.sd[:, :, None] ** -2.0 * np.eye(
+        len(GLOBALS)
+    )
     mean[:count, : 2 * knots] = begin[:count, : 2 * knots]
-    precision[:count, : 2 * knots] = hold
+    precision[:count, : 2 * knots, : 2 * knots] = hold
     bands = Bands(
         position,
         image.ravel()[index].astype(np.float32),

@@ -15,7 +15,7 @@ from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting, pairs
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.settings import Settings
+from napari_splinesketch.engine.settings import Hold, Settings
 from napari_splinesketch.engine.types import Array
 
 Line = Float[Array, "N 2"]
@@ -120,7 +120,8 @@ def fit_scene(
             report("polishing", 0.4 + 0.6 * finished, lines)
 
         mine = [starts[i] for i in members]
-        fitted, left = _fit_group(seen, mine, still, knots, settings, on_fit)
+        holds = [settings.hold[i] for i in members] if settings.hold else []
+        fitted, left = _fit_group(seen, mine, still, knots, settings.sweeps, holds, on_fit)
         held |= {members[row] for row in left}
         done.update(zip(members, fitted, strict=False))
         others = fitted[len(members) :]
@@ -153,7 +154,8 @@ def _fit_group(
     starts: list[Start],
     still: list[tuple[Line, float, float]],
     knots: int,
-    settings: Settings,
+    sweeps: tuple[int, ...],
+    holds: Sequence[Hold],
     report: fitting.Report,
 ) -> tuple[list[Body], set[int]]:
     """Fit bodies with the same number of knots, and the look of those that stay still.
@@ -163,13 +165,14 @@ def _fit_group(
     """
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
-    hold = np.zeros((len(theta), 2 * knots))
-    if settings.hold is not None:
-        hold[:] = settings.hold**-2.0
-    hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0
-    count, sweeps = len(starts), settings.sweeps
+    hold = np.zeros((len(theta), 2 * knots, 2 * knots))
+    for row, one in enumerate(holds):
+        hold[row] = bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, one)
+    every = np.eye(2 * knots)
+    hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0 * every
+    count = len(starts)
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    if settings.hold is not None:
+    if holds:
         return found, set()
     again = partial(
         fitting.fit_curves, seen, priors=priors, sweeps=sweeps[:HOLDING], moving=count, hold=hold
@@ -181,12 +184,13 @@ def _fit_group(
         begin = np.array([body.theta for body in found])
         for row, line in cut.items():
             begin[row, : 2 * knots] = line.T.ravel()
-            hold[row, [0, knots - 1, knots, 2 * knots - 1]] = HELD**-2.0
+            ends = [0, knots - 1, knots, 2 * knots - 1]
+            hold[row, ends, ends] = HELD**-2.0
         found = again(begin)
     left = [row for row in known if _left(found[row], starts[row])]
     if left:
         begin = np.array([body.theta for body in found])
-        begin[left], hold[left] = theta[left], fitting.PIN**-2.0
+        begin[left], hold[left] = theta[left], fitting.PIN**-2.0 * every
         found = again(begin)
     return found, set(left)
 

@@ -95,7 +95,7 @@ def fit_curves(
     sweeps: Sequence[int],
     *,
     moving: int | None = None,
-    hold: Float[Array, "n 2K"] | None = None,
+    hold: Float[Array, "n 2K 2K"] | None = None,
     report: Report | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves.
@@ -113,15 +113,16 @@ def fit_curves(
     moving
         The first so many curves move; of the others only the look is fitted.
     hold
-        (n, 2K) 1 / variance of the knots around where they start, px⁻²; None for no hold.
+        (n, 2K, 2K) inverse covariance of the knots around where they start, px⁻²; None for no
+        hold.
     report
         See `Report`.
     """
     n, d = theta.shape
     k = (d - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)
-    hold = np.zeros((n, 2 * k)) if hold is None else hold.copy()
-    hold[pinned] = PIN**-2.0
+    hold = np.zeros((n, 2 * k, 2 * k)) if hold is None else hold.copy()
+    hold[pinned] = PIN**-2.0 * np.eye(2 * k)
     margin = max(MARGIN * seen.half_width, MARGIN_PX)
     pixels = [
         pad.band_pixels(line, width + margin, seen.valid)

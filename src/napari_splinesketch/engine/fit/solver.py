@@ -51,8 +51,8 @@ class Bands(NamedTuple):
     tiles: Int[Array, " N"]
     """How many times TILE pixels hold the curve's band; 0 for padding."""
     prior_mean: Float[Array, "N D"]
-    prior_weight: Float[Array, "N D"]
-    """1 / variance of the prior of each parameter; 0 for none."""
+    prior_precision: Float[Array, "N D D"]
+    """Inverse covariance of the prior of the parameters; 0 for none."""
     bending: Float[Array, " N"]
     """Weight of knotsᵀ Q knots."""
     spacing: Float[Array, " N"]
@@ -263,9 +263,10 @@ def _linearise(one: Bands, level: Level, theta, others_sum, others_max, basis, b
     own, gram, data_cost = jax.lax.fori_loop(0, one.tiles, add_tile, nothing)
 
     apart = theta - one.prior_mean
-    hessian = gram[:-1, :-1] + jnp.diag(one.prior_weight)
-    gradient = gram[:-1, -1] - one.prior_weight * apart
-    cost = data_cost + (one.prior_weight * apart**2).sum()
+    away = one.prior_precision @ apart
+    hessian = gram[:-1, :-1] + one.prior_precision
+    gradient = gram[:-1, -1] - away
+    cost = data_cost + apart @ away
 
     g = 2 * k
     knots = theta[:g].reshape(2, k)
