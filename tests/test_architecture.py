@@ -68,4 +68,4 @@ def test_the_command_line_imports_nothing_heavy() -> None:
 def test_opening_the_plugin_menu_imports_neither_jax_nor_plots() -> None:
     modules = manifest_modules()
     assert len(modules) >= 2
-    assert not imported_by(*modules) & {"jax", "matplotlib"}
+    assert not imported_by(*modules) & {"jax", "pyqtgraph"}

@@ -168,7 +168,7 @@ def test_the_panel_closes_and_comes_back(
     panel = opened(viewer, dock, fake)
     assert dock.review.isChecked()
     viewer.theme = "light"
-    QTest.qWait(50)
+    QTest.qWait(100)
     background = panel.plots.grab().toImage().pixelColor(2, 2)
     assert background.lightness() > 200, "the plots follow the theme"
     viewer.window.remove_dock_widget(panel)

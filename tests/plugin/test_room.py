@@ -8,7 +8,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QDockWidget, QScrollArea
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.plots import GAP, RESIDUAL, CurvePlots, theme_of
+from napari_splinesketch.plugin.plots import RESIDUAL, CurvePlots, Profile, theme_of
 
 from .fakes import FakeEngine
 from .hand import QTest, click, refine, until
@@ -52,8 +52,15 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
 def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str) -> None:
     plots = CurvePlots(theme_of("dark"))
     titles = f"Half-width ({unit})", RESIDUAL
-    room = plots.minimumWidth() / 2 - 2 * GAP
-    assert all(plots.fontMetrics().horizontalAdvance(title) <= room for title in titles)
+    plots.show()
+    plots.resize(plots.minimumWidth(), 200)
+    plots.show_plots(Profile("curve 1", unit, *np.ones((3, 9)), residual=np.ones(9)))
+    until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
+    QTest.qWait(20)
+    for title, plot in zip(titles, plots.ci.items, strict=True):
+        shown = plot.titleLabel
+        assert shown.text == title
+        assert shown.item.boundingRect().width() <= plot.boundingRect().width()
 
 
 @pytest.mark.window(shown=True)

@@ -6,6 +6,7 @@ from contextlib import suppress
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 from weakref import WeakSet
 
 from napari.layers import Image, Shapes
@@ -22,7 +23,6 @@ from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
 from napari_splinesketch.plugin.resume import OfferBox
-from napari_splinesketch.plugin.review import ReviewPanel, open_panel
 from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.widgets import (
     Column,
@@ -37,6 +37,9 @@ from napari_splinesketch.plugin.widgets import (
     grid,
     stack,
 )
+
+if TYPE_CHECKING:
+    from napari_splinesketch.plugin.review import ReviewPanel
 
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500
@@ -183,6 +186,9 @@ class SplinesketchDock(QWidget):
 
     def _show_or_hide_panel(self) -> None:
         if self.panel is None:
+            # Plots take 0.4 s to import: not before they are wanted.
+            from napari_splinesketch.plugin.review import open_panel
+
             self.panel = open_panel(self.controller)
             self.panel.closed.connect(self._on_panel_closed)
             self.review.setChecked(True)
