@@ -1,9 +1,14 @@
-"""Bodies as lines with a width: their sides, and how scaling widens them."""
+"""Bodies as lines with a width: their sides, how scaling widens them; and fewer points of lines."""
+
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from napari_splinesketch.engine.types import Array
+
+SEEN = 0.03
+"""How far a drawn line may lie from the curve, px."""
 
 
 def width_growth(points: Float[Array, "N 2"], scale: tuple[float, float]) -> Float[Array, " N"]:
@@ -33,3 +38,38 @@ def area(polygon: Float[Array, "N 2"]) -> float:
     """Area inside a polygon that does not cross itself."""
     a, b = polygon.T
     return abs(float(a @ np.roll(b, -1) - b @ np.roll(a, -1))) / 2
+
+
+def thinned(lines: Sequence[Float[Array, "_ 2"]]) -> list[Float[Array, "_ 2"]]:
+    """Leave out the points that lie within `SEEN` of the line through the others.
+
+    What Douglas and Peucker do, for all lines at once: napari's time grows with the points. The
+    ends stay; closed lines end where they begin.
+    """
+    if not lines:
+        return []
+    points = np.concatenate(lines)
+    last = np.cumsum([len(line) for line in lines])
+    keep = np.zeros(len(points), dtype=bool)
+    keep[last - 1] = keep[np.append(0, last[:-1])] = True
+    while (more := _farthest(points, keep)).any():
+        keep |= more
+    return [line[kept] for line, kept in zip(lines, np.split(keep, last[:-1]), strict=True)]
+
+
+def _farthest(points: Float[Array, "P 2"], keep: Bool[Array, " P"]) -> Bool[Array, " P"]:
+    """Of each stretch between two kept points, find the farthest that may not be left out."""
+    corners = np.flatnonzero(keep)
+    stretch = np.cumsum(keep) - 1
+    begin = points[corners]
+    along = np.append(begin[1:], begin[-1:], axis=0) - begin
+    length = (along**2).sum(axis=1)
+    off, way = points - begin[stretch], along[stretch]
+    share = (off * way).sum(axis=1) / np.where(length, length, 1.0)[stretch]
+    apart = np.linalg.norm(off - np.clip(share, 0, 1)[:, None] * way, axis=1)
+    # A kept point is its own stretch's first, at no distance.
+    most = np.maximum.reduceat(apart, corners)
+    found = np.flatnonzero((apart > SEEN) & (apart == most[stretch]))
+    more = np.zeros(len(points), dtype=bool)
+    more[found[np.unique(stretch[found], return_index=True)[1]]] = True
+    return more

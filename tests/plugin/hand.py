@@ -10,8 +10,8 @@ from napari.layers import Layer, Shapes
 from qtpy import QtTest
 from qtpy.QtCore import QPoint, Qt
 
+from napari_splinesketch.geometry import SEEN
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.layers.looks import SEEN
 
 QTest: Any = QtTest.QTest
 """Its signatures are not all known to the type checker."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.layers.pictures import across, mean_across
+from napari_splinesketch.grids import across, mean_across
 
 
 def straight(row: float, half_width: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
-from napari_splinesketch.plugin.layers.pixels import Grid, Patch
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.resume import LISTED, describe
 from napari_splinesketch.plugin.saver import Offer

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from napari_splinesketch.plugin.layers.pictures import alone
-from napari_splinesketch.plugin.layers.pixels import Grid, Patch
+from napari_splinesketch.grids import Grid, Patch, alone
 
 from .fakes import as_drawn
 

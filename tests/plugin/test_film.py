@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.layers.pixels import Film, Grid, Patch, patched
+from napari_splinesketch.grids import Grid, Patch, patched
+from napari_splinesketch.plugin.layers.pixels import Film
 
 KEYS: dict[str, Any] = {
     "frame": 1,

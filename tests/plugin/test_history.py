@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin import model as history
-from napari_splinesketch.plugin.layers.pixels import Grid, Patch
 from napari_splinesketch.plugin.model import History, Record, State, bytes_beside
 
 from .fakes import as_drawn

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from napari.layers import Image
 
+from napari_splinesketch.grids import Grid
 from napari_splinesketch.plugin.layers import pixels
-from napari_splinesketch.plugin.layers.pixels import Grid, block_around
+from napari_splinesketch.plugin.layers.pixels import block_around
 
 from .fakes import as_drawn
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from napari_splinesketch import editing as shaping
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import knots as shaping
 
 KNOTS = 9
 

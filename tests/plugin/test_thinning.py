@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_splinesketch.plugin.layers.looks import thinned
+from napari_splinesketch.geometry import thinned
 
 from .hand import assert_drawn
 

@@ -15,9 +15,9 @@ import pandas as pd
 from napari.utils.colormaps import Colormap
 
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, once
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.layers.space import Ruler
-from napari_splinesketch.plugin.model import Key, Record, key_of
+from napari_splinesketch.plugin.model import Key, Record, key_of, once
 from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}

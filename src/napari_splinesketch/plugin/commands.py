@@ -9,8 +9,9 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.utils.key_bindings import coerce_keybinding
 
+from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import knots, words
+from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.columns import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -55,7 +56,7 @@ def flip(controller: Controller) -> None:
     """Let the selected curves begin where they ended."""
     chosen = _chosen(controller)
     if chosen:
-        turned = [replace(r, curve=knots.flipped(r.curve)) for r in chosen]
+        turned = [replace(r, curve=editing.flipped(r.curve)) for r in chosen]
         _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
 
 
@@ -65,8 +66,8 @@ def split(controller: Controller) -> None:
     if record is None:
         return
     try:
-        at = knots.nearest(record.curve, _place(controller))[0]
-        pieces = knots.split(record.curve, at)
+        at = editing.nearest(record.curve, _place(controller))[0]
+        pieces = editing.split(record.curve, at)
     except ValueError as error:
         controller.say(str(error))
         return
@@ -83,7 +84,7 @@ def join(controller: Controller) -> None:
         controller.say("Select two curves of this frame to join: click one, Shift-click the other.")
         return
     first, second = chosen
-    made = _edited(first, knots.joined(first.curve, second.curve))
+    made = _edited(first, editing.joined(first.curve, second.curve))
     state = controller.state.without([key_of(second)]).with_records(made)
     controller.apply(f"Join curves {first.id} and {second.id}", state)
     controller.selected = key_of(made)
@@ -95,7 +96,7 @@ def extend(controller: Controller) -> None:
     if record is not None:
         curve = record.curve
         apart = np.linalg.norm(curve.points[[0, -1]] - _place(controller), axis=1)
-        longer = knots.extended(curve, bool(apart[1] <= apart[0]), knots.body_width(curve))
+        longer = editing.extended(curve, bool(apart[1] <= apart[0]), editing.body_width(curve))
         _put(controller, f"Extend curve {record.id}", [_edited(record, longer)])
         controller.refine("selected")
 
@@ -157,8 +158,8 @@ def _go_on(controller: Controller, order: Sequence[Record]) -> None:
 def _pointed(controller: Controller) -> Record | None:
     """Give the curve in view that the pointer is at."""
     place, here = _place(controller), controller.records(controller.frame)
-    near = [(knots.nearest(record.curve, place)[1], record) for record in here]
-    reached = [pair for pair in near if pair[0] < max(REACH, knots.body_width(pair[1].curve))]
+    near = [(editing.nearest(record.curve, place)[1], record) for record in here]
+    reached = [pair for pair in near if pair[0] < max(REACH, editing.body_width(pair[1].curve))]
     return min(reached, key=lambda pair: pair[0])[1] if reached else None
 
 

@@ -15,7 +15,8 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
-from napari_splinesketch.plugin.layers.pixels import Block, Grid, Patch
+from napari_splinesketch.grids import Grid, Patch
+from napari_splinesketch.plugin.layers.pixels import Block
 from napari_splinesketch.plugin.model import Line, Refined, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 

@@ -21,6 +21,7 @@ from napari_splinesketch import palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
+from napari_splinesketch.geometry import thinned
 from napari_splinesketch.labels import (
     Label,
     Labels,
@@ -34,7 +35,7 @@ from napari_splinesketch.labels.formats import WRITERS, claiming
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
-from napari_splinesketch.plugin.layers.looks import COLOURS, thinned
+from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.slot import OWNER, ROLE
 from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record

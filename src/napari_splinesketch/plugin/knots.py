@@ -1,8 +1,8 @@
-"""Changing curves by hand: plain geometry on values, and knots that can be dragged."""
+"""Knots of a curve, to be dragged by hand."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -14,8 +14,8 @@ from napari.layers.base import ActionType
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import POINTS, Curve
+from napari_splinesketch.editing import moved
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.keeper import Notice, Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
@@ -25,13 +25,8 @@ from napari_splinesketch.plugin.model import History, Record, key_of
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
-BY_HAND = "it was changed by hand and not refined since"
 FEWEST = 3
 """Knots of any curve."""
-SOME, MOST = 6, 24
-"""Knots of a curve that was cut or joined."""
-SHORTEST = 4.0
-"""A piece of a curve is at least this long, px."""
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
 COLOUR, HEAD = palette.MOVING, palette.TRUTH
 """The first knot is the head: it stands out."""
@@ -184,97 +179,3 @@ def _in_order(before: Knots, now: Knots) -> Knots:
     ]
     detours = [2 * np.linalg.norm(rest[0] - new), *detours, 2 * np.linalg.norm(rest[-1] - new)]
     return np.insert(rest, int(np.argmin(detours)), new, axis=0)
-
-
-def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
-    """Lead a curve through other knots; along it, its half-widths stay as they are."""
-    return _by_hand(_with_width(curve, knots), curve.half_width, curve.residual)
-
-
-def flipped(curve: Curve) -> Curve:
-    """Let a curve begin where it ended."""
-    along = ("knots", "points", "half_width", "sd")
-    return replace(curve, **{name: getattr(curve, name)[::-1] for name in along})
-
-
-def nearest(curve: Curve, point: Float[np.ndarray, 2]) -> tuple[int, float]:
-    """Position of the curve's point that is nearest to another, and how far it is, px."""
-    apart = np.linalg.norm(curve.points - point, axis=1)
-    return int(apart.argmin()), float(apart.min())
-
-
-def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
-    """Cut a curve at one of its points; ValueError if a piece would be too short."""
-    along = spline.arc_length(curve.points)
-    if min(along[at], along[-1] - along[at]) < SHORTEST:
-        raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
-    share = along[at] / along[-1]
-    return _fitted([curve], slice(at + 1), share), _fitted([curve], slice(at, None), 1 - share)
-
-
-def joined(curve: Curve, other: Curve) -> Curve:
-    """Make one curve of two, by those of their ends that are nearest; it runs as the first."""
-    ends = [curve.points[[0, -1]], other.points[[0, -1]]]
-    apart = np.linalg.norm(ends[0][:, None] - ends[1][None], axis=2)
-    mine, theirs = np.unravel_index(apart.argmin(), apart.shape)
-    first = curve if mine else flipped(curve)
-    second = flipped(other) if theirs else other
-    made = _fitted([first, second])
-    return made if mine else flipped(made)
-
-
-def extended(curve: Curve, at_end: bool, by: float) -> Curve:
-    """Lengthen a curve along its tangent, at its end or at its beginning, by some px."""
-    if not at_end:
-        return flipped(extended(flipped(curve), True, by))
-    back = curve.points[-1] - curve.points[-4]
-    along = back / max(float(np.linalg.norm(back)), 1e-9)
-    steps = np.linspace(0, by, 9)[1:, None]
-    points = np.concatenate([curve.points, curve.points[-1] + steps * along])
-    knots = spline.fit_knots(points, min(len(curve.knots) + 1, MOST))
-    # The profile stretches with the curve, so that it tapers at the new end.
-    return _by_hand(_with_width(curve, knots), curve.half_width, curve.residual)
-
-
-def body_width(curve: Curve) -> float:
-    """Give the usual width of a body, px; a guess where it is not known."""
-    finite = curve.half_width[np.isfinite(curve.half_width)]
-    return 2 * float(np.median(finite)) if finite.size else SHORTEST
-
-
-def _with_width(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "K 3"]:
-    """Give other knots the half-widths that the curve has there."""
-    there = np.linspace(0, 1, len(curve.knots))
-    width = np.interp(np.linspace(0, 1, len(knots)), there, curve.knots[:, 2])
-    return np.column_stack([knots, width])
-
-
-def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 1.0) -> Curve:
-    """Make a curve along others, or along a piece that is a share of their length."""
-    points = np.concatenate([curve.points[piece] for curve in curves])
-    width = np.concatenate([curve.half_width[piece] for curve in curves])
-    knots = sum(len(curve.knots) for curve in curves)
-    count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    apart = np.append(True, step > 0)
-    even = spline.resample(np.column_stack([points, width])[apart], POINTS)
-    found = spline.fit_knots(even[:, :2], count)
-    at = np.linspace(0, 1, count)
-    along = np.interp(at, np.linspace(0, 1, POINTS), even[:, 2])
-    residual = max(curve.residual for curve in curves)
-    return _by_hand(np.column_stack([found, along]), even[:, 2], residual)
-
-
-def _by_hand(
-    knots: Float[np.ndarray, "K 3"], half_width: Float[np.ndarray, " P"], residual: float
-) -> Curve:
-    """Make the curve through some knots: nothing is known of how well it lies."""
-    return Curve(
-        knots,
-        spline.sample(knots[:, :2], POINTS),
-        half_width,
-        np.full(POINTS, np.inf),
-        "check",
-        (BY_HAND,),
-        residual,
-    )

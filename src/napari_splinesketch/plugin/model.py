@@ -1,11 +1,12 @@
 """All that the plugin knows of an image, as immutable values, and the steps that lead there."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
-from typing import Any, Generic, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
@@ -13,11 +14,12 @@ from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
-from napari_splinesketch.plugin.layers.looks import once
-from napari_splinesketch.plugin.layers.pixels import Patch, patched
 
+V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
+A = ParamSpec("A")
 Line = Float[np.ndarray, "N 2"]
 Key = tuple[int, int]
 """(frame, id) of a record."""
@@ -73,6 +75,21 @@ class Refined:
     patch: Patch
     notes: tuple[str, ...]
     region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
+
+
+def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]:
+    """Remember what a function gave for each value, while the value lives, and for the rest."""
+    known: WeakKeyDictionary[V, dict[Any, T]] = WeakKeyDictionary()
+
+    def found(value: V, *rest: A.args, **no: A.kwargs) -> T:
+        try:
+            return known[value][rest]
+        except KeyError:
+            made = find(value, *rest, **no)
+            known.setdefault(value, {})[rest] = made
+            return made
+
+    return found
 
 
 key_of: Callable[[Record], Key] = attrgetter("frame", "id")

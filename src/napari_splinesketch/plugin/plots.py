@@ -14,9 +14,9 @@ from qtpy.QtCore import QRectF, Qt
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.grids import Along, Patch
 from napari_splinesketch.plugin.columns import RAMP, half_widths
-from napari_splinesketch.plugin.layers.pictures import Along, residual_along
-from napari_splinesketch.plugin.layers.pixels import Patch
+from napari_splinesketch.plugin.layers.pictures import residual_along
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph

@@ -24,11 +24,10 @@ from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.files import BusyError, atomic, owned
+from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
-from napari_splinesketch.plugin.layers.looks import once
-from napari_splinesketch.plugin.layers.pixels import Grid, Patch
-from napari_splinesketch.plugin.model import Record, Review, State, by_frame
+from napari_splinesketch.plugin.model import Record, Review, State, by_frame, once
 
 FORMAT = 1
 EVERY = -1

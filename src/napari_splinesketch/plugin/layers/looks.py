@@ -1,19 +1,15 @@
 """How curves are drawn: lines around bodies, colours of a status, few points."""
 
-from collections.abc import Callable, Hashable, Sequence
-from typing import Any, Concatenate, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.geometry import edges
+from napari_splinesketch.geometry import edges, thinned
+from napari_splinesketch.plugin.model import once
 
-V = TypeVar("V", bound=Hashable)
-T = TypeVar("T")
-A = ParamSpec("A")
 Line = Float[np.ndarray, "_ 2"]
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
@@ -28,26 +24,9 @@ UNKNOWN_REACH = 3.0
 """From centreline to edge where no width is known, px."""
 LEAST = 12
 """Points along one side of an outline."""
-SEEN = 0.03
-"""How far a drawn line may lie from the curve, px."""
 PIECES = 24, 99, 600
 """Vectors of a line at least and at most, and of all lines together, about: napari's thumbnail
 alone takes 20 µs for each."""
-
-
-def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]:
-    """Remember what a function gave for each value, while the value lives, and for the rest."""
-    known: WeakKeyDictionary[V, dict[Any, T]] = WeakKeyDictionary()
-
-    def found(value: V, *rest: A.args, **no: A.kwargs) -> T:
-        try:
-            return known[value][rest]
-        except KeyError:
-            made = find(value, *rest, **no)
-            known.setdefault(value, {})[rest] = made
-            return made
-
-    return found
 
 
 @once
@@ -118,41 +97,6 @@ def coarse(lines: Sequence[Line]) -> list[Line]:
     count = int(np.clip(PIECES[2] // max(len(lines), 1), *PIECES[:2]))
     at = [np.linspace(0, len(line) - 1, min(len(line), count + 1)) for line in lines]
     return [line[np.round(some).astype(int)] for line, some in zip(lines, at, strict=True)]
-
-
-def thinned(lines: Sequence[Line]) -> list[Line]:
-    """Leave out the points that lie within `SEEN` of the line through the others.
-
-    What Douglas and Peucker do, for all lines at once: napari's time grows with the points. The
-    ends stay; closed lines end where they begin.
-    """
-    if not lines:
-        return []
-    points = np.concatenate(lines)
-    last = np.cumsum([len(line) for line in lines])
-    keep = np.zeros(len(points), dtype=bool)
-    keep[last - 1] = keep[np.append(0, last[:-1])] = True
-    while (more := _farthest(points, keep)).any():
-        keep |= more
-    return [line[kept] for line, kept in zip(lines, np.split(keep, last[:-1]), strict=True)]
-
-
-def _farthest(points: Line, keep: Bool[np.ndarray, " P"]) -> Bool[np.ndarray, " P"]:
-    """Of each stretch between two kept points, find the farthest that may not be left out."""
-    corners = np.flatnonzero(keep)
-    stretch = np.cumsum(keep) - 1
-    begin = points[corners]
-    along = np.append(begin[1:], begin[-1:], axis=0) - begin
-    length = (along**2).sum(axis=1)
-    off, way = points - begin[stretch], along[stretch]
-    share = (off * way).sum(axis=1) / np.where(length, length, 1.0)[stretch]
-    apart = np.linalg.norm(off - np.clip(share, 0, 1)[:, None] * way, axis=1)
-    # A kept point is its own stretch's first, at no distance.
-    most = np.maximum.reduceat(apart, corners)
-    found = np.flatnonzero((apart > SEEN) & (apart == most[stretch]))
-    more = np.zeros(len(points), dtype=bool)
-    more[found[np.unique(stretch[found], return_index=True)[1]]] = True
-    return more
 
 
 def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:

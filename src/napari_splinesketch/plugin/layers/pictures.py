@@ -11,15 +11,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Integer, Real
+from jaxtyping import Float, Integer
 from napari.layers import Image, Labels, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
-from scipy.ndimage import map_coordinates
 
 from napari_splinesketch import palette
-from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import edges
+from napari_splinesketch.grids import Along, Grid, Patch, across, alone, mean_across
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers.looks import (
     Line,
@@ -31,7 +29,7 @@ from napari_splinesketch.plugin.layers.looks import (
     rgba,
     ribbon,
 )
-from napari_splinesketch.plugin.layers.pixels import Film, Grid, Patch, Planes, block_on
+from napari_splinesketch.plugin.layers.pixels import Film, Planes, block_on
 from napari_splinesketch.plugin.layers.slot import Made, Maker, in_vectors
 from napari_splinesketch.plugin.layers.space import (
     frame_count,
@@ -41,8 +39,7 @@ from napari_splinesketch.plugin.layers.space import (
     size_of,
 )
 from napari_splinesketch.plugin.model import Record, by_frame
-from napari_splinesketch.raster import Patch as Touched
-from napari_splinesketch.raster import label_image, rasterise
+from napari_splinesketch.raster import label_image
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.keeper import Work
@@ -53,17 +50,8 @@ TYPICAL = 0.995
 """Share of the residuals that the colours span."""
 BODY = "body"
 """Name of the axis along which a stack has its bodies."""
-SOFT = 3.0
-"""How far beyond its edge a body may be seen, px of the picture."""
-SPACING = 0.5
-"""Between the places across a body at which a picture is read, px at most."""
 THIN, GAP = 0.5, 1.2
 """Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
-BIN = 0.5
-"""Width of the rings in which a body is taken to be equally bright, px."""
-
-
-Along = Float[np.ndarray, " P"]
 
 
 def _patches(work: Work) -> list[Any]:
@@ -232,44 +220,6 @@ MAKERS: dict[str, Maker] = {
 }  # fmt: skip
 
 
-def alone(patch: Patch, curve: Curve, others: Sequence[Curve]) -> Float[np.ndarray, "H W"]:
-    """Draw one body of a reconstruction on its background; curves are in px of the image.
-
-    Where it touches none of the others, it is what the reconstruction has. Where it does, it is as
-    bright as elsewhere at the same depth below its edge.
-    """
-    background = np.zeros(patch.pixels.shape) if patch.background is None else patch.background
-    picture = np.array(background, dtype=float)
-    touched = _touched(patch, curve)
-    if touched is None:
-        return picture
-    elsewhere = np.zeros(picture.shape, dtype=bool)
-    for beside in map(partial(_touched, patch), others):
-        if beside is not None:
-            elsewhere[beside.place] |= beside.inside
-    shared = elsewhere[touched.place]
-    own = (patch.pixels - background)[touched.place]
-    drawn = np.where(touched.inside, own, 0.0)
-    both, only = touched.inside & shared, touched.inside & ~shared
-    if both.any() and only.any():
-        ring = np.floor(touched.depth[only] / BIN).astype(int)
-        count = np.bincount(ring)
-        mean = np.bincount(ring, own[only]) / np.maximum(count, 1)
-        middle = (np.flatnonzero(count) + 0.5) * BIN
-        drawn[both] = np.interp(touched.depth[both], middle, mean[count > 0])
-    picture[touched.place] += drawn
-    return picture
-
-
-def _touched(patch: Patch, curve: Curve) -> Touched | None:
-    """The pixels that a body may be seen in."""
-    if curve.status == "failed" or not np.isfinite(curve.half_width).all():
-        return None
-    reach = curve.half_width / patch.grid.size + SOFT
-    height, width = patch.pixels.shape
-    return rasterise(patch.grid.to_block(curve.points), reach, (height, width))
-
-
 def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
     """Average image minus reconstruction across a body; None where the image is not there.
 
@@ -288,27 +238,3 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
         return None
     rest = block.read() - patch.pixels[low[0] : high[0], low[1] : high[1]]
     return mean_across(rest, points - low, half_width)
-
-
-def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
-    """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
-    reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
-    count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
-    return np.linspace(*edges(points, reach), count, axis=1) if count > 1 else points[:, None]
-
-
-def mean_across(
-    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
-) -> Along:
-    """Average a picture over a body's cross-section at each point of its centreline.
-
-    Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
-    left. Points and half-widths as for `across`, in pixels of the picture.
-    """
-    where = np.moveaxis(across(points, half_width), -1, 0)
-    finite = np.isfinite(picture)
-    filled = np.where(finite, picture, 0.0).astype(float)
-    values = map_coordinates(filled, where, order=1, cval=0.0).sum(axis=1)
-    # Weights fall to zero with the pixels that are missing, as the values do.
-    total = map_coordinates(finite.astype(float), where, order=1, cval=0.0).sum(axis=1)
-    return np.divide(values, total, out=np.full(len(points), np.nan), where=total > 1e-6)

@@ -1,7 +1,7 @@
 """Pixels: what the engine sees of an image, and pictures of some frames that napari can show."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, Real, Shaped
 from napari.layers import Image
 
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.grids import Grid, Patch, slices
 from napari_splinesketch.plugin.layers.space import frame_index
 
 WHOLE_FRAME = 2**22
@@ -22,47 +22,6 @@ LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 """Rec. 709."""
 KEPT = 4
 """Planes that are remembered: the one in view is read again with every change of the look."""
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Where a block of pixels lies in its image.
-
-    `origin` is (row, col) of its first pixel centre in the image at full resolution, `step` the
-    pixels of the image from one pixel of the block to the next.
-    """
-
-    origin: Float[np.ndarray, "2"]
-    step: Float[np.ndarray, "2"]
-
-    def to_image(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
-        """Take the block's (row, col) to the image's."""
-        return self.origin + self.step * points
-
-    def to_block(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
-        """Take the image's (row, col) to the block's."""
-        return (points - self.origin) / self.step
-
-    @property
-    def size(self) -> float:
-        """Size of the block's pixels, px of the image: the mean of both directions."""
-        return float(np.sqrt(np.prod(self.step)))
-
-    def curve_to_image(self, curve: Curve) -> Curve:
-        """Take a curve of the block to the image."""
-        size = self.size
-        knots = np.column_stack([self.to_image(curve.knots[:, :2]), size * curve.knots[:, 2]])
-        return replace(
-            curve,
-            knots=knots,
-            points=self.to_image(curve.points),
-            half_width=size * curve.half_width,
-            sd=size * curve.sd,
-        )
-
-    def curve_to_block(self, curve: Curve) -> Curve:
-        """Take a curve of the image to the block."""
-        return Grid(-self.origin / self.step, 1 / self.step).curve_to_image(curve)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,54 +116,6 @@ def _region(
     return np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shape)
 
 
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """A reconstruction of part of a frame, and the same without bodies, where that is known."""
-
-    grid: Grid
-    pixels: Float[np.ndarray, "H W"]
-    background: Float[np.ndarray, "H W"] | None = None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that it holds."""
-        return self.pixels.nbytes + (0 if self.background is None else self.background.nbytes)
-
-
-def patched(
-    old: Patch, new: Patch, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
-) -> Patch:
-    """Take part of a new picture of a frame, from `low` to `high` (px), into an old one.
-
-    The old one is dropped if it has another step.
-    """
-    step = new.grid.step
-    if not np.allclose(old.grid.step, step):
-        return new
-    origin = np.minimum(old.grid.origin, new.grid.origin)
-    first = [np.round((p.grid.origin - origin) / step).astype(int) for p in (old, new)]
-    ends = [at + p.pixels.shape for at, p in zip(first, (old, new), strict=True)]
-    inside = np.round((np.array([low, high]) - origin) / step).astype(int)
-    low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
-
-    def joined(
-        before: Float[np.ndarray, "H W"], after: Float[np.ndarray, "H W"]
-    ) -> Float[np.ndarray, "H W"]:
-        whole = np.full(np.max(ends, axis=0), np.nan, dtype=after.dtype)
-        whole[_window(first[0], ends[0])] = before
-        whole[_window(low, high)] = after[_window(low - first[1], high - first[1])]
-        return whole
-
-    background = None
-    if old.background is not None and new.background is not None:
-        background = joined(old.background, new.background)
-    return Patch(Grid(origin, step), joined(old.pixels, new.pixels), background)
-
-
-def _window(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
-    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-
-
 class Planes:
     """Array-like (*leading, H, W) of which `plane` makes (H, W) when napari asks for one.
 
@@ -262,7 +173,7 @@ class Film(Planes):
             frame = np.full(shape[-2:], np.nan, dtype=np.float32)
             if number in same:
                 patch, at = same[number], corner[number]
-                frame[_window(at, at + patch.pixels.shape)] = make(number, patch)
+                frame[slices(at, at + patch.pixels.shape)] = make(number, patch)
             return frame
 
         super().__init__(shape, np.float32, plane)

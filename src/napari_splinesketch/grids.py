@@ -1,0 +1,174 @@
+"""Pictures of part of an image: where they lie, and what is seen of a body in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float, Int, Real
+from scipy.ndimage import map_coordinates
+
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.geometry import edges
+from napari_splinesketch.raster import Patch as Touched
+from napari_splinesketch.raster import rasterise
+
+SOFT = 3.0
+"""How far beyond its edge a body may be seen, px of the picture."""
+SPACING = 0.5
+"""Between the places across a body at which a picture is read, px at most."""
+BIN = 0.5
+"""Width of the rings in which a body is taken to be equally bright, px."""
+Along = Float[np.ndarray, " P"]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Where a block of pixels lies in its image.
+
+    `origin` is (row, col) of its first pixel centre in the image at full resolution, `step` the
+    pixels of the image from one pixel of the block to the next.
+    """
+
+    origin: Float[np.ndarray, "2"]
+    step: Float[np.ndarray, "2"]
+
+    def to_image(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+        """Take the block's (row, col) to the image's."""
+        return self.origin + self.step * points
+
+    def to_block(self, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+        """Take the image's (row, col) to the block's."""
+        return (points - self.origin) / self.step
+
+    @property
+    def size(self) -> float:
+        """Size of the block's pixels, px of the image: the mean of both directions."""
+        return float(np.sqrt(np.prod(self.step)))
+
+    def curve_to_image(self, curve: Curve) -> Curve:
+        """Take a curve of the block to the image."""
+        size = self.size
+        knots = np.column_stack([self.to_image(curve.knots[:, :2]), size * curve.knots[:, 2]])
+        return replace(
+            curve,
+            knots=knots,
+            points=self.to_image(curve.points),
+            half_width=size * curve.half_width,
+            sd=size * curve.sd,
+        )
+
+    def curve_to_block(self, curve: Curve) -> Curve:
+        """Take a curve of the image to the block."""
+        return Grid(-self.origin / self.step, 1 / self.step).curve_to_image(curve)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A reconstruction of part of a frame, and the same without bodies, where that is known."""
+
+    grid: Grid
+    pixels: Float[np.ndarray, "H W"]
+    background: Float[np.ndarray, "H W"] | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return self.pixels.nbytes + (0 if self.background is None else self.background.nbytes)
+
+
+def patched(
+    old: Patch, new: Patch, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
+) -> Patch:
+    """Take part of a new picture of a frame, from `low` to `high` (px), into an old one.
+
+    The old one is dropped if it has another step.
+    """
+    step = new.grid.step
+    if not np.allclose(old.grid.step, step):
+        return new
+    origin = np.minimum(old.grid.origin, new.grid.origin)
+    first = [np.round((p.grid.origin - origin) / step).astype(int) for p in (old, new)]
+    ends = [at + p.pixels.shape for at, p in zip(first, (old, new), strict=True)]
+    inside = np.round((np.array([low, high]) - origin) / step).astype(int)
+    low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
+
+    def joined(
+        before: Float[np.ndarray, "H W"], after: Float[np.ndarray, "H W"]
+    ) -> Float[np.ndarray, "H W"]:
+        whole = np.full(np.max(ends, axis=0), np.nan, dtype=after.dtype)
+        whole[slices(first[0], ends[0])] = before
+        whole[slices(low, high)] = after[slices(low - first[1], high - first[1])]
+        return whole
+
+    background = None
+    if old.background is not None and new.background is not None:
+        background = joined(old.background, new.background)
+    return Patch(Grid(origin, step), joined(old.pixels, new.pixels), background)
+
+
+def slices(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
+    """Give the rows and columns between two corners."""
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+def alone(patch: Patch, curve: Curve, others: Sequence[Curve]) -> Float[np.ndarray, "H W"]:
+    """Draw one body of a reconstruction on its background; curves are in px of the image.
+
+    Where it touches none of the others, it is what the reconstruction has. Where it does, it is as
+    bright as elsewhere at the same depth below its edge.
+    """
+    background = np.zeros(patch.pixels.shape) if patch.background is None else patch.background
+    picture = np.array(background, dtype=float)
+    touched = _touched(patch, curve)
+    if touched is None:
+        return picture
+    elsewhere = np.zeros(picture.shape, dtype=bool)
+    for beside in map(partial(_touched, patch), others):
+        if beside is not None:
+            elsewhere[beside.place] |= beside.inside
+    shared = elsewhere[touched.place]
+    own = (patch.pixels - background)[touched.place]
+    drawn = np.where(touched.inside, own, 0.0)
+    both, only = touched.inside & shared, touched.inside & ~shared
+    if both.any() and only.any():
+        ring = np.floor(touched.depth[only] / BIN).astype(int)
+        count = np.bincount(ring)
+        mean = np.bincount(ring, own[only]) / np.maximum(count, 1)
+        middle = (np.flatnonzero(count) + 0.5) * BIN
+        drawn[both] = np.interp(touched.depth[both], middle, mean[count > 0])
+    picture[touched.place] += drawn
+    return picture
+
+
+def _touched(patch: Patch, curve: Curve) -> Touched | None:
+    """The pixels that a body may be seen in."""
+    if curve.status == "failed" or not np.isfinite(curve.half_width).all():
+        return None
+    reach = curve.half_width / patch.grid.size + SOFT
+    height, width = patch.pixels.shape
+    return rasterise(patch.grid.to_block(curve.points), reach, (height, width))
+
+
+def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:
+    """Places on a body's cross-sections, from edge to edge, px; one where no width is known."""
+    reach = np.nan_to_num(half_width, nan=0.0, posinf=0.0)
+    count = 1 + 2 * int(np.ceil(reach.max(initial=0.0) / SPACING))
+    return np.linspace(*edges(points, reach), count, axis=1) if count > 1 else points[:, None]
+
+
+def mean_across(
+    picture: Real[np.ndarray, "H W"], points: Float[np.ndarray, "P 2"], half_width: Along
+) -> Along:
+    """Average a picture over a body's cross-section at each point of its centreline.
+
+    Pixels that are not finite are left out, as are those beyond the picture; NaN where none is
+    left. Points and half-widths as for `across`, in pixels of the picture.
+    """
+    where = np.moveaxis(across(points, half_width), -1, 0)
+    finite = np.isfinite(picture)
+    filled = np.where(finite, picture, 0.0).astype(float)
+    values = map_coordinates(filled, where, order=1, cval=0.0).sum(axis=1)
+    # Weights fall to zero with the pixels that are missing, as the values do.
+    total = map_coordinates(finite.astype(float), where, order=1, cval=0.0).sum(axis=1)
+    return np.divide(values, total, out=np.full(len(points), np.nan), where=total > 1e-6)
