@@ -1,5 +1,6 @@
 """Many curves: they come and go a few at a time, and only those that changed."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,15 @@ def test_a_mark_does_not_lie_on_the_ends_of_a_bent_body() -> None:
     size = np.array([LINE_HEIGHT, LETTER * len("7 ?")]) * VIEW.pixel / 2
     inside = np.abs(found[0].curve.points - found[1]) < size
     assert not inside.all(axis=1).any()
+
+
+def test_a_mark_does_not_lie_on_another_body() -> None:
+    lines = [np.array([[row, 80.0], [row, 120.0]]) for row in (100.0, 94.0)]
+    low, high = (Record(i, 0, line, as_drawn(line)) for i, line in enumerate(lines, 1))
+    low = replace(low, curve=replace(low.curve, status="check"))
+    ((_, alone),) = readable([low], VIEW)
+    ((_, beside),) = readable([low, high], VIEW)
+    assert alone[0] < 100 < beside[0], "below it, as there is another one above"
 
 
 @pytest.mark.parametrize("turned", [0, 1])

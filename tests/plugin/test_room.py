@@ -8,9 +8,17 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QDockWidget, QScrollArea
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.plots import RESIDUAL, CurvePlots, Profile, theme_of
+from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.plots import (
+    AFTER_MS,
+    RESIDUAL,
+    CurvePlots,
+    Profile,
+    pictures,
+    theme_of,
+)
 
-from .fakes import FakeEngine
+from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, refine, until
 
 
@@ -61,6 +69,34 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
         shown = plot.titleLabel
         assert shown.text == title
         assert shown.item.boundingRect().width() <= plot.boundingRect().width()
+
+
+def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
+    plots = CurvePlots(theme_of("dark"))
+    plots.show()
+    plots.resize(420, 200)
+    body = {t: as_drawn(np.array([[20.0, 20 + 2 * t], [20, 60]])) for t in range(4)}
+    made = pictures(body, Ruler((0.5, 0.5), "µm"))
+    for pair in (made[:2], made[2:]):
+        plots.show_plots(pictures=pair, frame=1)
+        QTest.qWait(2 * AFTER_MS)
+        until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
+        QTest.qWait(50)
+        assert plots.ci.boundingRect().width() <= 420
+        assert {item.titleLabel.text for item in plots.ci.items} == {one.title for one in pair}
+        for plot in plots.ci.items:
+            assert plot.titleLabel.item.boundingRect().width() <= plot.boundingRect().width()
+
+
+def test_names_of_layers_keep_their_ends(viewer: Any, dock: SplinesketchDock) -> None:
+    viewer.add_image(np.zeros((90, 120), np.float32), name="a film of swimming worms")
+    viewer.add_shapes(name="a film of swimming worms sketches", ndim=2)
+    dock.resize(250, 600)
+    QTest.qWait(50)
+    shown = [choice.shortened(80) for choice in (dock.image, dock.sketches)]
+    assert shown[0] != shown[1]
+    assert shown[0].startswith("a") and "…" in shown[0] and shown[0].endswith("s")
+    assert dock.sketches.currentText() == "a film of swimming worms sketches"
 
 
 @pytest.mark.window(shown=True)

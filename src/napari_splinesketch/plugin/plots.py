@@ -135,8 +135,8 @@ def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
     named = (
         (f"Curvature (1/{unit})", made.curvature, True),
         (f"Speed ({unit}/frame)", np.hypot(made.along, made.across), False),
-        (f"Velocity along ({unit}/frame)", made.along, True),
-        (f"Velocity across ({unit}/frame)", made.across, True),
+        (f"Along it ({unit}/frame)", made.along, True),
+        (f"Across it ({unit}/frame)", made.across, True),
     )
     return tuple(Picture(title, v, frames, length, unit, signed) for title, v, signed in named)
 
@@ -197,6 +197,8 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         text = self.theme.text
         plot = self._plots.addPlot()
         plot.setTitle(title, size=SMALL, color=text)
+        # Over all columns, or a long title would push the other plot out of view.
+        plot.layout.addItem(plot.titleLabel, 0, 0, 1, plot.layout.columnCount())
         plot.setLabel("bottom", f"distance along it ({unit})", **{"font-size": SMALL})
         for side in ("left", "bottom"):
             self._style(plot.getAxis(side))

@@ -3,16 +3,20 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from magicgui.widgets import CheckBox, ComboBox
+from magicgui.widgets import CheckBox
 from napari.layers import Layer
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
-from superqt.utils import signals_blocked
+from qtpy.QtGui import QPaintEvent
 
 from napari_splinesketch.plugin.commands import Commands, Place
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+
+
+EDGE = 8
+"""From a shortened name to the arrow of its combo box, px."""
 
 
 def button(
@@ -170,10 +174,11 @@ class Column(qt.QScrollArea):
         return moved
 
 
-class LayerChoice(ComboBox):
+class LayerChoice(qt.QComboBox):
     """A choice of layers, which calls `pick` when the user makes it.
 
-    `new` names an entry for one more layer, which picks None.
+    `new` names an entry for one more layer, which picks None. Long names are shortened in the
+    middle, rather than widening the dock: those of an image and its sketches differ at the end.
     """
 
     def __init__(
@@ -184,22 +189,36 @@ class LayerChoice(ComboBox):
         tip: str,
         new: str = "",
     ):
-        def choices(_: object) -> list[tuple[str, Layer | None]]:
-            found: list[tuple[str, Layer | None]] = [(layer.name, layer) for layer in layers()]
-            return [*found, (new, None)] if new and found else found
-
-        super().__init__(label=label, choices=choices, tooltip=tip)
-        self._tip = tip
-        # Long names are shortened rather than widening the dock.
-        self.native.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        self.native.setMinimumWidth(NARROW)
-        self.native.activated.connect(lambda: pick(self.value))
+        super().__init__()
+        self.label, self.native = label, self
+        self.choices: list[Layer | None] = []
+        self._layers, self._tip, self._new = layers, tip, new
+        self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
+        self.setMinimumWidth(NARROW)
+        self.activated.connect(lambda index: pick(self.choices[index]))
 
     def show_layers(self, chosen: Layer | None) -> None:
         """Offer the layers that there are now, and show the chosen one."""
-        with self.changed.blocked(), signals_blocked(self.native):
-            self.reset_choices()
-            if chosen in self.choices:
-                self.value = chosen
-        self.enabled = bool(self.choices)
-        self.tooltip = "\n".join([self._tip, *([chosen.name] if chosen else [])])
+        found = self._layers()
+        self.choices = [*found, *([None] if self._new and found else [])]
+        self.clear()
+        self.addItems([layer.name if layer else self._new for layer in self.choices])
+        self.setCurrentIndex(self.choices.index(chosen) if chosen in self.choices else -1)
+        self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
+        self.setEnabled(bool(found))
+
+    def shortened(self, room: int) -> str:
+        """Give the name of the chosen layer in so many px."""
+        middle = Qt.TextElideMode.ElideMiddle
+        return self.fontMetrics().elidedText(self.currentText(), middle, room)
+
+    def paintEvent(self, e: QPaintEvent | None) -> None:
+        """Paint a name that has an end."""
+        option, painter = qt.QStyleOptionComboBox(), qt.QStylePainter(self)
+        self.initStyleOption(option)
+        parts = qt.QStyle.ComplexControl.CC_ComboBox, qt.QStyle.SubControl.SC_ComboBoxEditField
+        style = self.style()
+        room = style.subControlRect(parts[0], option, parts[1], self).width() if style else 0
+        option.currentText = self.shortened(room - EDGE)
+        painter.drawComplexControl(parts[0], option)
+        painter.drawControl(qt.QStyle.ControlElement.CE_ComboBoxLabel, option)

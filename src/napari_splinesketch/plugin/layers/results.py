@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Integer
 from napari.components import ViewerModel
 from napari.layers import Points, Shapes
 from napari.layers.base import ActionType
@@ -36,6 +36,8 @@ AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
 LETTER, LINE_HEIGHT, BESIDE = 9.0, 16.0, 2.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
+CELL = 2
+"""Size of the cells in which points of curves are counted, px of the screen."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
 PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
@@ -55,6 +57,7 @@ def readable(
     near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
     here = [here[i] for i in np.flatnonzero(near).tolist()]
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
+    crowd = _crowd(records, view)
     for record in sorted(here, key=lambda r: columns.severity(r.curve), reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
@@ -62,14 +65,34 @@ def readable(
         over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
         free &= ~over.all(axis=2).any(axis=-1)
         if free.any():
-            own = np.abs(places[:, None] - record.curve.points) < size
-            clear = free & ~own.all(axis=2).any(axis=-1)  # of its own body, where that is bent
-            best = places[(clear if clear.any() else free).argmax()]
+            best = places[np.where(free, crowd(places, size), np.inf).argmin()]
             taken[count], sizes[count] = best, size
             yield record, best
             count += 1
         if count == MOST:
             return
+
+
+def _crowd(records: Sequence[Record], view: View) -> Callable[..., Integer[np.ndarray, " N"]]:
+    """Make what counts the points of curves in boxes around places: marks lie over few of them.
+
+    What lies above and to the left of each cell is added up once, for thousands of boxes.
+    """
+    cell = CELL * view.pixel
+    shape = np.ceil((view.high - view.low) / cell).astype(int)
+    points = np.concatenate([r.curve.points for r in records if r.frame == view.frame])
+    at = np.floor((points - view.low) / cell).astype(int)
+    at = at[((at >= 0) & (at < shape)).all(axis=1)]
+    sums = np.zeros(shape + 1, dtype=int)
+    np.add.at(sums, tuple(at.T + 1), 1)
+    sums = sums.cumsum(axis=0).cumsum(axis=1)
+
+    def count(places: Float[np.ndarray, "N 2"], half: Float[np.ndarray, 2]) -> Any:
+        low = np.clip(np.floor((places - half - view.low) / cell).astype(int), 0, shape).T
+        high = np.clip(np.ceil((places + half - view.low) / cell).astype(int), 0, shape).T
+        return sums[*high] - sums[low[0], high[1]] - sums[high[0], low[1]] + sums[*low]
+
+    return count
 
 
 def _text(record: Record) -> str:
