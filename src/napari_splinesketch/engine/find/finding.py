@@ -30,6 +30,8 @@ NARROW, NARROW_PX = 1.0, 1.0
 """Half-widths and px within which a clicked sketch that is right already has its body."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
+TRUNCATE = 4.0
+"""Standard deviations at which that smoothing ends."""
 UNSEEN = 0.6
 """A path without evidence along so much of it is no body's."""
 CONTRASTS = (0.2, 4.0)
@@ -110,12 +112,12 @@ def find(
     """
     evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
     graph, candidates = candidates_of(seen, sketches, evidence, settings, tick)
-    taken = _along(graph, fixed, seen.half_width)
+    taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
     clusters = choice.interacting(candidates)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     for members in clusters:
         mine = [candidates[i] for i in members]
-        best = choice.sets(graph, mine, seen.half_width, usual_length(sketches), taken)[0][0]
+        best = choice.sets(graph, mine, seen.half_width, usual, taken)[0][0]
         for i, path in zip(members, best.tolist(), strict=True):
             rung = seen.rungs[i]
             starts[i] = _start(seen, sketches[i], candidates[i], path, rung, evidence[rung])
@@ -199,7 +201,7 @@ def _candidates(
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
         best = np.argsort(cost, kind="stable")[: settings.paths]
         best = best[cost[best] < cost[best[0]] + choice.PLAUSIBLE]
-        lines = [smoothed(paths.polyline(graph, routes[i]), SMOOTH * half_width) for i in best]
+        lines = [paths.polyline(graph, routes[i]) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
@@ -209,9 +211,10 @@ def _candidates(
         reaches.append(min(NARROW * half_width + NARROW_PX, reach))
     own = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
     own += [sketch] * clicked
-    lines += [smoothed(line, SMOOTH * half_width) for line in own]
-    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
-    sampled = np.array([spline.resample(line, scoring.SAMPLES) for line in lines])
+    lines = smoothed([*lines, *own], SMOOTH * half_width)
+    mine = [_along(graph, [line], half_width) for line in lines[-len(own) :]]
+    along = np.concatenate([along, mine])
+    sampled = np.array(spline.resample_each(lines, [scoring.SAMPLES] * len(lines)))
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
@@ -234,12 +237,16 @@ def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " 
 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
     """(E,) which pieces lie along some lines."""
+    along = np.zeros(len(graph.pieces), dtype=bool)
     if not lines or not len(graph.pieces):
-        return np.zeros(len(graph.pieces), dtype=bool)
-    dense = [spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines]
+        return along
+    points = np.concatenate([spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines])
     near = choice.EXPLAINED * half_width
-    apart, _ = KDTree(np.concatenate(dense)).query(graph.middles, distance_upper_bound=near)
-    return apart < near
+    around = (graph.middles > points.min(0) - near) & (graph.middles < points.max(0) + near)
+    beside = np.flatnonzero(around.all(1))
+    apart, _ = KDTree(points).query(graph.middles[beside], distance_upper_bound=near)
+    along[beside] = apart < near
+    return along
 
 
 def _start(
@@ -286,9 +293,18 @@ def _rescaled(found: Found) -> Found:
     return Found(seen, starts, found.clusters)
 
 
-def smoothed(line: Line, sigma: float) -> Line:
-    """A polyline resampled every px and smoothed along its length; its ends stay."""
-    dense = spline.resample(line, max(8, int(spline.arc_length(line)[-1]) + 1))
-    before, after = 2 * dense[:1] - dense[:0:-1], 2 * dense[-1:] - dense[-2::-1]
-    extended = np.concatenate([before, dense, after])
-    return ndimage.gaussian_filter1d(extended, sigma, axis=0)[len(before) : -len(after)]
+def smoothed(lines: list[Line], sigma: float) -> list[Line]:
+    """Polylines resampled every px and smoothed along their length; their ends stay."""
+    lines, reach = spline.resample_each(lines), int(TRUNCATE * sigma + 0.5)
+    row = np.concatenate([_mirrored(line, reach) for line in lines])
+    row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=TRUNCATE)
+    first = np.cumsum([reach, *(len(line) + 2 * reach for line in lines[:-1])])
+    return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
+
+
+def _mirrored(line: Line, reach: int) -> Line:
+    """A line that goes on beyond each end as it comes, by so many points."""
+    if len(line) <= reach:
+        return np.pad(line, ((reach, reach), (0, 0)), "reflect", reflect_type="odd")
+    before, after = 2 * line[:1] - line[reach:0:-1], 2 * line[-1:] - line[-2 : -reach - 2 : -1]
+    return np.concatenate([before, line, after])
