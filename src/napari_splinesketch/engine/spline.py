@@ -72,13 +72,14 @@ def resample_each(
     lines: Sequence[Float[Array, "N D"]], counts: Sequence[int] | None = None
 ) -> list[Float[Array, "count D"]]:
     """`resample` for many polylines at once; without counts every px, 8 points at least."""
-    s, ends = arc_length(np.concatenate(lines)), np.cumsum([len(line) for line in lines])
-    first, last = s[ends - [len(line) for line in lines]], s[ends - 1]
-    if counts is None:
-        counts = np.maximum(8, (last - first).astype(int) + 1).tolist()
-    shares = zip(first, last - first, counts, strict=True)
+    points = np.concatenate(lines)
+    s, ends = arc_length(points), np.cumsum([0, *map(len, lines)])
+    first, last = s[ends[:-1]].tolist(), s[ends[1:] - 1].tolist()
+    lengths = [b - a for a, b in zip(first, last, strict=True)]
+    counts = [max(8, int(length) + 1) for length in lengths] if counts is None else counts
+    shares = zip(first, lengths, counts, strict=True)
     target = np.concatenate([start + length * _shares(n) for start, length, n in shares])
-    found = [np.interp(target, s, column) for column in np.concatenate(lines).T]
+    found = [np.interp(target, s, column) for column in points.T]
     return np.split(np.stack(found, axis=1), np.cumsum(counts)[:-1])
 
 

@@ -211,9 +211,8 @@ def _candidates(
         reaches.append(min(NARROW * half_width + NARROW_PX, reach))
     own = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
     own += [sketch] * clicked
+    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     lines = smoothed([*lines, *own], SMOOTH * half_width)
-    mine = [_along(graph, [line], half_width) for line in lines[-len(own) :]]
-    along = np.concatenate([along, mine])
     sampled = np.array(spline.resample_each(lines, [scoring.SAMPLES] * len(lines)))
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
