@@ -84,6 +84,9 @@ def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
         QTest.qWait(50)
         assert plots.ci.boundingRect().width() <= 420
         assert {item.titleLabel.text for item in plots.ci.items} == {one.title for one in pair}
+        plots._draw()
+        heights = [item.vb.height() for item in plots.ci.items]
+        assert heights[0] == pytest.approx(heights[1]), "at once, not after the next paint"
         for plot in plots.ci.items:
             assert plot.titleLabel.item.boundingRect().width() <= plot.boundingRect().width()
 

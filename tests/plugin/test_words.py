@@ -100,3 +100,7 @@ def test_long_words_can_be_broken_and_others_are_left_alone() -> None:
     assert max(len(word) for word in re.split("[\\s\u200b]", said)) < 24
     assert words.notice("done", "Saved 2 curves to my_labels.csv.").count("\u200b") == 0
     assert words.notice("none", "") == ""
+
+
+def test_refitting_that_changes_nothing_says_so() -> None:
+    assert words.tracked([], 4) == "Nothing had to change around frame 4."

@@ -187,6 +187,10 @@ class CurvePlots(pg.GraphicsLayoutWidget):
                 self._say(NO_MODEL)
             else:
                 self._add_residual(profile, profile.residual)
+        # Everything has its place before it is painted, not after.
+        for each in (self._plots, *self._plots.items):
+            if isinstance(each, pg.PlotItem | pg.GraphicsLayout):
+                each.layout.activate()
 
     def _say(self, text: str) -> None:
         label = self._plots.addLabel(text, size=SMALL, color=self.theme.text)

@@ -149,8 +149,10 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
     """Say what came of tracking, or of fitting again around a corrected frame."""
     if corrected is not None:
         frames = sorted(one.frame for one in taken)
-        span = f", from {frames[0]} to {frames[-1]}" if frames else ""
-        return f"Refitted {count(len(frames), 'frame')} around frame {corrected}{span}."
+        if not frames:
+            return f"Nothing had to change around frame {corrected}."
+        span = f"from {frames[0]} to {frames[-1]}"
+        return f"Refitted {count(len(frames), 'frame')} around frame {corrected}, {span}."
     if not taken:
         return "Nothing was tracked."
     last, ended = taken[-1], dict[str, list[str]]()
