@@ -188,8 +188,9 @@ class CurvePlots(pg.GraphicsLayoutWidget):
             else:
                 self._add_residual(profile, profile.residual)
         # Everything has its place before it is painted, not after.
-        for each in (self._plots, *self._plots.items):
-            if isinstance(each, pg.PlotItem | pg.GraphicsLayout):
+        self._plots.layout.activate()
+        for each in self._plots.items:
+            if hasattr(each, "vb"):
                 each.layout.activate()
 
     def _say(self, text: str) -> None:
