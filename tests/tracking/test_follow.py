@@ -96,7 +96,7 @@ def test_a_body_that_is_known_well_is_left_room_to_move_as_a_whole() -> None:
     fake = FakeRefine()
 
     def refine(image: np.ndarray, lines: Any, preset: Any, /, **options: Any) -> Refinement:
-        held.append(preset.hold[0].across if isinstance(preset, Settings) else 0.0)
+        held.append(preset.hold[0].across if isinstance(preset, Settings) and preset.hold else 0.0)
         return fake(image, lines, preset, **options)
 
     body = Body(7, tuple((t, curve(moved(LINE, 0, t))) for t in range(5)))

@@ -1,13 +1,9 @@
-"""What is foretold of a body: ahead, in between, and against the noise."""
-
-from dataclasses import replace
+"""What is foretold of a body: ahead and in between."""
 
 import numpy as np
 
-from napari_splinesketch.tracking import motion, steady
+from napari_splinesketch.tracking import motion
 from napari_splinesketch.tracking.motion import Known
-
-from .test_follow import curve
 
 S = np.linspace(0, 60, 100)
 
@@ -50,34 +46,3 @@ def test_a_gap_is_bridged_from_both_sides() -> None:
         line, sd = motion.between(before, after, frame)
         assert np.linalg.norm(line - winding(frame), axis=1).max() < 3
         assert sd < 4
-
-
-def test_neighbours_average_out_noise_but_no_movement() -> None:
-    rng = np.random.default_rng(1)
-    bump = np.array([np.exp(-((S - c) ** 2) / 50) for c in range(0, 61, 6)])
-
-    def noisy(path, frame: float) -> np.ndarray:
-        return path(frame) + np.column_stack([0.15 * rng.standard_normal(11) @ bump, 0 * S])
-
-    def hopping(frame: float) -> np.ndarray:
-        return drifting(frame) + np.array([6 * np.sin(2.5 * frame), 0])
-
-    for path, better in ((drifting, 0.75), (hopping, 1.1)):
-        errors = []
-        for _ in range(20):
-            lines = {t: noisy(path, t) for t in range(13)}
-            before = [(float(t), lines[t]) for t in range(2, 9)]
-            after = [(float(t), lines[t]) for t in (12, 11, 10)]
-            here = replace(curve(lines[9]), points=lines[9], sd=np.full(100, 0.2))
-            found = steady.steadied(here, 9, before, after)
-            errors.append([np.abs(p - path(9))[:, 0].mean() for p in (found.points, lines[9])])
-            assert (found.sd <= here.sd).all()
-        mine, raw = np.mean(errors, axis=0)
-        assert mine < better * raw
-
-
-def test_neighbours_that_agree_do_not_make_a_curve_exact() -> None:
-    here = replace(curve(drifting(9)), points=drifting(9), sd=np.full(100, 0.2))
-    found = steady.steadied(here, 9, known(drifting, range(2, 9)), known(drifting, (12, 11, 10)))
-    assert (found.sd > 0.45 * here.sd).all()
-    assert (found.sd < 0.6 * here.sd).all()

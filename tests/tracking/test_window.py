@@ -10,7 +10,7 @@ from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
-from napari_splinesketch.tracking.steady import LOOK
+from napari_splinesketch.tracking.surface import REACH
 from napari_splinesketch.tracking.window import LONGEST
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
@@ -75,7 +75,7 @@ def test_memory_does_not_grow_with_the_frames() -> None:
         alive.append(len(views))
         last = result.frame
     assert last == 199
-    assert max(alive) <= LONGEST + LOOK
+    assert max(alive) <= LONGEST + REACH
     assert max(alive[100:]) <= max(alive[:100])
 
 

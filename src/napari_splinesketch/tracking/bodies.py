@@ -16,6 +16,19 @@ LENGTHS = 40
 """Frames that tell its usual length."""
 POINTS = 12
 """Of the line that is carried over."""
+EVEN = 0.01
+"""Share of a body's length by which that varies at least."""
+SHORT, SURELY = 0.5, 1.5
+"""Half-widths, and standard deviations of its length, by which a curve is shorter than its body
+where something may hide the rest."""
+
+
+INFERRED = "inferred from the frames around it"
+
+
+def curve_inferred(curve: Curve) -> bool:
+    """Whether the image does not show some of a curve, or all of it."""
+    return any(INFERRED in reason for reason in curve.reasons)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +58,23 @@ class Body:
         return median(self.lengths or [curve.length for _, curve in self.seen])
 
     @property
+    def length_sd(self) -> float:
+        """By how much its length varies, px."""
+        return max(float(np.std(self.lengths or (0.0,))), EVEN * self.length)
+
+    def lacks(self, curve: Curve) -> bool:
+        """Whether a curve is so short that something may hide the rest."""
+        return self.length - curve.length > self._other_length
+
+    def outgrown(self, curve: Curve) -> bool:
+        """Whether a curve is longer than its body: it goes on along another one."""
+        return curve.length - self.length > 2 * self._other_length
+
+    @property
+    def _other_length(self) -> float:
+        return max(SHORT * self.half_width, SURELY * self.length_sd)
+
+    @property
     def half_width(self) -> float:
         """Usual half-width, px; not a number where nothing is known."""
         return median(float(np.median(curve.half_width)) for _, curve in self.seen)
@@ -54,6 +84,18 @@ class Body:
         line, sd = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
         return motion.of_length(line, self.length), sd
 
+    def completed(self, frame: int, curve: Curve) -> Line:
+        """A curve of which something hides a part, as long as the body: where it fits its movement.
+
+        The last frames together say how fast it goes, and so which end is the one that is hidden.
+        """
+        if not self.lacks(curve):
+            return curve.points
+        known = [(float(t), c.points) for t, c in self.seen]
+        expected, _ = motion.ahead(known, frame, motion.BASE)
+        ways = (motion.of_length(curve.points, self.length, share) for share in (0.0, 0.5, 1.0))
+        return min(ways, key=lambda way: float(np.linalg.norm(way - expected, axis=1).mean()))
+
     def expected(self, frame: int) -> Line:
         """Where to look for it in a frame."""
         return resample(self.foretold(frame)[0], POINTS)
@@ -61,7 +103,9 @@ class Body:
     def with_curve(self, frame: int, curve: Curve) -> "Body":
         """Give the body after a frame in which it can be trusted."""
         seen = (*self.seen, (frame, curve))[-MEMORY:]
-        lengths = (*(self.lengths or [c.length for _, c in self.seen]), curve.length)
+        lengths = self.lengths or tuple(c.length for _, c in self.seen)
+        if not curve_inferred(curve):
+            lengths = (*lengths, curve.length)
         return replace(self, seen=seen, lengths=lengths[-LENGTHS:], misses=0)
 
     def missed(self) -> "Body":

@@ -30,7 +30,7 @@ Mover = Callable[[Points, Points, float], Points]
 """Takes the points before, the last ones and how many such steps to go."""
 
 
-def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
+def ahead(known: Sequence[Known], frame: float, base: int = 0) -> tuple[Points, float]:
     """Where a body is expected in a frame beyond those known, and how far off that may be.
 
     Parameters
@@ -47,7 +47,7 @@ def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
     if len(known) < 2:
         return known[-1][1], np.inf
     lag = abs(frame - known[-1][0])
-    base = 1 if lag < FAR else min(BASE, max((len(known) - 1) // 2, 1))
+    base = min(base or (1 if lag < FAR else BASE), max((len(known) - 1) // 2, 1))
     mover, error, counted = _best(known, base)
     older, newer = known[-1 - base], known[-1]
     line = mover(older[1], newer[1], steps_to(older, newer, frame))
@@ -82,11 +82,11 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> tu
     return (1 - blend) * forth + blend * back, max(sd, apart / 2)
 
 
-def of_length(line: Points, length: float) -> Points:
-    """The line, made longer or shorter at both ends alike."""
+def of_length(line: Points, length: float, share: float = 0.5) -> Points:
+    """The line, made longer or shorter, by such a share of that at its beginning."""
     s = arc_length(line)
-    more = (length - s[-1]) / 2
-    at = np.linspace(-more, s[-1] + more, len(line))
+    more = length - s[-1]
+    at = np.linspace(-share * more, s[-1] + (1 - share) * more, len(line))
     return _along(line, s, at)
 
 

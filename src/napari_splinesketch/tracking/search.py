@@ -1,11 +1,14 @@
 """Placing the bodies of one frame: first where they are expected, then wherever they may be."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening
 
+from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import SETTINGS, Hold, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
@@ -15,7 +18,7 @@ from napari_splinesketch.engine.types import (
     Progress,
     Refinement,
 )
-from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.bodies import INFERRED, SHORT, Body
 from napari_splinesketch.tracking.drift import (
     along_any,
     apart_from,
@@ -34,15 +37,19 @@ LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
 SURE = 0.8
 """Half-widths: where a body is known so well, it is not searched for."""
-HOLDS = 3.0, 0.5
+LOOSE, STRICT = 3.0, 0.5
 """Errors of a prediction go together along a body: each of about ten knots is to be believed by
-the square root of that less, or the curve lags behind its body; and by so much where a curve that
-is free to leave its body does."""
+the square root of that less, or the curve lags behind its body; and by so much across it where a
+curve that is free to leave its body does, or where something hides a part of it."""
+COVERED = 1.0
+"""Half-widths around the stretches that something hides in which the image is not asked, beside
+those of the body itself."""
 ON_OTHERS = 0.5
 """Share of a curve that may lie on others where it is not foretold."""
 LEAST, MOST = 0.5, 0.8
-"""Share of a curve that the image must show, and below which the rest is said to be inferred."""
-INFERRED = "inferred from the frames around it"
+"""Share of a curve that the image must show, and below which the rest is said to be inferred ..."""
+UNSEEN = 0.04
+"""... or, where something seems to hide it, the share that is not shown above which it is."""
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
 
@@ -101,6 +108,8 @@ class Search:
         self._frame, self._view, self._expected, self._given = frame, view, expected, given
         self._refine, self._report = refine, report
         self._preset: PresetName = preset
+        ends = view.place.to_block(np.eye(2) * [0, 1])
+        self._unit = float(np.linalg.norm(ends[1] - ends[0]))  # px of the view in one of the image
 
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
@@ -122,15 +131,68 @@ class Search:
     ) -> dict[int, Found]:
         """Fit bodies to where they are foretold, with how surely, without any search."""
         found: dict[int, Found] = {}
-        unit = np.linalg.norm(np.diff(self._view.place.to_block(np.eye(2) * [0, 1]), axis=0))
         lines = {b.id: foretold[b.id][0] for b in bodies}
-        for hold in HOLDS if self._preset != "paper" else ():
-            tried = [b for b in bodies if b.id not in found or not found[b.id].trusted]
-            if tried:
-                sds = [hold * float(unit * foretold[b.id][1]) for b in tried]
-                known = tuple(Hold(sd, sd, sd) for sd in sds)
-                self._attempt(0, tried, lines, replace(SETTINGS[self._preset], hold=known), found)
+        if self._preset == "paper":
+            return found
+        settings = SETTINGS[self._preset]
+        sd = {b.id: float(self._unit * foretold[b.id][1]) for b in bodies}
+        loose = tuple(Hold(*[LOOSE * sd[b.id]] * 3) for b in bodies)
+        self._attempt(0, bodies, lines, replace(settings, hold=loose), found)
+        curves = {b.id: found[b.id].curve for b in bodies}
+        whole = {b.id: b.completed(self._frame, c) for b in bodies if b.lacks(c := curves[b.id])}
+        hidden = {b.id for b in bodies if self._drawn_back(b, curves[b.id], *foretold[b.id])}
+        hidden |= set(whole)
+        grown = {b.id for b in bodies if b.outgrown(curves[b.id])}
+        again = [b for b in bodies if not found[b.id].trusted or b.id in hidden | grown]
+        holds = []
+        for b in again:
+            if b.id in hidden:
+                across = (LOOSE if found[b.id].trusted else STRICT) * sd[b.id]
+                along = LOOSE * sd[b.id] + self._unit
+                holds.append(Hold(across, along, self._unit * b.length_sd))
+            else:
+                holds.append(Hold(*[STRICT * sd[b.id]] * 3))
+        strict = replace(settings, hold=tuple(holds))
+        self._attempt(0, again, lines | whole, strict, found, hidden=hidden, better=hidden | grown)
         return found
+
+    def _drawn_back(self, body: Body, curve: Curve, foretold: Line, sd: float) -> bool:
+        """Whether a curve ends before its body does where that is foretold, but not seen."""
+        unseen, line = self._unseen(body, foretold), curve.points
+        for end, inner in ((0, 1), (-1, -2)):
+            way = line[end] - line[inner]
+            beyond = (foretold[end] - line[end]) @ way / (np.linalg.norm(way) + 1e-9)
+            if unseen[end] and beyond > max(SHORT * body.half_width, 2 * sd):
+                return True
+        return False
+
+    def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
+        """Where the image does not show a body: at its ends, or for more than its width."""
+        seen = np.asarray(binary_closing(self._seen(self._view.place.to_block(line))), bool)
+        unseen = ~seen
+        width = max(round(body.half_width / body.length * len(line)), 1)
+        end = max(round(SHORT * width), 1)
+        shown = np.flatnonzero(seen)
+        wide = np.asarray(binary_opening(unseen, iterations=width), bool)
+        if len(shown) and shown[0] >= end:
+            wide[: shown[0]] = True
+        if len(shown) and shown[-1] < len(line) - end:
+            wide[shown[-1] + 1 :] = True
+        return wide
+
+    def _uncovered(self, view: View, bodies: Sequence[Body], lines: Mapping[int, Line]) -> View:
+        """The view without the pixels where bodies should be, but the image does not show them."""
+        pixels = view.pixels.astype(float)
+        for body in bodies:
+            line = lines[body.id]
+            width = max(round(body.half_width / body.length * len(line)), 1)
+            near = np.asarray(binary_dilation(self._unseen(body, line), iterations=width), bool)
+            for run in np.ma.clump_masked(np.ma.array(near, mask=near)):
+                at = view.place.to_block(line[run])
+                reach = (1 + COVERED) * self._unit * body.half_width
+                rows, columns, mask = band(at, reach, pixels.shape)
+                pixels[rows, columns][mask] = np.nan
+        return replace(view, pixels=pixels)
 
     def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
         """What the image itself suggests for bodies in doubt."""
@@ -150,8 +212,15 @@ class Search:
         lines: Mapping[int, Line],
         preset: PresetName | Settings,
         found: dict[int, Found],
+        *,
+        hidden: Collection[int] = (),
+        better: Collection[int] = (),
     ) -> None:
-        """Refine the lines of some bodies among the others; keep what is better than before."""
+        """Refine the lines of some bodies among the others; keep what is better than before.
+
+        Curves of those that are `better` held replace others against which as much speaks; of those
+        that are `hidden`, the image is not asked where it does not show them.
+        """
         bodies = [body for body in bodies if body.id in lines]
         if not bodies:
             return
@@ -160,15 +229,19 @@ class Search:
         fixed = [*self._given.values(), *(one.curve for one in others if not one.empty)]
         wanted = [lines[b.id] for b in bodies]
         view = self._view.around(wanted) if self.refinement else self._view
-        refinement = self._refined(view, wanted, fixed, preset, number)
+        covered = [b for b in bodies if b.id in hidden]
+        shown = self._uncovered(view, covered, lines) if covered else view
+        refinement = self._refined(shown, wanted, fixed, preset, number)
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         around = {**self._given, **{one.id: one.curve for one in others}}
         everyone = [*curves, *around.values()]
         shared = on_one_body(everyone)
         names = [body.id for body in bodies] + list(around)
         seen = seeing(view, refinement, self._contrast)
+        if not self.refinement:
+            self._seen = seen
         held = isinstance(preset, Settings) and preset.hold is not None
-        better = False
+        kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
             there = float(seen(refinement.curves[i].points).mean())
@@ -181,7 +254,8 @@ class Search:
             torn = self._smooth and there < MOST and parts(body, refinement.curves[i], seen)
             if torn:
                 self.parts[body.id] = torn
-            if held and LEAST < there < MOST:
+            partly = held and LEAST < there < MOST
+            if partly or (body.id in hidden and self._unseen(body, curve.points).mean() > UNSEEN):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
             if i in shared and not (held and runs_along(lines[body.id], everyone[shared[i]])):
@@ -191,10 +265,10 @@ class Search:
             failed = curve.status == "failed"
             empty = failed or there <= LEAST
             one = Found(body.id, lines[body.id], curve, tuple(said), empty)
-            if body.id not in found or one.score < found[body.id].score:
+            if body.id not in found or one.score < found[body.id].score + (body.id in better):
                 found[body.id] = one
-                better = True
-        if better:
+                kept = True
+        if kept:
             before = self.refinement
             self.refinement = _pasted(before, refinement, view.place) if before else refinement
 

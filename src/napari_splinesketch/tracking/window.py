@@ -15,12 +15,13 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.tracking import identity, motion, steady
+from napari_splinesketch.tracking import identity, motion, surface
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import folds, near_others
 from napari_splinesketch.tracking.identity import Foretold
 from napari_splinesketch.tracking.motion import Known, Points
 from napari_splinesketch.tracking.search import INFERRED, Search
+from napari_splinesketch.tracking.surface import Seen
 from napari_splinesketch.tracking.types import Refine, Tracked
 
 LONGEST = 30
@@ -31,6 +32,8 @@ CLEAR = 2
 """Frames in which a body must be clear of others and of doubts before a stretch is over."""
 LIKELY = 12.0
 """How unlikely (-2 log) the way through a stretch may be that is beyond doubt."""
+SIDE = 5
+"""Frames after one that foretell a body there."""
 FEWEST_SEEN = 4
 """Frames of a body that must be known before others tell anything."""
 FEWEST = 8
@@ -63,7 +66,7 @@ class Window:
         self._held: list[Tracked] = []
         self._begin = 0
         self._open: dict[int, _Stretch] = {}
-        self._seen: dict[int, list[Known]] = {}
+        self._seen: dict[int, list[Seen]] = {}
 
     def push(
         self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
@@ -116,17 +119,16 @@ class Window:
         while count:
             first, later = self._held[0], self._held[1:count]
             noisy = {i: c for i, c in first.by_id.items() if self._worth(i, c)}
-            if noisy and len(later) < steady.LOOK and not end:
+            if noisy and len(later) < surface.REACH and not end:
                 break
-            after = {i: self._after(i, later) for i in noisy}
             steadied = {
-                i: steady.steadied(c, first.frame, self._seen[i], after[i])
+                i: surface.steadied(c, first.frame, [*self._seen[i], *self._after(i, later)])
                 for i, c in noisy.items()
             }
             for i, curve in first.by_id.items():
                 if INFERRED not in curve.reasons:
-                    seen = [*self._seen.get(i, []), _known(first.frame, curve)]
-                    self._seen[i] = seen[-steady.KNOWN :]
+                    seen = [*self._seen.get(i, []), (first.frame, curve)]
+                    self._seen[i] = seen[-surface.KNOWN :]
             self._begin += 1
             count -= 1
             del self._held[0]
@@ -134,12 +136,12 @@ class Window:
 
     def _worth(self, name: int, curve: Curve) -> bool:
         """Whether the image leaves a curve so uncertain that its neighbours make it better."""
-        return np.median(curve.sd) > steady.NOISY and len(self._seen.get(name, [])) >= FEWEST_SEEN
+        return np.median(curve.sd) > surface.NOISY and len(self._seen.get(name, [])) >= FEWEST_SEEN
 
-    def _after(self, name: int, later: list[Tracked]) -> list[Known]:
-        """What is known of a body after a frame, the nearest last."""
-        known = [(r.frame, r.by_id.get(name)) for r in later[: steady.LOOK]]
-        return [_known(t, c) for t, c in known if c and INFERRED not in c.reasons][::-1]
+    def _after(self, name: int, later: list[Tracked]) -> list[Seen]:
+        """What is known of a body in the frames after one."""
+        known = [(r.frame, r.by_id.get(name)) for r in later[: surface.REACH]]
+        return [(t, c) for t, c in known if c and INFERRED not in c.reasons]
 
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
         """Give all that are left, decided as well as may be, or as they are."""
@@ -191,24 +193,19 @@ class Window:
         first = min(s.first for s in stretches.values()) - self._begin
         end = len(self._held) - CLEAR
         names = sorted(stretches)
-        clear = self._held[end:][::-1]
-        after = {i: [_known(r.frame, r.by_id[i]) for r in clear] for i in names}
-        before = {i: [_known(t, c) for t, c in stretches[i].anchor.seen] for i in names}
-        found: dict[int, list[tuple[int, Curve]]] = {i: [] for i in names}
+        before = {i: [_known(*seen) for seen in stretches[i].anchor.seen] for i in names}
+        found = {i: [(r.frame, r.by_id[i]) for r in self._held[end:]] for i in names}
         for k in range(end - 1, first - 1, -1):
             here = [i for i in names if stretches[i].first <= self._begin + k]
+            after = {i: [_known(*seen) for seen in found[i][:SIDE][::-1]] for i in here}
             self._held[k] = self._again(self._held[k], here, before, after, stretches)
-            for i, curve in self._held[k].by_id.items():
-                if i in here and INFERRED not in curve.reasons:
-                    after[i] = [*after[i], _known(self._held[k].frame, curve)][-5:]
+            for i in here:
+                if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
                     found[i].insert(0, (self._held[k].frame, curve))
-        bodies = {}
+        bodies = {i: stretches[i].anchor for i in names}
         for i in names:
-            latest = [(r.frame, r.by_id[i]) for r in self._held[end:]]
-            body = stretches[i].anchor
-            for frame, curve in [*found[i], *latest]:
-                body = body.with_curve(frame, curve)
-            bodies[i] = body
+            for seen in found[i]:
+                bodies[i] = bodies[i].with_curve(*seen)
         return bodies
 
     def _again(
