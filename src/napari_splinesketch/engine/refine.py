@@ -87,18 +87,19 @@ def refine(
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
     try:
-        progress("looking at the image", 0.0)
-        for island in islands.split(image, lines, usable, fixed):
-            pixels = island.pose.cut(image)
-            blank = checks.blank(pixels[island.near])
-            if blank:
-                faults = [blank if i in island.members else f for i, f in enumerate(faults)]
-                continue
-            for members, seen in scene.read_scenes(pixels, island.sketches, polarity, half_width):
-                mine = island.of(members)
-                with compile_cache.kept():
+        with compile_cache.kept():
+            progress("looking at the image", 0.0)
+            for island in islands.split(image, lines, usable, fixed):
+                pixels = island.pose.cut(image)
+                blank = checks.blank(pixels[island.near])
+                if blank:
+                    faults = [blank if i in island.members else f for i, f in enumerate(faults)]
+                    continue
+                scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
+                for members, seen in scenes:
+                    mine = island.of(members)
                     parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
-                progress.done(parts[-1])
+                    progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
     return assemble.assemble(image, drawn, faults, parts, began)

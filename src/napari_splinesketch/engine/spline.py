@@ -34,6 +34,12 @@ def _cardinal(knots: int) -> CubicSpline:
     return CubicSpline(np.arange(knots), np.eye(knots), bc_type="natural")
 
 
+@lru_cache(maxsize=64)
+def even_basis(knots: int, count: int) -> Float[Array, "count K"]:
+    """`basis` at points uniform in the parameter, from end to end; do not change it."""
+    return basis(knots, np.linspace(0.0, 1.0, count))
+
+
 def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     """(N,) arc length of a polyline (its first two columns) from its first point, px."""
     steps = points[1:, :2] - points[:-1, :2]
@@ -98,8 +104,7 @@ def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:
 
 def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:
     """Points of the spline through `knots`, uniform in arc length (of row and col)."""
-    u = np.linspace(0.0, 1.0, 8 * count)
-    return resample(basis(len(knots), u) @ knots, count)
+    return resample(even_basis(len(knots), 8 * count) @ knots, count)
 
 
 def fit_knots(points: Float[Array, "N D"], knots: int) -> Float[Array, "K D"]:

@@ -81,7 +81,7 @@ class Body:
 
     def points(self, count: int = 48) -> Float[Array, "count 2"]:
         """Points of the centreline, uniform in the spline's parameter."""
-        return spline.basis(len(self.knots), np.linspace(0, 1, count)) @ self.knots
+        return spline.even_basis(len(self.knots), count) @ self.knots
 
 
 Report = Callable[[float, Callable[[], list[Body]]], None]
@@ -212,8 +212,7 @@ def _meeting(pixels: list[Int[Array, " m"]], width: int) -> Bool[Array, "n n"]:
 def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2"]:
     """Points of the centrelines of many parameter vectors, uniform in the spline's parameter."""
     k = (theta.shape[1] - len(GLOBALS)) // 2
-    rows = spline.basis(k, np.linspace(0, 1, count))
-    return rows @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
+    return spline.even_basis(k, count) @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
 
 
 def _widths(theta: Float[Array, "n D"], half_width: float) -> Float[Array, " n"]:

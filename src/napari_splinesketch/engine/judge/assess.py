@@ -25,9 +25,8 @@ def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P
 
 def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " count"]:
     """(count,) spline parameters of points uniform in arc length."""
-    u = np.linspace(0, 1, 8 * count)
-    s = spline.arc_length(spline.basis(len(knots), u) @ knots)
-    return np.interp(np.linspace(0, s[-1], count), s, u)
+    s = spline.arc_length(spline.even_basis(len(knots), 8 * count) @ knots)
+    return np.interp(np.linspace(0, s[-1], count), s, np.linspace(0, 1, 8 * count))
 
 
 def make_curve(

@@ -1,5 +1,6 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -111,10 +112,23 @@ def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
 
 def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
     """A reduced image at its full size (H, W) again."""
-    if factor == 1:
-        return image
-    wide = np.asarray(ndimage.zoom(image, factor, order=1, mode="nearest", grid_mode=True))
-    return wide[: shape[0], : shape[1]]
+    return image if factor == 1 else _stretched(image, (factor, factor), shape)
+
+
+def _stretched(
+    image: Float[Array, "h w"], factors: Sequence[int], shape: tuple[int, ...]
+) -> Float[Array, "H W"]:
+    """An image enlarged by whole factors, linearly between the pixels' centres, cut to a shape."""
+    for axis, (factor, size) in enumerate(zip(factors, shape, strict=True)):
+        at = np.clip((np.arange(size) + 0.5) / factor - 0.5, 0, image.shape[axis] - 1)
+        low = at.astype(int)
+        part = (at - low).astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
+        above = image.take(np.minimum(low + 1, image.shape[axis] - 1), axis)
+        above *= part
+        image = image.take(low, axis)
+        image *= 1 - part
+        image += above
+    return image
 
 
 def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
@@ -149,5 +163,4 @@ def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
     if medians.size == 1:
         return np.full(height.shape, medians[0, 0], np.float32)
     medians = ndimage.median_filter(medians, 3, mode="nearest")
-    wide = ndimage.zoom(medians, sides, order=1, mode="nearest", grid_mode=True)
-    return np.asarray(wide)[: height.shape[0], : height.shape[1]]
+    return _stretched(medians, sides, height.shape)

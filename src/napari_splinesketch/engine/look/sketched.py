@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import ndimage
 
 from napari_splinesketch.engine import spline
@@ -99,18 +99,15 @@ def look_around(
         wanted = range(int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right")))
     reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
     at, near = _profiles(line, reach)
-    heights = np.zeros((2, wanted.stop, len(at)))
+    heights, reduced = np.zeros((2, wanted.stop, len(at))), {}
     for rung in wanted:
-        factor = ridges.factor(rung)
-        both = ridges.heights(rung)
-        size = np.array(both[0].shape)
-        inside = ((at > -0.5) & (at < size * factor - 0.5)).all(2)
-        r, c = (
-            np.clip(np.rint((at + 0.5) / factor - 0.5), 0, size - 1).astype(int).transpose(2, 0, 1)
-        )
+        both, factor = ridges.heights(rung), ridges.factor(rung)
+        if factor not in reduced:
+            reduced[factor] = _pixels(at, near, both[0].shape, factor)
+        pixels, weight = reduced[factor]
         chance = CHANCE * ridges.noise / np.sqrt(max(BLUR * WIDTHS[rung], 0.5))
         for k, height in enumerate(both):
-            heights[k, rung] = np.where(inside, near * height[r, c], 0).max(1) - chance
+            heights[k, rung] = (weight * height.ravel()[pixels]).max(1) - chance
     best = np.maximum(heights.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
@@ -119,6 +116,17 @@ def look_around(
         k = int(np.argmax(typical >= ENOUGH * typical.max()))
         found.append(Around(sign * vote, k, float(max(typical[k], 0.0)), tuple(typical.tolist())))
     return found[0], found[1]
+
+
+def _pixels(
+    at: Float[Array, "P T 2"], near: Float[Array, " T"], shape: tuple[int, int], factor: int
+) -> tuple[Int[Array, "P T"], Float[Array, "P T"]]:
+    """Flat indices of points in an image reduced to a shape, and their weights; 0 outside of it."""
+    inside, flat = np.ones(at.shape[:2], dtype=bool), np.zeros(at.shape[:2], dtype=int)
+    for x, size in zip(at.transpose(2, 0, 1), shape, strict=True):
+        inside &= (x > -0.5) & (x < size * factor - 0.5)
+        flat = flat * size + np.clip(np.rint((x + 0.5) / factor - 0.5), 0, size - 1).astype(int)
+    return flat, near * inside
 
 
 def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P T 2"], Float[Array, " T"]]:
