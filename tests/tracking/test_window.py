@@ -93,8 +93,18 @@ def test_frames_wait_without_their_pictures_and_are_gone_through_again_around_th
     def read(frame: int, lines: Sequence[np.ndarray]) -> View:
         return View(np.zeros_like(large) if frame in (5, 6) else large)
 
+    def read_and_note(frame: int, lines: Sequence[np.ndarray]) -> View:
+        alive.append(len(views))
+        view = read(frame, lines)
+        views.add(view)
+        return view
+
+    views: WeakSet[View] = WeakSet()
+    alive: list[int] = []
     start = [Body(7, ((0, curve(LINE)),))]
-    results = list(follow(range(1, 11), start, read, refine=refine, pictures=False))
+    tracked = follow(range(1, 11), start, read_and_note, refine=refine, pictures=False)
+    results = list(tracked)
+    assert max(alive) <= 1, "whole frames are not kept"
     assert [r.frame for r in results] == list(range(1, 11))
     assert all(r.refinement is not None and not r.refinement.background.size for r in results)
     assert max(sizes) == large.size and min(sizes) < large.size / 4

@@ -82,7 +82,7 @@ def follow(
 
         refine = cast(Refine, engine)
     step = _Step(read, refine, preset, smooth, pictures)
-    window = Window(refine, preset)
+    window = Window(refine, preset, pictures)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
         try:

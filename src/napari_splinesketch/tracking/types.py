@@ -104,6 +104,25 @@ class View:
         part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
         return View(self.pixels[part], Part(self.place, low), whole=False)
 
+    def copied(self) -> "View":
+        """The same without the frame that its pixels may be a part of."""
+        return replace(self, pixels=self.pixels.copy())
+
+
+def joined(views: Sequence[View]) -> View:
+    """One view of some parts of a frame, without values in between."""
+    places = [view.place for view in views if isinstance(view.place, Part)]
+    if len(places) < max(len(views), 2):
+        return views[0]
+    corners = np.array([place.corner for place in places]).astype(int)
+    low = corners.min(0)
+    size = (corners + [view.pixels.shape for view in views]).max(0) - low
+    pixels = np.full(size, np.nan)
+    for view, (row, column) in zip(views, corners - low, strict=True):
+        rows, columns = view.pixels.shape
+        pixels[row : row + rows, column : column + columns] = view.pixels
+    return View(pixels, Part(places[0].rest, low.astype(float)), whole=False)
+
 
 @dataclass(frozen=True, eq=False)
 class Given:

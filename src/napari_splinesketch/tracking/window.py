@@ -6,7 +6,7 @@ by what the frames before and after foretell, and what it does not show is infer
 A film in which nothing of the kind happens passes through frame by frame.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -22,7 +22,7 @@ from napari_splinesketch.tracking.identity import Foretold
 from napari_splinesketch.tracking.motion import Known, Points
 from napari_splinesketch.tracking.search import INFERRED, Search
 from napari_splinesketch.tracking.surface import Seen
-from napari_splinesketch.tracking.types import Refine, Tracked
+from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
 
 LONGEST = 30
 """Frames that are held back at most; then they are given as they are."""
@@ -60,10 +60,12 @@ class _Stretch:
 class Window:
     """Holds back the frames that are not decided yet."""
 
-    def __init__(self, refine: Refine, preset: PresetName):
-        self._refine = refine
+    def __init__(self, refine: Refine, preset: PresetName, pictures: bool):
+        self._refine, self._pictures = refine, pictures
         self._preset: PresetName = preset
         self._held: list[Tracked] = []
+        self._views: list[dict[int, View]] = []
+        """What is kept of each frame for the bodies that are in doubt there."""
         self._begin = 0
         self._open: dict[int, _Stretch] = {}
         self._seen: dict[int, list[Seen]] = {}
@@ -78,11 +80,24 @@ class Window:
         self._held.append(result)
         number = self._begin + len(self._held) - 1
         self._note(result, given, before, number)
+        self._keep(result, before)
         known: dict[int, Body] = {}
         for group in self._groups():
             over = number - min(self._open[i].first for i in group) >= LONGEST
             known |= self._close(group, over)
         return known
+
+    def _keep(self, result: Tracked, before: Mapping[int, Body]) -> None:
+        """Keep the pixels around the bodies in doubt; all of them where pictures are wanted."""
+        curves, kept = result.by_id, {}
+        if view := result.view:
+            for i in self._open:
+                lines = [curves[i].points] if i in curves else []
+                lines += [before[i].expected(result.frame)] if i in before else []
+                kept[i] = view if self._pictures else view.around(lines).copied()
+        self._views.append(kept)
+        if not self._pictures:
+            self._held[-1] = replace(result, view=None)
 
     def _close(self, group: set[int], over: bool) -> dict[int, Body]:
         """Decide on the stretches of a group that are over, or all if there is no more time."""
@@ -131,7 +146,7 @@ class Window:
                     self._seen[i] = seen[-surface.KNOWN :]
             self._begin += 1
             count -= 1
-            del self._held[0]
+            del self._held[0], self._views[0]
             yield first.with_curves({**first.by_id, **steadied})
 
     def _worth(self, name: int, curve: Curve) -> bool:
@@ -198,7 +213,8 @@ class Window:
         for k in range(end - 1, first - 1, -1):
             here = [i for i in names if stretches[i].first <= self._begin + k]
             after = {i: [_known(*seen) for seen in found[i][:SIDE][::-1]] for i in here}
-            self._held[k] = self._again(self._held[k], here, before, after, stretches)
+            views = [self._views[k][i] for i in here if i in self._views[k]]
+            self._held[k] = self._again(self._held[k], views, here, before, after, stretches)
             for i in here:
                 if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
                     found[i].insert(0, (self._held[k].frame, curve))
@@ -211,6 +227,7 @@ class Window:
     def _again(
         self,
         result: Tracked,
+        views: Sequence[View],
         names: list[int],
         before: Mapping[int, list[Known]],
         after: Mapping[int, list[Known]],
@@ -223,9 +240,11 @@ class Window:
         widths = {i: stretches[i].anchor.half_width for i in names}
         taken = identity.matched(foretold, there, widths)
         chosen = {i: identity.run_like(there[j], foretold[i][0]) for i, j in taken.items()}
-        if result.view is not None and result.refinement is not None:
-            fitted = self._held_to(result, names, others, foretold, stretches)
-            noise = result.refinement.model.noise / max(result.refinement.model.contrast, 1e-30)
+        if views and result.refinement:
+            contrast = abs(result.refinement.model.contrast)
+            noise = result.refinement.model.noise / max(contrast, 1e-30)
+            near = joined(views).around([line for line, _ in foretold.values()])
+            fitted = self._held_to(result.frame, near, contrast, others, foretold, stretches)
             for i, curve in fitted.items():
                 old = chosen.get(i)
                 costs = [identity.cost_of(c, foretold[i], noise) for c in (curve, old) if c]
@@ -241,23 +260,19 @@ class Window:
 
     def _held_to(
         self,
-        result: Tracked,
-        names: list[int],
+        frame: int,
+        view: View,
+        contrast: float,
         others: Mapping[int, Curve],
         foretold: Mapping[int, Foretold],
         stretches: Mapping[int, _Stretch],
     ) -> dict[int, Curve]:
         """Fit bodies again where both sides foretell them; those that the image shows there."""
-        refinement, view = result.refinement, result.view
-        if refinement is None or view is None:
-            return {}
-        lines = {i: foretold[i][0] for i in names}
-        near = view.around(list(lines.values()))
+        lines = {i: line for i, (line, _) in foretold.items()}
         search = Search(
-            result.frame, near, lines, others, self._refine, self._preset,
-            lambda progress: None, abs(refinement.model.contrast),
-        )  # fmt: skip
-        found = search.held([stretches[i].anchor for i in names], foretold)
+            frame, view, lines, others, self._refine, self._preset, lambda progress: None, contrast
+        )
+        found = search.held([stretches[i].anchor for i in foretold], foretold)
         return {
             i: one.curve
             for i, one in found.items()
