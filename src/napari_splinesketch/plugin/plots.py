@@ -147,6 +147,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
     def __init__(self, theme: Theme):
         super().__init__()
         self.theme, self._plots = theme, cast(Any, self.ci)
+        cast(Any, self.sceneObj).contextMenu.clear()  # Export: as SVG it fails with Qt 6.11
         self._font = self.font()
         self._font.setPointSize(8)
         self.setMinimumSize(320, 130)
@@ -213,7 +214,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
     def _style(self, axis: Any) -> None:
         axis.enableAutoSIPrefix(False)
         axis.setTextPen(self.theme.text)
-        axis.setStyle(tickFont=self._font, maxTickLevel=0)
+        axis.setStyle(tickFont=self._font, maxTickLevel=0, hideOverlappingLabels=False)
 
     def _add_half_width(self, profile: Profile) -> None:
         """Draw the half-widths along a curve, and how far they may be off."""

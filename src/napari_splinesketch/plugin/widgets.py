@@ -15,10 +15,6 @@ NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
 
 
-EDGE = 8
-"""From a shortened name to the arrow of its combo box, px."""
-
-
 def button(
     text: str = "", tip: str = "", run: Callable[[], object] | None = None
 ) -> qt.QPushButton:
@@ -219,6 +215,6 @@ class LayerChoice(qt.QComboBox):
         parts = qt.QStyle.ComplexControl.CC_ComboBox, qt.QStyle.SubControl.SC_ComboBoxEditField
         style = self.style()
         room = style.subControlRect(parts[0], option, parts[1], self).width() if style else 0
-        option.currentText = self.shortened(room - EDGE)
+        option.currentText = self.shortened(room - 2)
         painter.drawComplexControl(parts[0], option)
         painter.drawControl(qt.QStyle.ControlElement.CE_ComboBoxLabel, option)
