@@ -32,7 +32,7 @@ first row and column and last ones."""
 def hiding(path: Path) -> None:
     """Draw frames of a film with the curves of its bodies, dashed where they are inferred."""
     made = film(HIDES, motion="crawl", hidden=5)
-    first = refine(made.images[0], [line[::20] for line in made.centrelines[0]])
+    first = refine(made.images[0], [line[::11] for line in made.centrelines[0]])
     bodies = [Body(i, ((0, curve),)) for i, curve in enumerate(first.curves)]
     frames = range(1, len(made.images))
     tracked = {r.frame: r for r in follow(frames, bodies, lambda t, _: View(made.images[t]))}
@@ -70,7 +70,7 @@ def kymograph(path: Path) -> None:
     viewer: Any = Viewer()
     viewer.window.resize(1300, 800)
     viewer.add_image(made.images, name="film")
-    lines = [np.insert(line[::20], 0, 0, axis=1) for line in made.centrelines[0]]
+    lines = [np.insert(line[::11], 0, 0, axis=1) for line in made.centrelines[0]]
     viewer.add_shapes(lines, shape_type="path", name="film sketches")
     dock = SplinesketchDock(viewer)
     viewer.window.add_dock_widget(dock, name="Splinesketch")

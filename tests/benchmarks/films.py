@@ -1,17 +1,20 @@
 """Films with truth: who is followed, how exactly, through crossings and out of sight.
 
     python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--real] [--write]
+    python tests/benchmarks/films.py --many BODIES FRAMES [--write]
 
 Every film is tracked frame by frame and with the frames around it. Prints a table; with --write,
 docs/films.md gets all that were measured. With --real, the sample film is tracked to its end and
-back, and nothing else is done. Without --held-out, films are those that settings may be
-chosen on. What was measured is kept in docs/films/tracked.json and not measured again; delete it to
-do so.
+back, and nothing else is done; with --many, one film of many bodies is tracked as the command line
+does it, to see what time and memory it takes. Without --held-out, films are those that settings may
+be chosen on. What was measured is kept in docs/films/tracked.json and not measured again; delete it
+to do so.
 """
 
 import argparse
 import json
 import os
+import resource
 import time
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
@@ -48,6 +51,8 @@ CASES: dict[str, dict[str, Any]] = {
 }
 BEYOND, SAME = 2.0, 4.0
 """Average DTW, px: beyond which a curve is wrong, and within which it lies on a body."""
+SIDE = 108.0
+"""Side of a film of one body, px; of many, times the root of their number."""
 SEEN = 0.95
 """Share of a body that is seen where its curve is compared with all of it."""
 
@@ -200,6 +205,33 @@ def there_and_back(movie: np.ndarray) -> str:
     return table
 
 
+def many(bodies: int, frames: int) -> str:
+    """Time and memory from frame to frame of a film with many bodies that touch where they go."""
+    side = int(SIDE * bodies**0.5)
+    size: dict[str, Any] = {"shape": (side, side), "bodies": bodies, "frames": frames}
+    shown = film(1, crossing=False, touching=True, length=50.0, snr=8.0, **size)
+    first = refine(shown.images[0], [line[::11] for line in shown.centrelines[0]])
+    start = [Body(i, ((0, c),)) for i, c in enumerate(first.curves) if c.status != "failed"]
+    table = "| frame | held back | ms of CPU a body and frame | largest memory so far, MB "
+    table += "| beyond 2 px or lost |\n|---|---|---|---|---|\n"
+    read, wrong, began = 0, 0, time.process_time()
+
+    def view(frame: int, _: Any) -> View:
+        nonlocal read
+        read = frame
+        return View(shown.images[frame])
+
+    for result in follow(range(1, frames), start, view, pictures=False):
+        lines = shown.centrelines[result.frame]
+        here = result.by_id
+        wrong += bodies - sum(average_dtw(c.points, lines[i]) < BEYOND for i, c in here.items())
+        spent = 1e3 * (time.process_time() - began) / read / bodies
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+        cells = result.frame, read - result.frame, f"{spent:.0f}", memory, wrong
+        table += "| " + " | ".join(map(str, cells)) + " |\n"
+    return table
+
+
 def _inferred(curve: Any) -> bool:
     return any("inferred" in reason for reason in curve.reasons)
 
@@ -213,12 +245,14 @@ def main() -> None:
     parser.add_argument("--held-out", action="store_true")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--real", action="store_true")
+    parser.add_argument("--many", type=int, nargs=2, metavar=("BODIES", "FRAMES"))
     options = parser.parse_args()
-    if options.real:
-        table = there_and_back(skimage.io.imread(SAMPLE))
+    if options.real or options.many:
+        name = "there and back" if options.real else "many bodies"
+        table = there_and_back(skimage.io.imread(SAMPLE)) if options.real else many(*options.many)
         print(table)
         if options.write:
-            insert("there and back", table, PAGE)
+            insert(name, table, PAGE)
         return
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for case, index, (mode, smooth) in product(options.cases, range(options.films), MODES.items()):

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from napari_splinesketch.tracking import Body
+from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED
+from napari_splinesketch.tracking.search import Search
 
-from .test_follow import curve
+from .test_follow import BRIGHT, LINE, FakeRefine, curve
 
 WHOLE = np.linspace(0, 60, 61)
 
@@ -34,3 +35,12 @@ def test_a_length_that_was_not_seen_tells_nothing_of_the_length() -> None:
     assert BODY.with_curve(6, short).lengths[-1] == pytest.approx(40)
     inferred = replace(short, reasons=(f"part of it is {INFERRED}",))
     assert BODY.with_curve(6, inferred).lengths == (BODY.lengths or (pytest.approx(60),) * 6)
+
+
+def test_a_body_of_unknown_width_is_held_as_others_are() -> None:
+    """Labels of other programs may have none."""
+    unknown = replace(curve(LINE), half_width=np.full(100, np.nan))
+    body = Body(7, ((0, unknown), (1, unknown)))
+    refine = FakeRefine((0, 0))
+    search = Search(2, View(BRIGHT), {7: LINE}, {}, refine, "balanced", lambda told: None)
+    assert search.held([body], {7: (unknown.points, 0.5)})[7].trusted

@@ -170,7 +170,7 @@ class Search:
         """Where the image does not show a body: at its ends, or for more than its width."""
         seen = np.asarray(binary_closing(self._seen(self._view.place.to_block(line))), bool)
         unseen = ~seen
-        width = max(round(body.half_width / body.length * len(line)), 1)
+        width = _points(body, line)
         end = max(round(SHORT * width), 1)
         shown = np.flatnonzero(seen)
         wide = np.asarray(binary_opening(unseen, iterations=width), bool)
@@ -185,7 +185,7 @@ class Search:
         pixels = view.pixels.astype(float)
         for body in bodies:
             line = lines[body.id]
-            width = max(round(body.half_width / body.length * len(line)), 1)
+            width = _points(body, line)
             near = np.asarray(binary_dilation(self._unseen(body, line), iterations=width), bool)
             for run in np.ma.clump_masked(np.ma.array(near, mask=near)):
                 at = view.place.to_block(line[run])
@@ -303,6 +303,12 @@ class Search:
         if all(CANCELLED in curve.reasons for curve in refinement.curves):
             raise Cancelled
         return refinement
+
+
+def _points(body: Body, line: Line) -> int:
+    """How many points of a line lie within a half-width, where that is known; at least one."""
+    count = body.half_width / body.length * len(line)
+    return max(round(count), 1) if np.isfinite(count) else 1
 
 
 @dataclass(frozen=True)
