@@ -5,11 +5,11 @@ import pytest
 from scipy import ndimage
 
 from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.judge import standard_error as module
 from napari_splinesketch.engine.judge.standard_error import (
-    beside_others,
     standard_error,
     unexplained,
 )
@@ -72,11 +72,10 @@ def test_beside_another_curve_the_error_is_larger(body):
     residual = np.random.default_rng(4).normal(0, 0.1, SHAPE)
     points = np.column_stack([np.full(100, 45.0), np.linspace(10, 110, 100)])
     other = np.column_stack([np.full(30, 50.0), np.linspace(40, 60, 30)])
-    near = beside_others(points, [other], 3.0)
+    near = spline.apart(points, other) < module.BESIDE * 3.0
     assert near[30:50].all()
     assert not near[:20].any()
     assert not near[60:].any()
-    assert not beside_others(points, [], 3.0).any()
     scaled = [standard_error(body, U, unexplained(seen(0.1), residual), n) for n in (ALONE, near)]
     np.testing.assert_allclose(scaled[1][near], module.CROWDED * scaled[0][near])
     np.testing.assert_allclose(scaled[1][~near], scaled[0][~near])

@@ -84,7 +84,7 @@ class Island:
         Numbers of the sketches.
     sketches
         (N, 2) polylines in pixels of the turned window.
-    turned
+    backwards
         Whether each of them begins at the other end.
     fixed
         (P, 3) points and half-widths of curves that take part but do not move, in the same pixels.
@@ -94,21 +94,21 @@ class Island:
 
     members: tuple[int, ...]
     sketches: list[Line]
-    turned: list[bool]
+    backwards: list[bool]
     fixed: list[Float[Array, "P 3"]]
     pose: Pose
 
     def of(self, which: Sequence[int]) -> "Island":
         """The same part of the image with some of the sketches."""
-        lists = (self.members, self.sketches, self.turned)
-        members, sketches, turned = ([mine[i] for i in which] for mine in lists)
-        return replace(self, members=tuple(members), sketches=sketches, turned=turned)
+        lists = (self.members, self.sketches, self.backwards)
+        members, sketches, backwards = ([mine[i] for i in which] for mine in lists)
+        return replace(self, members=tuple(members), sketches=sketches, backwards=backwards)
 
     def in_image(self, curves: Sequence[Curve]) -> list[Curve]:
         """Curves of the sketches in pixels of the image, each beginning where its sketch does."""
         found = []
-        for curve, turned in zip(curves, self.turned, strict=True):
-            step = slice(None, None, -1 if turned else 1)
+        for curve, backwards in zip(curves, self.backwards, strict=True):
+            step = slice(None, None, -1 if backwards else 1)
             found.append(
                 replace(
                     curve,
@@ -172,22 +172,22 @@ def _posed(
     for swap, *reverse in np.ndindex(2, 2, 2):
         pose = Pose(window, bool(swap), (bool(reverse[0]), bool(reverse[1])))
         inside = {i: pose.inside(line) for i, line in lines.items()}
-        turned = {i: tuple(line[0]) > tuple(line[-1]) for i, line in inside.items()}
-        mine = {i: line[::-1] if turned[i] else line for i, line in inside.items()}
+        backwards = {i: tuple(line[0]) > tuple(line[-1]) for i, line in inside.items()}
+        mine = {i: line[::-1] if backwards[i] else line for i, line in inside.items()}
         key = {i: line.tolist() for i, line in mine.items()}
         order = sorted(mine, key=key.__getitem__)
         size = [s.stop - s.start for s in window][:: -1 if swap else 1]
-        found.append(((size, [key[i] for i in order]), order, mine, turned, pose))
+        found.append(((size, [key[i] for i in order]), order, mine, backwards, pose))
     first = min(key for key, *_ in found)
     best = [one[1:] for one in found if one[0] == first]
     if len(best) > 1:
         best = [min(best, key=lambda one: one[-1].cut(image).tobytes())]
-    order, mine, turned, pose = best[0]
+    order, mine, backwards, pose = best[0]
     still = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
     return Island(
         tuple(order),
         [mine[i] for i in order],
-        [turned[i] for i in order],
+        [backwards[i] for i in order],
         sorted(still, key=lambda points: points.tolist()),
         pose,
     )

@@ -6,6 +6,7 @@ from functools import cache, lru_cache
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
+from scipy.spatial import KDTree
 
 from napari_splinesketch.engine.types import Array
 
@@ -48,12 +49,11 @@ def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     return s
 
 
-def trimmed(points: Float[Array, "N 2"], end: float) -> Float[Array, "N 2"]:
-    """A polyline without so much of either end, px; at least half of it stays."""
-    s = arc_length(points)
-    cut = min(end, s[-1] / 4)
-    at = np.linspace(cut, s[-1] - cut, len(points))
-    return np.column_stack([np.interp(at, s, x) for x in points.T])
+def apart(
+    points: Float[Array, "P 2"], line: Float[Array, "N 2"], most: float = np.inf
+) -> Float[Array, " P"]:
+    """(P,) distance of points to the nearest point of a line, px; infinite beyond `most`."""
+    return KDTree(line).query(points, distance_upper_bound=most)[0]
 
 
 def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:

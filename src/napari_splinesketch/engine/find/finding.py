@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
-from scipy.spatial import KDTree
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import spline
@@ -243,8 +242,7 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     near = choice.EXPLAINED * half_width
     around = (graph.middles > points.min(0) - near) & (graph.middles < points.max(0) + near)
     beside = np.flatnonzero(around.all(1))
-    apart, _ = KDTree(points).query(graph.middles[beside], distance_upper_bound=near)
-    along[beside] = apart < near
+    along[beside] = spline.apart(graph.middles[beside], points, near) < near
     return along
 
 

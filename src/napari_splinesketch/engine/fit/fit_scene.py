@@ -7,7 +7,6 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
@@ -197,7 +196,7 @@ def _fit_group(
 
 def _left(body: Body, start: Start) -> bool:
     """Whether a curve has left the path that it was to follow."""
-    apart, _ = KDTree(spline.resample(start.line, SAMPLES)).query(body.points(100))
+    apart = spline.apart(body.points(100), spline.resample(start.line, SAMPLES))
     return float(np.quantile(apart, MOSTLY)) > LEFT * start.half_width + LEFT_PX
 
 

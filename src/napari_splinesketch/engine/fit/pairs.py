@@ -167,7 +167,7 @@ def _each_its_side(pair: list[Body], sketches: list[Line]) -> list[Body]:
 
 def _aside(a: Body, b: Body) -> float:
     """Distance between two curves as a share of the sum of their half-widths."""
-    apart = np.linalg.norm(a.points(64)[8:-8, None] - b.points(64)[None], axis=2).min(1)
+    apart = spline.apart(a.points(64)[8:-8], b.points(64))
     widths = np.exp(a["log_width_0"]) + np.exp(b["log_width_0"])
     return float(np.median(apart) / widths)
 

@@ -95,7 +95,6 @@ def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> di
     found = {}
     for i, (a, beside) in enumerate(zip(curves, neighbours(curves, reach), strict=True)):
         for j in beside:
-            apart = np.linalg.norm(a[::4, None] - curves[j][None, ::2], axis=2).min(1)
-            if (apart < reach).mean() > share:
+            if (spline.apart(a[::4], curves[j][::2]) < reach).mean() > share:
                 found[i] = j
     return found

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import distance
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
@@ -92,10 +91,11 @@ def collect(
         See `Evidence`.
     """
     end = int(END_SHARE * len(points))
-    apart = distance.cdist(points, spline.resample(sketch, len(points)))
+    drawn = spline.resample(sketch, len(points))
+    astray = max(spline.apart(points, drawn).max(), spline.apart(drawn, points).max())
     return Evidence(
         sd=float(sd[end:-end].max()),
-        astray=float(max(apart.min(0).max(), apart.min(1).max())),
+        astray=float(astray),
         drawn=float(spline.arc_length(sketch)[-1]),
         known=known,
     )

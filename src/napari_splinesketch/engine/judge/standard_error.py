@@ -104,14 +104,3 @@ def _misfit_along(
         for w in (squares, np.ones(near.sum()))
     )
     return np.sqrt(total / np.maximum(count, 1e-9))
-
-
-def beside_others(
-    points: Float[Array, "P 2"], others: list[Float[Array, "Q 2"]], half_width: float
-) -> Bool[Array, " P"]:
-    """(P,) which points of a curve have points of another one near."""
-    if not others:
-        return np.zeros(len(points), dtype=bool)
-    reach = BESIDE * half_width
-    apart, _ = spatial.KDTree(np.concatenate(others)).query(points, distance_upper_bound=reach)
-    return np.isfinite(apart)

@@ -16,7 +16,6 @@ from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt
 from napari_splinesketch.engine.judge.standard_error import (
     BESIDE,
-    beside_others,
     standard_error,
     unexplained,
 )
@@ -129,7 +128,10 @@ def _curves(
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
         u = assess.uniform(body.knots)
         points = spline.basis(len(body.knots), u) @ body.knots
-        near = beside_others(points, [everything[k] for k in others], widths[i])
+        near = np.zeros(len(points), dtype=bool)
+        if others:
+            lines = np.concatenate([everything[k] for k in others])
+            near = np.isfinite(spline.apart(points, lines, BESIDE * widths[i]))
         sd = standard_error(body, u, misfit, near)
         if i in fit.held:
             reasons.append("its fit left the path that was found, so it stays on the path")
