@@ -104,3 +104,18 @@ def test_bending_matrix_is_the_integral(knots):
     second = spline.basis(knots, fine, 2) @ shape
     expected = np.trapezoid(second**2, fine)
     assert shape @ spline.bending_matrix(knots) @ shape == pytest.approx(expected, rel=1e-4)
+
+
+def test_many_polylines_are_resampled_as_each_is_alone():
+    rng = np.random.default_rng(0)
+    lines = [np.cumsum(rng.uniform(0.2, 3, (n, 2)), axis=0) - 1e3 * n for n in (2, 7, 40)]
+    for found, line in zip(spline.resample_each(lines, [5, 48, 9]), lines, strict=True):
+        np.testing.assert_allclose(found, spline.resample(line, len(found)), atol=1e-9)
+    counts = [max(8, int(spline.arc_length(line)[-1]) + 1) for line in lines]
+    assert [len(found) for found in spline.resample_each(lines)] == counts
+
+
+def test_distances_are_to_the_nearest_point_and_infinite_beyond_the_most():
+    points, line = np.array([[0.0, 0.0], [3.0, 4.0]]), np.array([[0.0, 1.0], [9.0, 9.0]])
+    np.testing.assert_allclose(spline.apart(points, line), [1, np.sqrt(18)])
+    assert np.isinf(spline.apart(points, line, 2.0)).tolist() == [False, True]
