@@ -23,7 +23,7 @@ from rows import FOLDER
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands, fitting, profile, solver
-from napari_splinesketch.engine.fit.tube import brightness, samples_of
+from napari_splinesketch.engine.fit.tube import brightness
 from napari_splinesketch.engine.look import scene
 
 KNOTS = 8
@@ -65,7 +65,7 @@ def residuals(theta, problem):
     one, level, bend = problem
     g = 2 * KNOTS
     basis = jax.tree.map(jnp.asarray, bands.spline_basis(KNOTS)[0])
-    own, _ = brightness(theta, samples_of(theta, basis), one.pixels, basis)
+    own, _ = brightness(theta, one.pixels, basis)
     slopes = one.pixels / solver.SLOPE_UNIT
     overlap, offset, *slope = theta[-4:]
     model = profile.blend(overlap, own, 0.0, 0.0) + offset + slope[0] * slopes[0]

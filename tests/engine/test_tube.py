@@ -12,12 +12,7 @@ SHAPE = (64, 110)
 PIXELS = np.indices(SHAPE).reshape(2, -1).astype(np.float32)
 KNOTS = 8
 BASIS, _ = bands.spline_basis(KNOTS)
-
-
-@jax.jit
-def render(theta, pixels, basis):
-    return tube.brightness(theta, tube.samples_of(theta, basis), pixels, basis)
-
+render = jax.jit(tube.brightness)
 
 LINE = np.array([[24.3, 15.2], [40.1, 93.7]])
 BEND = np.column_stack([32 + 15 * np.sin(np.linspace(-2.2, 2.0, 60)), np.linspace(14, 95, 60)])
@@ -37,8 +32,7 @@ def draw(theta: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("line", [LINE, BEND], ids=["straight", "bent"])
 def test_nearest_points_are_nearest(line):
     knots = spline.fit_knots(line, KNOTS).T.astype(np.float32)
-    curve = jax.jit(tube.samples_of)(knots.ravel(), BASIS)
-    near = jax.jit(tube.nearest)(curve, PIXELS, BASIS)
+    near = jax.jit(tube.nearest)(knots, PIXELS, BASIS)
     fine = spline.basis(KNOTS, np.linspace(0, 1, 4001)) @ knots.T
     apart = np.linalg.norm(PIXELS.T[:, None] - fine[None, ::4], axis=2).min(1)
     band = apart < 8

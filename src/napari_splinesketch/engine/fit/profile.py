@@ -1,7 +1,7 @@
 """Cross-section and taper of a body: how much of a pixel it covers."""
 
+import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
@@ -12,13 +12,18 @@ WIDTH_MODES = 4
 
 
 def coverage(
-    distance: Pixels, u: Pixels, log_width: Pixels, log_blur, shade, log_power, log_extent
-) -> tuple[Pixels, tuple[Pixels, ...]]:
-    """Coverage of pixels by a tube with tapered ends, and its seven partial derivatives.
+    distance: Pixels,
+    u: Pixels,
+    log_width: Pixels,
+    log_blur: Pixels,
+    shade: Pixels,
+    log_power: Pixels,
+    log_extent: Pixels,
+) -> Pixels:
+    """Coverage of pixels by a tube with tapered ends: about 1 inside, 0 outside.
 
-    About 1 inside and 0 outside. Along a straight stretch a row of radially symmetric blobs
-    integrates to such a tube (paper, section 2.1). The derivatives are written out: automatic
-    ones compute what they share with the value anew.
+    Along a straight stretch a row of radially symmetric blobs integrates to such a tube
+    (paper, section 2.1).
 
     Parameters
     ----------
@@ -29,49 +34,28 @@ def coverage(
     log_width
         (M,) log of the half-width before the taper, px.
     log_blur
-        Log of the standard deviation of the edge's blur, px.
+        (M,) log of the standard deviation of the edge's blur, px.
     shade
-        Darkening of the edge against the middle, 0 (flat) to 1.
+        (M,) darkening of the edge against the middle, 0 (flat) to 1.
     log_power, log_extent
-        Logs of the taper: see `tapered_width`.
+        (M,) logs of the taper: half-width ∝ (distance from the end / extent)^power, with the
+        extent as a share of the length.
     """
-    shrink, sign = jnp.exp(-log_extent), jnp.where(u < 0.5, 1.0, -1.0)
-    raw = jnp.minimum(u, 1 - u) * shrink
-    x = jnp.clip(raw, FLOOR, 1.0)
-    rounded = x * (1.5 - 0.5 * x**2)
-    log_taper = jnp.exp(log_power) * jnp.log(rounded)
-    width = jnp.exp(log_width + log_taper)
-    tapers = (raw > FLOOR) & (raw < 1)
-    log_width_x = jnp.where(tapers, jnp.exp(log_power) * 1.5 * (1 - x**2) / rounded, 0.0)
-
-    sharp = jnp.exp(-log_blur) / jnp.sqrt(2.0)
-    ends = (width + distance) * sharp, (width - distance) * sharp
-    edge = 0.5 * (erf(ends[0]) + erf(ends[1]))
-    far, near = (jnp.exp(-(end**2)) / jnp.sqrt(jnp.pi) for end in ends)
-    ratio = distance / width
-    across = jnp.minimum(ratio**2, 1.0)
-    light = 1 - shade * across
-    darker = jnp.where(ratio < 1, 2 * shade * edge * ratio, 0.0)
-    by_log_width = light * width * sharp * (far + near) + darker * ratio
-    return edge * light, (
-        light * sharp * (far - near) - darker / width,
-        by_log_width * log_width_x * shrink * sign,
-        by_log_width,
-        -light * (far * ends[0] + near * ends[1]),
-        -edge * across,
-        by_log_width * log_taper,
-        -by_log_width * log_width_x * x,
-    )
+    width = tapered_width(u, log_width, log_power, log_extent)
+    blur = jnp.exp(log_blur) * jnp.sqrt(2.0)
+    edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
+    across = jnp.minimum((distance / width) ** 2, 1.0)
+    return edge * (1 - shade * across)
 
 
-def tapered_width(u, log_width, log_power, log_extent):
+def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
     """Half-width at u, px: the body's width times a rise from FLOOR at the ends to 1.
 
-    About ∝ (distance from the end / extent)^power, with the extent as a share of the length.
+    `xp` is the array library to compute with.
     """
-    x = np.clip(np.minimum(u, 1 - u) * np.exp(-log_extent), FLOOR, 1.0)
+    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), FLOOR, 1.0)
     rounded = x * (1.5 - 0.5 * x**2)
-    return np.exp(log_width) * rounded ** np.exp(log_power)
+    return xp.exp(log_width) * rounded ** xp.exp(log_power)
 
 
 def blend(overlap, own, others_sum, others_max, xp=jnp):
@@ -89,3 +73,9 @@ def modes(u, xp=jnp):
     values = [one, x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x]
     slopes = [zero, 2 * one, 6 * x, 15 * x**2 - 3]
     return xp.stack(values), xp.stack(slopes)
+
+
+def coverage_partials(*inputs: Pixels) -> tuple[Pixels, tuple[Pixels, ...]]:
+    """`coverage` and its partial derivatives by each of the seven inputs, all (M,)."""
+    value, pull = jax.vjp(coverage, *inputs)
+    return value, pull(jnp.ones_like(value))

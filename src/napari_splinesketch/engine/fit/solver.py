@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine.fit.profile import blend
-from napari_splinesketch.engine.fit.tube import INDEX, Basis, brightness, samples_of
+from napari_splinesketch.engine.fit.tube import INDEX, Basis, brightness
 from napari_splinesketch.engine.types import AnyArray as Array
 
 SLOPE_UNIT = 50.0
@@ -249,13 +249,13 @@ def _visit(
 
 def _linearise(one: Bands, level: Level, theta, others_sum, others_max, basis, bend):
     """Brightness, normal matrix, descent direction (right-hand side) and cost at `theta`."""
-    k, d, curve = len(bend), len(theta), samples_of(theta, basis)
+    k, d = len(bend), len(theta)
 
     def add_tile(t, sums):
         own, gram, cost = sums
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=t * TILE, slice_size=TILE, axis=-1)
         seen = (one.pixels, one.values, one.weight, others_sum, others_max)
-        here, tile_gram, tile_cost = _tile(level, theta, curve, basis, *map(cut, seen))
+        here, tile_gram, tile_cost = _tile(level, theta, basis, *map(cut, seen))
         own = jax.lax.dynamic_update_slice_in_dim(own, here, t * TILE, 0)
         return own, gram + tile_gram, cost + tile_cost
 
@@ -275,10 +275,10 @@ def _linearise(one: Bands, level: Level, theta, others_sum, others_max, basis, b
     return own, hessian, gradient.at[:g].add(-pull), cost + energy
 
 
-def _tile(level: Level, theta, curve, basis, pixels, values, weight, others_sum, others_max):
+def _tile(level: Level, theta, basis, pixels, values, weight, others_sum, others_max):
     """Brightness in some pixels, and their share of the normal matrix (last: residual) and χ²."""
     g = 2 * basis.value.shape[1]
-    own, jacobian = brightness(theta, curve, pixels, basis)
+    own, jacobian = brightness(theta, pixels, basis)
     overlap = theta[g + INDEX["overlap"]]
     model = blend(overlap, own, others_sum, others_max)
     slopes = pixels / SLOPE_UNIT

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from napari_splinesketch.engine.fit.profile import WIDTH_MODES, coverage, modes
+from napari_splinesketch.engine.fit.profile import WIDTH_MODES, coverage_partials, modes
 from napari_splinesketch.engine.types import AnyArray as Array
 
 # Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
@@ -52,19 +52,13 @@ class Nearest(NamedTuple):
     """How u slides when the point moves and when the tangent turns."""
 
 
-def samples_of(theta: Float[Array, " D"], basis: Basis) -> Float[Array, "3 2 P"]:
-    """Samples of a curve, and of its two derivatives, from its parameters."""
-    knots = theta[: 2 * basis.value.shape[1]].reshape(2, -1)
-    return jnp.stack([knots @ b.T for b in basis])
-
-
-def nearest(curve: Float[Array, "3 2 P"], pixels: Float[Array, "2 M"], basis: Basis) -> Nearest:
+def nearest(knots: Float[Array, "2 K"], pixels: Float[Array, "2 M"], basis: Basis) -> Nearest:
     """Nearest points of a curve: the nearest of every FINER-th sample, then two Newton steps.
 
     The first step leads to another sample, the second to a point within half a sample of it, so
     that values and weights there are right to the precision of the numbers.
     """
-    samples = len(basis.value)
+    samples, curve = len(basis.value), [knots @ b.T for b in basis]
     coarse = (samples - 1) // FINER + 1
     # Written out by coordinate, so that XLA fuses it with the minimum: fifty times faster.
     row, column = curve[0][:, ::FINER, None]
@@ -76,7 +70,7 @@ def nearest(curve: Float[Array, "3 2 P"], pixels: Float[Array, "2 M"], basis: Ba
     index = FINER * (index.min(0) & low)
 
     def newton(index, reach: int):
-        point, tangent, bend = curve[:, :, index]
+        point, tangent, bend = (a[:, index] for a in curve)
         apart = pixels - point
         speed = (tangent**2).sum(0)
         curvature = jnp.maximum(speed - (apart * bend).sum(0), 0.3 * speed)
@@ -93,12 +87,12 @@ def nearest(curve: Float[Array, "3 2 P"], pixels: Float[Array, "2 M"], basis: Ba
     distance = jnp.sqrt((apart**2).sum(0) + 1e-6)
     inside = (u > 0) & (u < 1)
     denominator = jnp.maximum((tangent**2).sum(0) - (apart * bend).sum(0), 0.3 * speed)
-    slopes = basis.first[index].T
+    slopes = basis.first.T[:, index]
     return Nearest(
         u,
         distance,
         apart / distance,
-        basis.value[index].T + slopes * step,
+        basis.value.T[:, index] + slopes * step,
         slopes,
         jnp.where(inside, -tangent / denominator, 0.0),
         jnp.where(inside, apart / denominator, 0.0),
@@ -106,10 +100,7 @@ def nearest(curve: Float[Array, "3 2 P"], pixels: Float[Array, "2 M"], basis: Ba
 
 
 def brightness(
-    theta: Float[Array, " D"],
-    curve: Float[Array, "3 2 P"],
-    pixels: Float[Array, "2 M"],
-    basis: Basis,
+    theta: Float[Array, " D"], pixels: Float[Array, "2 M"], basis: Basis
 ) -> tuple[Float[Array, " M"], Float[Array, "D M"]]:
     """A curve's brightness above the background in its band, and the Jacobian.
 
@@ -117,8 +108,6 @@ def brightness(
     ----------
     theta
         (D,) the curve's parameters: K rows, K columns, then GLOBALS.
-    curve
-        Its samples, the same for all of its pixels: see `samples_of`.
     pixels
         (2, M) row and col of the band's pixels.
     basis
@@ -128,8 +117,10 @@ def brightness(
     -------
     (M,) brightness, and (D, M) its derivatives (zero in the rows of overlap and background).
     """
-    g = theta[2 * basis.value.shape[1] :]
-    near = nearest(curve, pixels, basis)
+    count = basis.value.shape[1]
+    knots = theta[: 2 * count].reshape(2, count)
+    g = theta[2 * count :]
+    near = nearest(knots, pixels, basis)
 
     shape, slopes = modes(near.u)
     log_width, log_width_slope = g[:WIDTH_MODES] @ shape, g[:WIDTH_MODES] @ slopes
@@ -138,14 +129,15 @@ def brightness(
     light_slope = g[varying] @ slopes[1 : SHADE_MODES + 1]
     contrast = g[INDEX["contrast"]]
 
-    cover, partial = coverage(
+    spread = jnp.full_like(near.u, 1.0)
+    cover, partial = coverage_partials(
         near.distance,
         near.u,
         log_width,
-        g[INDEX["log_blur"]],
-        g[INDEX["shade"]],
-        g[INDEX["log_power"]],
-        g[INDEX["log_extent"]],
+        g[INDEX["log_blur"]] * spread,
+        g[INDEX["shade"]] * spread,
+        g[INDEX["log_power"]] * spread,
+        g[INDEX["log_extent"]] * spread,
     )
     scale = contrast * light
     by_u = scale * (partial[1] + partial[2] * log_width_slope) + contrast * light_slope * cover

@@ -20,7 +20,7 @@ for this share of their length."""
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) half-width at the spline parameters `u`, px."""
     log_width = g[:WIDTH_MODES] @ modes(u, np)[0]
-    return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]])
+    return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
 
 
 def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " count"]:
