@@ -20,6 +20,8 @@ SAMPLES, PER_KNOT = 64, 2.6
 CURVES = (16, 128, 1024, 8192)
 PIXELS = tuple(TILE * n for n in (4, 16, 64))
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
+PIN = 0.003
+"""Standard deviation of what does not move, px."""
 BEND = 10.0
 """Weight of bending, of a curve's half-width and its length to the power of -3."""
 FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
@@ -105,6 +107,16 @@ def precision(line: Float[Array, "K 2"], hold: Hold) -> Float[Array, "2K 2K"]:
     common = hold.along**2 / (hold.stretch**2 + count * hold.along**2)
     together = (np.eye(count) - common) / hold.stretch**2
     return across @ across.T / hold.across**2 + along @ together @ along.T
+
+
+def stiff(
+    line: Float[Array, "N 2"], few: int, knots: int
+) -> tuple[Float[Array, " 2K"], Float[Array, "2K 2K"]]:
+    """Coordinates of `knots` knots along a line, held to be as smooth as `few` would be."""
+    finer = spline.basis(few, np.linspace(0, 1, knots))
+    rest = np.eye(knots) - finer @ np.linalg.pinv(finer)
+    at = finer @ spline.fit_knots(line, few)
+    return at.T.ravel(), np.kron(np.eye(2), rest) / PIN**2
 
 
 def band_pixels(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -30,8 +29,9 @@ GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
 """Fixed curves are drawn with at least this half-width, px."""
-LOOSE_FIT, LOOSE_FIT_PX = 0.1, (0.15, 1.0)
-"""Half-widths that knots may miss a traced path by (rms), and px at least and at most."""
+LOOSE_FIT, LOOSE_FIT_PX = 0.15, (0.2, 1.0)
+"""Half-widths that knots may miss a traced path by (rms), and px at least and at most: with more
+knots curves follow neighbours and texture, with fewer they cut bends off."""
 MANY, APART = 24, 15.0
 """More knots than this only where they are so many px apart: closer ones follow noise."""
 
@@ -108,7 +108,7 @@ def fit_scene(
     done: dict[int, Body] = {}
     held: set[int] = set()
     others: list[Body] = []
-    for knots, members in sorted(groups.items()):
+    for _, members in sorted(groups.items()):
 
         def on_fit(share, current, members=members):
             def lines():
@@ -120,7 +120,8 @@ def fit_scene(
 
         mine = [starts[i] for i in members]
         holds = [settings.hold[i] for i in members] if settings.hold else []
-        fitted, left = _fit_group(seen, mine, still, knots, settings.sweeps, holds, on_fit)
+        own = [needs[i] for i in members]
+        fitted, left = _fit_group(seen, mine, still, own, settings.sweeps, holds, on_fit)
         held |= {members[row] for row in left}
         done.update(zip(members, fitted, strict=False))
         others = fitted[len(members) :]
@@ -152,46 +153,57 @@ def _fit_group(
     seen: Scene,
     starts: list[Start],
     still: list[tuple[Line, float, float]],
-    knots: int,
+    own: list[int],
     sweeps: tuple[int, ...],
     holds: Sequence[Hold],
     report: fitting.Report,
 ) -> tuple[list[Body], set[int]]:
-    """Fit bodies with the same number of knots, and the look of those that stay still.
+    """Fit bodies together, and the look of those that stay still.
 
-    A second fit holds the ends beyond which a curve grew though nothing is seen there, and a third
-    one the curves that left their paths; the rows of these are returned, too.
+    The solver gives all of them as many knots as the one that needs most; the others are held to
+    their `own` numbers. A second fit holds the ends beyond which a curve grew though nothing is
+    seen there, and a third one the curves that left their paths; the rows of these are returned,
+    too.
     """
+    knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
-    for row, one in enumerate(holds):
-        hold[row] = bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, one)
     every = np.eye(2 * knots)
-    hold[[i for i, start in enumerate(starts) if not start.found]] = HELD**-2.0 * every
-    count = len(starts)
+    for row, start in enumerate(starts):
+        theta[row, : 2 * knots], hold[row] = bands.stiff(start.line, own[row], knots)
+        if holds:
+            hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
+        if not start.found:
+            hold[row] = every / HELD**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    if holds:
-        return found, set()
-    again = partial(
-        fitting.fit_curves, seen, priors=priors, sweeps=sweeps[:HOLDING], moving=count, hold=hold
-    )
-    known = [row for row, start in enumerate(starts) if start.found]
-    ended = {row: _ended(found[row], starts[row]) for row in known}
-    cut = {row: line for row, line in ended.items() if line is not None}
-    if cut:
-        begin = np.array([body.theta for body in found])
-        for row, line in cut.items():
-            begin[row, : 2 * knots] = line.T.ravel()
-            ends = [0, knots - 1, knots, 2 * knots - 1]
-            hold[row, ends, ends] = HELD**-2.0
-        found = again(begin)
-    left = [row for row in known if _left(found[row], starts[row])]
-    if left:
-        begin = np.array([body.theta for body in found])
-        begin[left], hold[left] = theta[left], fitting.PIN**-2.0 * every
-        found = again(begin)
-    return found, set(left)
+
+    def again(begin: dict[int, Float[Array, " 2K"]]) -> list[Body]:
+        if not begin:
+            return found
+        now = np.array([body.theta for body in found])
+        for row, at in begin.items():
+            now[row, : 2 * knots] = at
+        return fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
+
+    left: list[int] = []
+    if not holds:
+        known = [row for row, start in enumerate(starts) if start.found]
+        cut = {}
+        ends = [0, knots - 1, knots, 2 * knots - 1]
+        for row in known:
+            line = _ended(found[row], starts[row])
+            if line is not None:
+                cut[row], _ = bands.stiff(line, own[row], knots)
+                hold[row, ends, ends] += HELD**-2.0
+        found = again(cut)
+        left = [row for row in known if _left(found[row], starts[row])]
+        hold[left] = every / bands.PIN**2
+        found = again({row: theta[row, : 2 * knots] for row in left})
+    return [
+        body.with_knots(number)
+        for body, number in zip(found, [*own, *[knots] * len(still)], strict=True)
+    ], set(left)
 
 
 def _left(body: Body, start: Start) -> bool:
@@ -201,7 +213,7 @@ def _left(body: Body, start: Start) -> bool:
 
 
 def _ended(body: Body, start: Start) -> Line | None:
-    """The knots of a body without what grew too far beyond its path; None where nothing did."""
+    """A body's centreline without what grew too far beyond its path; None where nothing did."""
     line = body.points(SAMPLES)
     s = spline.arc_length(line)
     half, cuts = SAMPLES // 2, [0.0, s[-1]]
@@ -214,4 +226,4 @@ def _ended(body: Body, start: Start) -> Line | None:
     if cuts == [0.0, s[-1]]:
         return None
     inside = (s >= cuts[0]) & (s <= cuts[1])
-    return spline.fit_knots(line[inside], len(body.knots)) if inside.sum() > half / 2 else None
+    return line[inside] if inside.sum() > half / 2 else None

@@ -1,12 +1,13 @@
 """Fit a list of curves to a normalised image."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import block_diag
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands as pad
@@ -23,8 +24,6 @@ RESTLESS = 0.03
 again ..."""
 MORE = 24
 """... in so many more sweeps at most."""
-PIN = 0.003
-"""Standard deviation of the knots of a curve that does not move, px."""
 MARGIN, MARGIN_PX = 0.5, 4.0
 """Background on either side of a body in its band, half-widths, and px at least."""
 CHUNK = 128
@@ -79,6 +78,16 @@ class Body:
         """One of `tube.GLOBALS`."""
         return float(self.parameters[INDEX[name]])
 
+    def with_knots(self, few: int) -> "Body":
+        """The same curve with fewer knots, where it has no more freedom than that."""
+        if few == len(self.knots):
+            return self
+        finer = spline.basis(few, np.linspace(0, 1, len(self.knots)))
+        size = len(GLOBALS)
+        onto = block_diag(*[np.linalg.pinv(finer)] * 2, np.eye(size))
+        back = block_diag(finer, finer, np.eye(size))
+        return replace(self, theta=onto @ self.theta, hessian=back.T @ self.hessian @ back)
+
     def points(self, count: int = 48) -> Float[Array, "count 2"]:
         """Points of the centreline, uniform in the spline's parameter."""
         return spline.even_basis(len(self.knots), count) @ self.knots
@@ -122,7 +131,7 @@ def fit_curves(
     k = (d - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)
     hold = np.zeros((n, 2 * k, 2 * k)) if hold is None else hold.copy()
-    hold[pinned] = PIN**-2.0 * np.eye(2 * k)
+    hold[pinned] = pad.PIN**-2.0 * np.eye(2 * k)
     margin = max(MARGIN * seen.half_width, MARGIN_PX)
     pixels = [
         pad.band_pixels(line, width + margin, seen.valid)
