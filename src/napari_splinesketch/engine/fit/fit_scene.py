@@ -178,28 +178,27 @@ def _fit_group(
             hold[row] = every / HELD**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
 
-    def again(begin: dict[int, Float[Array, " 2K"]]) -> list[Body]:
-        if not begin:
+    def again(rows: list[int], begin: Float[Array, "n D"]) -> list[Body]:
+        if not rows:
             return found
         now = np.array([body.theta for body in found])
-        for row, at in begin.items():
-            now[row, : 2 * knots] = at
+        now[rows] = begin[rows]
         return fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
 
     left: list[int] = []
     if not holds:
         known = [row for row, start in enumerate(starts) if start.found]
-        cut = {}
+        ended = {row: _ended(found[row], starts[row]) for row in known}
+        cut = {row: line for row, line in ended.items() if line is not None}
+        shorter = np.array([body.theta for body in found])
         ends = [0, knots - 1, knots, 2 * knots - 1]
-        for row in known:
-            line = _ended(found[row], starts[row])
-            if line is not None:
-                cut[row], _ = bands.stiff(line, own[row], knots)
-                hold[row, ends, ends] += HELD**-2.0
-        found = again(cut)
+        for row, line in cut.items():
+            shorter[row, : 2 * knots], _ = bands.stiff(line, own[row], knots)
+            hold[row, ends, ends] += HELD**-2.0
+        found = again(list(cut), shorter)
         left = [row for row in known if _left(found[row], starts[row])]
         hold[left] = every / bands.PIN**2
-        found = again({row: theta[row, : 2 * knots] for row in left})
+        found = again(left, theta)
     return [
         body.with_knots(number)
         for body, number in zip(found, [*own, *[knots] * len(still)], strict=True)
