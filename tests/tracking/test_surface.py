@@ -23,7 +23,9 @@ def fitted(line: np.ndarray, sd: float = 0.2) -> Curve:
 
 
 @pytest.mark.parametrize(
-    ("path", "better"), [(drifting, 0.7), (winding, 0.7), (hopping, 1.1)], ids=lambda x: str(x)
+    ("path", "better"),
+    [(drifting, 0.7), (winding, 0.7), (hopping, 1.1)],
+    ids=["drifting", "winding", "hopping"],
 )
 def test_neighbours_average_out_noise_but_no_movement(path, better) -> None:
     rng = np.random.default_rng(1)
