@@ -17,7 +17,7 @@ SIGNS = ("sd", "astray", "cost")
 WEIGHTS = np.array([1.2, 1.3, 0.88])
 USUAL = np.array([-0.94, -2.9, 1.4])
 """Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 2.6
+THRESHOLD = 2.2
 """Of the weighted sum, above which a curve needs review. The weights are fitted to real images and
 generated ones by tests/benchmarks/doubt_weights.py; the threshold is chosen from what the command
 prints."""
