@@ -23,6 +23,8 @@ BODY = 0.45
 """Evidence from which a pixel is body."""
 FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
+BOW = 0.7
+"""A body may bow out by so much of the longest segment of its sketch."""
 STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths along the sketch are looked for."""
 NARROW, NARROW_PX = 1.0, 1.0
@@ -176,7 +178,9 @@ def _mask(
 
 
 def _reach(sketch: Line, half_width: float) -> float:
-    return FARTHER * reach_of(sketch, half_width) + FARTHER_WIDTHS * half_width
+    straight = np.linalg.norm(np.diff(sketch, axis=0), axis=1).max()
+    reach = max(FARTHER * reach_of(sketch, half_width), BOW * straight)
+    return float(reach + FARTHER_WIDTHS * half_width)
 
 
 def _candidates(
