@@ -90,17 +90,16 @@ def look_around(
 ) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's.
 
-    On profiles across the sketch the highest ridge counts, of any direction, the nearer the more:
-    its side tells the polarity, and its heights, where it is, the half-width (a wide ridge reaches
-    nearer to a sketch that is off, and would win for that alone). Looked for within `reach` px, at
-    the `wanted` indices of WIDTHS; by default both follow from the sketch.
+    On profiles across the sketch the highest ridge counts, of any direction, the nearer the more;
+    the sketch's half-width is that of its median profile. Looked for within `reach` px, at the
+    `wanted` indices of WIDTHS; by default both follow from the sketch.
     """
     length = float(spline.arc_length(line)[-1])
     if wanted is None:
         wanted = range(int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right")))
     reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
     at, near = _profiles(line, reach)
-    (votes, heights), reduced = np.zeros((2, 2, wanted.stop, len(at))), {}
+    heights, reduced = np.zeros((2, wanted.stop, len(at))), {}
     for rung in wanted:
         both, factor = ridges.heights(rung), ridges.factor(rung)
         if factor not in reduced:
@@ -108,13 +107,8 @@ def look_around(
         pixels, weight = reduced[factor]
         chance = CHANCE * ridges.noise / np.sqrt(max(BLUR * WIDTHS[rung], 0.5))
         for k, height in enumerate(both):
-            here = height.ravel()[pixels]
-            counts = weight * here
-            highest = counts.argmax(1)[:, None]
-            votes[k, rung], heights[k, rung] = (
-                np.take_along_axis(x, highest, 1)[:, 0] - chance for x in (counts, here)
-            )
-    best = np.maximum(votes.max(1), 0)
+            heights[k, rung] = (weight * height.ravel()[pixels]).max(1) - chance
+    best = np.maximum(heights.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
     for sign, of in zip((1, -1), heights, strict=True):
