@@ -168,9 +168,11 @@ def test_the_panel_closes_and_comes_back(
     panel = opened(viewer, dock, fake)
     assert dock.review.isChecked()
     viewer.theme = "light"
-    QTest.qWait(100)
-    background = panel.plots.grab().toImage().pixelColor(2, 2)
-    assert background.lightness() > 200, "the plots follow the theme"
+
+    def lightness() -> int:
+        return panel.plots.grab().toImage().pixelColor(2, 2).lightness()
+
+    assert QTest.qWaitFor(lambda: lightness() > 200, 5000), "the plots follow the theme"
     viewer.window.remove_dock_widget(panel)
     until(lambda: dock.panel is None, 5)
     assert not dock.review.isChecked()
