@@ -172,7 +172,7 @@ def test_the_panel_closes_and_comes_back(
     def lightness() -> int:
         return panel.plots.grab().toImage().pixelColor(2, 2).lightness()
 
-    assert QTest.qWaitFor(lambda: lightness() > 200, 5000), "the plots follow the theme"
+    until(lambda: lightness() > 200, 5)
     viewer.window.remove_dock_widget(panel)
     until(lambda: dock.panel is None, 5)
     assert not dock.review.isChecked()
