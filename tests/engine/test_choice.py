@@ -126,6 +126,32 @@ def test_a_clicked_end_that_is_a_little_short_of_the_tip_grows_to_it():
     np.testing.assert_allclose(curve.points[[0, -1], 1], [20, 100], atol=1.5)
 
 
+def arc(centre: tuple[float, float], radius: float, degrees: float) -> np.ndarray:
+    """A body along a circle, open downwards."""
+    turn = np.deg2rad(np.linspace(-degrees / 2, degrees / 2, 181))
+    return centre + radius * np.column_stack([-np.cos(turn), np.sin(turn)])
+
+
+def test_a_body_that_bows_out_is_found_from_a_line_between_its_ends(monkeypatch):
+    """It is 1.8 times as long as the line, and 0.6 of the line's length away from it."""
+    body = arc((50, 55), 28, 200)
+    image, sketch = drawn([body], half_width=2.0), body[[0, -1]]
+    (curve,) = refine(image, [sketch]).curves
+    assert away(curve.points, body) < 2 and away(body, curve.points) < 3
+    monkeypatch.setattr(finding, "BOW", 0.0)
+    (near,) = refine(image, [sketch]).curves
+    assert away(body, near.points) > 5, "within reach without it: the case tells nothing"
+
+
+def test_a_curve_has_its_own_knots_whatever_its_neighbour_needs():
+    wave = np.column_stack([45 + 9 * np.sin(np.linspace(0, 14, 201)), np.linspace(8, 112, 201)])
+    bar = np.column_stack([np.linspace(10, 80, 81), np.full(81, 63.0)])
+    sketches = [wave[::10], bar[[0, 40, -1]]]
+    wavy, straight = refine(drawn([wave, bar], half_width=2.0), sketches).curves
+    assert len(straight.knots) == 8 < len(wavy.knots)
+    assert away(straight.points, bar) < 1 and away(wavy.points, wave) < 2
+
+
 def test_the_middle_of_a_body_that_goes_on_is_marked():
     line = np.column_stack([np.full(120, 45.0), np.arange(120.0)])
     sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(35, 80, 5)])

@@ -113,8 +113,8 @@ def stiff(
     line: Float[Array, "N 2"], few: int, knots: int
 ) -> tuple[Float[Array, " 2K"], Float[Array, "2K 2K"]]:
     """Coordinates of `knots` knots along a line, held to be as smooth as `few` would be."""
-    finer = spline.basis(few, np.linspace(0, 1, knots))
-    rest = np.eye(knots) - finer @ np.linalg.pinv(finer)
+    finer = spline.even_basis(few, knots)
+    rest = np.eye(knots) - finer @ spline.thinner(knots, few)
     at = finer @ spline.fit_knots(line, few)
     return at.T.ravel(), np.kron(np.eye(2), rest) / PIN**2
 

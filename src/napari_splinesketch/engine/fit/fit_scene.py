@@ -169,40 +169,37 @@ def _fit_group(
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
-    every = np.eye(2 * knots)
+    fully = np.eye(2 * knots)
     for row, start in enumerate(starts):
         theta[row, : 2 * knots], hold[row] = bands.stiff(start.line, own[row], knots)
         if holds:
             hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
         if not start.found:
-            hold[row] = every / HELD**2
+            hold[row] += fully / HELD**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
 
-    def again(rows: list[int], begin: Float[Array, "n D"]) -> list[Body]:
-        if not rows:
+    def again(begin: dict[int, Float[Array, " D"]]) -> list[Body]:
+        if not begin:
             return found
-        now = np.array([body.theta for body in found])
-        now[rows] = begin[rows]
+        now = np.array([begin.get(row, body.theta) for row, body in enumerate(found)])
         return fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
 
-    left: list[int] = []
+    left: set[int] = set()
     if not holds:
         known = [row for row, start in enumerate(starts) if start.found]
-        ended = {row: _ended(found[row], starts[row]) for row in known}
-        cut = {row: line for row, line in ended.items() if line is not None}
-        shorter = np.array([body.theta for body in found])
-        ends = [0, knots - 1, knots, 2 * knots - 1]
-        for row, line in cut.items():
-            shorter[row, : 2 * knots], _ = bands.stiff(line, own[row], knots)
-            hold[row, ends, ends] += HELD**-2.0
-        found = again(list(cut), shorter)
-        left = [row for row in known if _left(found[row], starts[row])]
-        hold[left] = every / bands.PIN**2
-        found = again(left, theta)
-    return [
-        body.with_knots(number)
-        for body, number in zip(found, [*own, *[knots] * len(still)], strict=True)
-    ], set(left)
+        cut, ends = {}, [0, knots - 1, knots, 2 * knots - 1]
+        for row in known:
+            line = _ended(found[row], starts[row])
+            if line is not None:
+                at, _ = bands.stiff(line, own[row], knots)
+                cut[row] = np.concatenate([at, found[row].parameters])
+                hold[row, ends, ends] += HELD**-2.0
+        found = again(cut)
+        left = {row for row in known if _left(found[row], starts[row])}
+        hold[list(left)] = fully / bands.PIN**2
+        found = again({row: theta[row] for row in left})
+    numbers = [*own, *[knots] * len(still)]
+    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], left
 
 
 def _left(body: Body, start: Start) -> bool:

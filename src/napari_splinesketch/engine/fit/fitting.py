@@ -82,10 +82,9 @@ class Body:
         """The same curve with fewer knots, where it has no more freedom than that."""
         if few == len(self.knots):
             return self
-        finer = spline.basis(few, np.linspace(0, 1, len(self.knots)))
-        size = len(GLOBALS)
-        onto = block_diag(*[np.linalg.pinv(finer)] * 2, np.eye(size))
-        back = block_diag(finer, finer, np.eye(size))
+        knots, same = len(self.knots), np.eye(len(GLOBALS))
+        onto = block_diag(*[spline.thinner(knots, few)] * 2, same)
+        back = block_diag(*[spline.even_basis(few, knots)] * 2, same)
         return replace(self, theta=onto @ self.theta, hessian=back.T @ self.hessian @ back)
 
     def points(self, count: int = 48) -> Float[Array, "count 2"]:
