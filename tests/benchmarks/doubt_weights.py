@@ -144,7 +144,7 @@ def main() -> None:
 
     print(f"{len(known)} curves, {wrong.sum()} wrong")
     line("marked now", marked)
-    for threshold in np.arange(2.0, 4.4, 0.2):
+    for threshold in np.arange(1.4, 4.0, 0.2):
         line(f"threshold {threshold:.1f}", sums > threshold)
     weights, usual = fit(signs, wrong, source)
     print("SIGNS =", doubt.SIGNS)
