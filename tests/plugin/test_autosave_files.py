@@ -15,7 +15,6 @@ from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.resume import LISTED, describe
-from napari_splinesketch.plugin.saver import Offer
 from napari_splinesketch.plugin.sessions import (
     EVERY,
     Folder,
@@ -82,7 +81,8 @@ def same(a: Any, b: Any) -> bool:
 
 def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     written = session()
-    folder = Folder.fresh(tmp_path / "new")
+    folder = Folder()
+    folder.make(tmp_path / "new")
     folder.write(written)
     again, problems = read(tmp_path / "new" / "1", 9, SIZE)
     assert problems == ()
@@ -237,7 +237,7 @@ def _head(i: int, saved: datetime) -> Head:
 @pytest.mark.parametrize("count", [1, LISTED, LISTED + 3])
 def test_much_saved_work_is_told_in_few_lines(tmp_path: Path, count: int) -> None:
     now = datetime.now(UTC)
-    offers = [Offer(tmp_path, _head(i, now)) for i in range(count)]
+    offers = {tmp_path / str(i): _head(i, now) for i in range(count)}
     told = describe(offers).split("<br>")
     assert len(told) == (1 if count == 1 else 1 + min(count, LISTED) + (count > LISTED))
     assert ("and 3 more" in told) == (count > LISTED)

@@ -333,3 +333,16 @@ def from_file(path: Path) -> Image:
     image = Image(tifffile.imread(path), name=path.stem)
     image._set_source(Source(path=str(path)))
     return image
+
+
+def test_lines_that_go_to_another_image_leave_the_saved_work_of_the_first(home: Path) -> None:
+    with bench() as first:
+        old = first.image()
+        first.sketches()
+        first.refine()
+        first.viewer.layers.remove(old)
+        QTest.qWait(20)
+        first.image(seed=1)
+        first.saver.flush()
+        first.saver.flush()
+    assert sorted(counts(home)) == [(2, 0), (2, 2)]

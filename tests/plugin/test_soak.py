@@ -185,9 +185,9 @@ class Day:
     def save(self) -> None:
         """Write, and look whether all of it is on the disk."""
         self.bench.saver.flush()
-        for (_, layer), kept in self.bench.saver._kept.items():
-            if kept.folder is not None:
-                session, problems = read(kept.folder.path, SHAPE[0], SHAPE[1:])
+        for (_, layer), folder in self.bench.saver._folders.items():
+            if folder.path is not None:
+                session, problems = read(folder.path, SHAPE[0], SHAPE[1:])
                 assert not problems
                 shadow = self.shadows[layer.name]
                 saved = {key_of(record): held(record) for record in session.state.records}

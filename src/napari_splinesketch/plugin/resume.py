@@ -1,9 +1,11 @@
 """The question whether to go on with work that was saved, and how it comes back into the window."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from html import escape
+from itertools import islice
+from pathlib import Path
 
 from napari.layers import Image
 from qtpy.QtWidgets import QFrame
@@ -17,14 +19,14 @@ from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.saver import Offer, Saver
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Session, read
+from napari_splinesketch.plugin.saver import Saver
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, read
 from napari_splinesketch.plugin.widgets import TextLabel, button, stack
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""
-Found = tuple[Offer, Session, Folder | None]
-"""A session that was read, and the folder that it goes on in; None for a new one."""
+Found = tuple[Path, Session, Folder]
+"""Where a session was read, the session, and the folder that it goes on in."""
 
 _log = logging.getLogger(__name__)
 
@@ -68,10 +70,10 @@ class OfferBox(QFrame):
         self.setVisible(bool(curves or offers or self._saver.problem))
 
 
-def describe(offers: Sequence[Offer]) -> str:
+def describe(offers: Mapping[Path, Head]) -> str:
     """Say what was saved, and when; rich text."""
     said = []
-    for held in (offer.summary for offer in offers[:LISTED]):
+    for held in islice(offers.values(), LISTED):
         parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
         where = f" in {held.frames} frames" if held.frames > 1 else ""
         name = f"• {escape(held.layer)}" if len(offers) > 1 else "<b>Saved work</b>"
@@ -110,67 +112,62 @@ def resume(controller: Controller, saver: Saver) -> None:
 
 
 def _read_all(
-    offers: Sequence[Offer], frames: int, size: tuple[int, int]
+    paths: Iterable[Path], frames: int, size: tuple[int, int]
 ) -> tuple[list[Found], list[str]]:
     """Read what nobody else works on, and say what could not be read."""
     found, problems = list[Found](), list[str]()
-    for offer in offers:
+    for path in paths:
         folder = None
         try:
-            try:
-                folder = Folder(offer.folder)
-            except BusyError:
-                raise
-            except OSError:  # it cannot be written to: the work goes on in a new one
-                pass
-            session, said = read(offer.folder, frames, size)
+            folder = _own(path)
+            session, said = read(path, frames, size)
         except (OSError, LabelsError) as error:
             session, said = None, (f"{error}.",)
         problems += said
-        if folder and (said or not session):
+        if folder and said:
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
-            folder = None
-        if session:
-            if folder:
-                folder.holds(session.state.patches)
-            found.append((offer, session, folder))
+            folder = Folder()
+        if folder and session:
+            folder.holds(session.state.patches)
+            found.append((path, session, folder))
     return found, problems
+
+
+def _own(path: Path) -> Folder:
+    """Give the folder that work goes on in: this one, or a new one where it cannot be written."""
+    try:
+        return Folder(path)
+    except BusyError:
+        raise
+    except OSError:
+        return Folder()
 
 
 def _restore(
     controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
-    """Bring one session back; where that goes wrong its files stay as they are."""
-    (offer, session, folder), layers = found, controller.viewer.layers
-    if image not in layers:
-        if folder:
-            folder.release()
-        return
+    """Bring one session back, once all of it is there; otherwise its files stay as they are."""
+    path, session, folder = found
     drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
-    layer = empty_layer(image, session.layer, flat=flat)
-    kept = saver.take(offer, (image, layer), folder)
+    points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
+    kinds, layer = [s.kind for _, s in drawn], empty_layer(image, session.layer, flat=flat)
     try:
-        layers.append(layer)
-        yield
-        style = line_style(size_of(image))
-        points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
-        for _ in add_shapes(layer, points, [shape.kind for _, shape in drawn], **style):
+        for _ in add_shapes(layer, points, kinds, **line_style(size_of(image))):
             yield
-            if not {image, layer} <= set(layers):
-                return
-        if session.state.records and {image, layer} <= set(layers):
-            controller.begin(image, layer)
-            controller.choices.image, controller.choices.sketches = image, layer
-            controller.amend(session.state)
+        if image in controller.viewer.layers:
+            controller.viewer.layers.append(layer)
+            saver.take(path, (image, layer), folder)
+            if session.state.records:
+                controller.begin(image, layer)
+                controller.choices.image, controller.choices.sketches = image, layer
+                controller.amend(session.state)
+            return
     except Exception as error:
         _log.exception("Saved work could not be brought back")
-        problems.append(f"{offer.folder}: {type(error).__name__}: {error}.")
-        if kept.folder:
-            kept.folder.release()
-            kept.folder = None
-    kept.resuming = False
+        problems.append(f"{path}: {type(error).__name__}: {error}.")
+    folder.release()
 
 
 def read_curves(controller: Controller) -> int:

@@ -5,7 +5,7 @@ import logging
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
@@ -14,15 +14,16 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from napari.layers import Image, Shapes
+from napari.layers import Image, Layer, Shapes
 from platformdirs import user_data_path
 from psygnal import Signal
 from qtpy.compat import isalive
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject
+from superqt.utils import qthrottled
 
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
-from napari_splinesketch.plugin.choices import listen
+from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import NOTHING, Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
@@ -39,47 +40,24 @@ LONGEST_NAME = 255
 LETTERS, DIGITS = 50, 12
 """Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
-_left: WeakKeyDictionary[Shapes, tuple[Path, int]] = WeakKeyDictionary()
-"""Where layers were written that a closed dock has left in the window, and when."""
+_left: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
+"""Where layers are written that nobody looks after: their dock is closed, or they were removed."""
 Pair = tuple[Image, Shapes]
-
-
-@dataclass(frozen=True, eq=False)
-class Offer:
-    """Work that was found, and where."""
-
-    folder: Path
-    summary: Head
+Order = tuple[Folder, Session, Path]
+"""What is to be written, and where its folder is made if there is none yet."""
 
 
 @dataclass(eq=False)
 class Seen:
-    """What is written down of an image, and the folder with one more for each layer of sketches.
+    """An image as its sessions name it, where its folder is, and the sessions that were found.
 
-    There is none while a job still looks, and none of either if the image could not be read.
+    All are empty while a job still looks.
     """
 
     job: Job | None = None
     about: dict[str, object] = field(default_factory=dict)
     folder: Path | None = None
-    offers: list[Offer] = field(default_factory=list)
-
-
-@dataclass(eq=False)
-class Kept:
-    """One layer of sketches on one image, and the folder that it is written to.
-
-    `known` is written, or on its way. What is `resuming` is being brought back: nothing is written
-    before all of it is there.
-    """
-
-    folder: Folder | None = None
-    known: object = None
-    resuming: bool = False
-
-
-Order = tuple[Kept, Session, Path]
-"""What is to be written, and where a folder is made if there is none yet."""
+    found: dict[Path, Head] = field(default_factory=dict)
 
 
 class Saver(QObject):
@@ -95,21 +73,19 @@ class Saver(QObject):
         super().__init__(parent)
         self._keeper = keeper
         self._seen: dict[Image, Seen] = {}
-        self._kept: dict[Pair, Kept] = {}
+        self._folders: dict[Pair, Folder] = {}
         self._writing: Job | None = None
         self._problems = {"look": "", "write": ""}
         self._choice = keeper.settings.saving
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.timeout.connect(self._save)
+        self._soon = qthrottled(self._save, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._on_choice),
-            (changes.edited, self._follow),
-            (changes.curves, self._wait),
+            (changes.curves, self._follow),
             (changes.settings, self._on_settings),
+            (layers, self._on_event),
             (layers.removing, self._on_removing),
-            (layers.removed, self._on_removed),
+            (layers.removed, lambda event: self._let_go(event.value)),
         )
         self._on_choice()
 
@@ -119,44 +95,39 @@ class Saver(QObject):
         image, sketches = self._keeper.choices.image, self._keeper.choices.sketches
         if image is None or image not in self._seen:
             return None
-        kept = self._kept.get((image, sketches)) if sketches else None
-        return kept.folder.path.parent if kept and kept.folder else self._seen[image].folder
+        folder = self._folders.get((image, sketches)) if sketches else None
+        return folder.path.parent if folder and folder.path else self._seen[image].folder
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
         return " ".join(filter(None, self._problems.values()))
 
-    def offers(self) -> list[Offer]:
+    def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
         image = self._keeper.choices.image
-        found = self._seen[image].offers if image in self._seen else []
-        mine = {kept.folder.path for kept in self._kept.values() if kept.folder}
-        others = [offer for offer in found if offer.folder not in mine]
-        return sorted(others, key=lambda offer: offer.summary.saved, reverse=True)
+        found = self._seen[image].found if image in self._seen else {}
+        mine = {folder.path for folder in self._folders.values()}
+        others = [pair for pair in found.items() if pair[0] not in mine]
+        return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 
-    def take(self, offer: Offer, pair: Pair, folder: Folder | None) -> Kept:
-        """Go on with what was found, in these layers, there or in a folder of its own.
-
-        Nothing is written until it is `resuming` no more.
-        """
-        kept = self._keep(pair)
-        kept.folder, kept.resuming = folder, True
-        self._forget(offer)
-        return kept
+    def take(self, path: Path, pair: Pair, folder: Folder) -> None:
+        """Go on with what was found, which is in these layers now, in a folder."""
+        self._folders[pair] = folder
+        self._forget(path)
 
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
-        for offer in self.offers():
+        for path in self.offers():
             try:
-                _put_aside(offer.folder)
+                _put_aside(path)
             except OSError as error:
                 self._problems["look"] = f"Saved work could not be put aside: {error}."
-            self._forget(offer)
+            self._forget(path)
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
-        self._timer.stop()
+        self._soon.cancel()
         looks = [self._seen[image].job for image, _ in self._pairs() if image in self._seen]
         for job in (*looks, self._writing):
             if job:
@@ -169,51 +140,28 @@ class Saver(QObject):
         """Write what is still to be written, listen no more, and leave the folders to others."""
         if self._end:
             self.flush()
-            self._timer.stop()
+            self._soon.cancel()
             self._end()
             self._end = None
-            self._let_go()
+            self._let_go(*self._keeper.viewer.layers)
 
-    def _let_go(self) -> None:
-        for pair in tuple(self._kept):
-            self._drop(pair)
-        self._seen.clear()
-
-    def _forget(self, offer: Offer) -> None:
-        for seen in self._seen.values():
-            if offer in seen.offers:
-                seen.offers.remove(offer)
-        self.found.emit()
-
-    def _keep(self, pair: Pair) -> Kept:
-        """Give what is written of a pair, from now on at the latest."""
-        if pair in self._kept:
-            return self._kept[pair]
-        kept = self._kept[pair] = Kept()
-        path, when = _left.pop(pair[1], (None, 0))
-        if path and sessions.stamp(path) == when:
-            try:
-                kept.folder = Folder(path)
-            except OSError:
-                _log.info("Another window has taken over %s", path)
-        pair[1].events.data.connect(self._follow)
-        return kept
-
-    def _drop(self, pair: Pair) -> None:
-        """Let go of a pair, and of its folder."""
-        folder = self._kept.pop(pair).folder
-        if not any(layer is pair[1] for _, layer in self._kept):
-            pair[1].events.data.disconnect(self._follow)
-        if folder:
-            when = sessions.stamp(folder.path)
-            if when and pair[1] in self._keeper.viewer.layers:
-                _left[pair[1]] = folder.path, when
+    def _let_go(self, *layers: Layer) -> None:
+        """Leave the folders of some layers to others, and know nothing of them any more."""
+        for image, sketches in [pair for pair in self._folders if not set(pair).isdisjoint(layers)]:
+            folder = self._folders.pop((image, sketches))
             folder.release()
+            _left.setdefault(image, WeakKeyDictionary())[sketches] = folder
+        self._seen = {image: seen for image, seen in self._seen.items() if image not in layers}
+
+    def _forget(self, path: Path) -> None:
+        for seen in self._seen.values():
+            seen.found.pop(path, None)
+        self.found.emit()
 
     def _pairs(self) -> set[Pair]:
         """Give all that there is to save."""
         choices = self._keeper.choices
-        pairs = {(work.image, work.sketches) for work in self._keeper.works} | {*self._kept}
+        pairs = {(work.image, work.sketches) for work in self._keeper.works} | {*self._folders}
         image, sketches = choices.image, choices.sketches
         if image is not None and sketches is not None and sketches.nshapes:
             pairs.add((image, sketches))
@@ -223,21 +171,32 @@ class Saver(QObject):
         self._follow()
         self.found.emit()
 
-    def _follow(self, event: object = None) -> None:
+    def _on_event(self, event: Any) -> None:
+        """Hear of any layer: one that is not chosen may be written too."""
+        if event.type in PLACED:
+            self._follow()
+
+    def _follow(self) -> None:
         """Look at the chosen image, unless that was done, and write what has changed, soon."""
-        for pair in self._pairs():  # another one may be chosen before it is written
-            self._keep(pair)
-        image, (wanted, folder) = self._keeper.choices.image, self._choice
+        for image, layer in self._pairs() - self._folders.keys():  # another may be chosen soon
+            folder = _left.get(image, {}).pop(layer, Folder())
+            try:
+                folder.hold()
+            except OSError:
+                _log.info("Another window has taken over %s", folder.path)
+                folder = Folder()
+            self._folders[image, layer] = folder
+        image, (wanted, chosen) = self._keeper.choices.image, self._choice
         if wanted and image is not None and image not in self._seen:
             source, data = image.source.path, image.data
             pixels = data[-1] if image.multiscale else data  # pyright: ignore
             about = image.name, Path(source) if source else None, pixels, image.ndim - 2
-            job = Job(lambda _: _look(folder, *about))
+            job = Job(lambda _: _look(chosen, *about))
             self._seen[image] = Seen(job)
             job.done.connect(partial(self._on_looked, image))
             job.failed.connect(partial(self._on_not_looked, image))
             job.start()
-        self._wait()
+        self._soon()
 
     def _tell(self, about: str, problem: str) -> None:
         self._problems[about] = problem
@@ -249,7 +208,7 @@ class Saver(QObject):
         if image in self._seen and image in self._keeper.viewer.layers:
             self._seen[image], problem = answer
             self._tell("look", problem)
-            self._wait()
+            self._soon()
 
     def _on_not_looked(self, image: Image, problem: str) -> None:
         """The image could not be read: it is tried again with the next edit."""
@@ -262,30 +221,18 @@ class Saver(QObject):
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self.flush()
             self._choice = self._keeper.settings.saving
-            layers = {layer for _, layer in self._kept}
-            self._let_go()
-            for layer in layers:
-                _left.pop(layer, None)
+            self._let_go(*self._keeper.viewer.layers)
+            _left.clear()
             self._on_choice()
 
     def _on_removing(self, event: Any) -> None:
         if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
             self.flush()
 
-    def _on_removed(self, event: Any) -> None:
-        for pair in tuple(self._kept):
-            if event.value in pair:
-                self._drop(pair)
-        self._seen.pop(event.value, None)
-
-    def _wait(self, milliseconds: int | None = None) -> None:
-        if isalive(self._timer) and not self._timer.isActive():
-            self._timer.start(DELAY_MS if milliseconds is None else milliseconds)
-
     def _save(self) -> None:
         """Take what has changed, and write it in a thread."""
         if self._writing:
-            self._wait()
+            self._soon()
         elif orders := self._orders():
             self._writing = Job(lambda _: _write(orders))
             self._writing.done.connect(self._on_written)
@@ -295,9 +242,9 @@ class Saver(QObject):
     def _orders(self) -> list[Order]:
         """Take a snapshot of what has changed; give what writes it."""
         orders = []
-        for image, layer in self._pairs():
-            kept, seen = self._keep((image, layer)), self._seen.get(image)
-            if seen is None or seen.folder is None or kept.resuming:
+        for image, layer in self._pairs() & self._folders.keys():
+            folder, seen = self._folders[image, layer], self._seen.get(image)
+            if seen is None or seen.folder is None:
                 continue
             work = self._keeper.work_on(image, layer)
             state = work.state if work else NOTHING
@@ -309,18 +256,19 @@ class Saver(QObject):
                 )
             prints = [(f, s.kind, s.points.tobytes()) for f in drawn for s in drawn[f]]
             known = layer.name, state, prints
-            if kept.known != known and (kept.folder or drawn or state.records):
-                kept.known = known
+            if folder.known != known and (folder.path or drawn or state.records):
+                folder.known = known
                 session = Session(layer.name, seen.about, dict(drawn), state)
-                orders.append((kept, session, seen.folder))
+                orders.append((folder, session, seen.folder))
         return orders
 
     def _on_written(self, problem: str) -> None:
         self._writing = None
+        self._soon.setTimeout(AGAIN_MS if problem else DELAY_MS)
         if problem:  # all of it is written again
-            for kept in self._kept.values():
-                kept.known = None
-            self._wait(AGAIN_MS)
+            for folder in self._folders.values():
+                folder.known = None
+            self._soon()
         if problem != self._problems["write"]:
             self._tell("write", problem)
 
@@ -340,7 +288,7 @@ def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -
             problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
         if held and held.sha256 == checksum:
-            seen.offers.append(Offer(folder, held))
+            seen.found[folder] = held
     return seen, problem
 
 
@@ -390,10 +338,10 @@ def _put_aside(path: Path) -> None:
 def _write(orders: Sequence[Order]) -> str:
     """Write what was ordered, in a thread; says what went wrong."""
     problems = []
-    for kept, session, parent in orders:
+    for folder, session, parent in orders:
         try:
-            kept.folder = kept.folder or Folder.fresh(parent)
-            kept.folder.write(session)
+            folder.make(parent)
+            folder.write(session)
         except OSError as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems.append(f"The work could not be saved: {error}.")

@@ -11,8 +11,9 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -141,12 +142,9 @@ class _Record(_Strict):
         return self
 
     def record(self, frame: int) -> Record:
-        curve = Curve(
-            *(self.knots, self.points, self.half_width, self.sd),
-            *(self.status, self.reasons, float(self.residual[0])),
-        )
-        marks = (self.review, self.locked, self.drawn, self.edited)
-        return Record(self.id, frame, self.sketch, curve, *marks)
+        values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
+        curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
+        return Record(frame=frame, curve=curve, **values)
 
 
 class Page(_Strict):
@@ -213,15 +211,13 @@ def _head_text(session: Session) -> str:
 @once
 def _record_text(record: Record) -> str:
     """Write a curve; it never changes, and so that is done once."""
-    values = vars(record.curve) | vars(record)
+    values: dict[str, Any] = vars(record.curve) | vars(record)
     values["residual"] = np.array([record.curve.residual])
-    return _Record.model_construct(
-        **{name: values[name] for name in _Record.model_fields}
-    ).model_dump_json()
+    return _Record.model_construct(**values).model_dump_json()
 
 
-def _pages_of(session: Session) -> dict[int, str]:
-    """Write each frame of a session."""
+def _pages_of(session: Session) -> dict[str, str]:
+    """Write the file of each frame of a session."""
     state = session.state
     records, deleted = by_frame(state.records), by_frame(state.deleted)
 
@@ -234,7 +230,7 @@ def _pages_of(session: Session) -> dict[int, str]:
             f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
         )
 
-    return {frame: page(frame) for frame in sorted({*session.drawn, *records, *deleted})}
+    return {_name(frame): page(frame) for frame in sorted({*session.drawn, *records, *deleted})}
 
 
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
@@ -262,77 +258,82 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
 
 
 class Folder:
-    """Writes sessions into a folder, which must exist and is its own: only what has changed.
+    """Writes sessions into a folder of its own, made when there is something: what has changed.
 
-    Nobody else writes there until `release`, or until the process ends. Where another window owns
-    the folder, BusyError says which.
+    Nobody else writes there until `release`, or until the process ends. `known` is what was last
+    asked to be written, `path` None where there is no folder yet.
     """
 
-    def __init__(self, path: Path):
-        self.path, self._layer = path, ""
-        self._hold = ExitStack()
-        try:
-            self._hold.enter_context(owned(path))
-        except BusyError as error:
-            who = str(error).partition(";")[0]
-            raise BusyError(f"{who}: it is open in another window; close it there") from None
-        # What lies there and is not known to be right is written anew, or goes.
-        self._written: dict[str, object] = {
-            file.name: "" for file in path.iterdir() if FRAME.fullmatch(file.name)
-        }
-
-    @classmethod
-    def fresh(cls, parent: Path) -> "Folder":
-        """Make a folder in another one, with a number that nobody has."""
-        parent.mkdir(parents=True, exist_ok=True)
-        number = 0
-        while True:
-            number += 1
-            with suppress(FileExistsError):
-                (parent / str(number)).mkdir()
-                return cls(parent / str(number))
+    def __init__(self, path: Path | None = None):
+        self.path = path
+        self.known: object = None
+        self._hold, self._stamp = ExitStack(), 0
+        self._written: dict[str, object] = {}
+        if path is not None:
+            self.hold()
+            # What lies there and is not known to be right is written anew, or goes.
+            files = [file.name for file in path.iterdir() if FRAME.fullmatch(file.name)]
+            self._written |= dict.fromkeys(files, "")
 
     def holds(self, pictures: Mapping[int, Patch]) -> None:
         """Take note of reconstructions that were read from it: they need not be written again."""
-        self._written |= {_name(frame, "npz"): patch for frame, patch in pictures.items()}
+        known = {_name(frame, "npz"): patch for frame, patch in pictures.items()}
+        self._written = {name: known.get(name, "") for name in self._written}
+
+    def hold(self) -> None:
+        """Own it, again maybe; BusyError where another window does, or has written there since."""
+        if self.path is None:
+            return
+        try:
+            self._hold.enter_context(owned(self.path))
+        except BusyError as error:
+            who = str(error).partition(";")[0]
+            raise BusyError(f"{who}: it is open in another window; close it there") from None
+        if self._stamp and self._stamp != _stamp(self.path):
+            self._hold.close()
+            raise BusyError(f"{self.path} was changed by another window")
+
+    def make(self, parent: Path) -> None:
+        """Make it in another folder, unless there is one, with a number that nobody has."""
+        for path in (parent / str(number) for number in count(1)):
+            if self.path is not None:
+                return
+            with suppress(FileExistsError):
+                path.mkdir(parents=True)
+                self.path = path
+                self.hold()
 
     def release(self) -> None:
         """Let others write there; leave no folder behind that holds nothing."""
-        self._hold.close()
-        if self.path.is_dir() and not any(self.path.iterdir()):
-            self.path.rmdir()
+        if self.path is not None:
+            self._stamp = _stamp(self.path)
+            self._hold.close()
+            if self.path.is_dir() and not any(self.path.iterdir()):
+                self.path.rmdir()
 
     def write(self, session: Session) -> None:
         """Bring the files in step with a session; the head counts them once they are written.
 
         Pictures, which take longest, come last; one that no longer fits its frame goes first.
         """
-        pages: dict[str, Any] = {_name(frame): text for frame, text in _pages_of(session).items()}
-        patches = {_name(frame, "npz"): p for frame, p in session.state.patches.items()}
-        patches = {name: p for name, p in patches.items() if f"{name[:-3]}json" in pages}
-        wanted = pages | patches
-        if (wanted, session.layer) == (self._written, self._layer):
-            return
-        self._layer = ""  # until all is written
-        for name, what in tuple(self._written.items()):
-            if name.endswith("npz") and wanted.get(name) != what:
-                self._remove(name)
-        self._put(pages)
-        for name in set(self._written).difference(wanted):
-            self._remove(name)
-        _write(self.path / HEAD, _head_text(session))
-        self._put(patches)
-        self._layer = session.layer
-
-    def _put(self, wanted: Mapping[str, Any]) -> None:
-        for name, what in wanted.items():
-            if self._written.get(name) != what:
-                _write(self.path / name, what)
+        assert self.path is not None
+        pages: dict[str, Any] = _pages_of(session)
+        every = ((_name(frame, "npz"), patch) for frame, patch in session.state.patches.items())
+        patches = {name: patch for name, patch in every if f"{name[:-3]}json" in pages}
+        wanted = {**pages, HEAD: (session.layer, pages), **patches}
+        old = [name for name, what in self._written.items() if wanted.get(name) != what]
+        steps = [(name, None) for name in old if name.endswith("npz")]
+        steps += pages.items()
+        steps += [(name, None) for name in old if name not in wanted]
+        for name, what in (*steps, (HEAD, wanted[HEAD]), *patches.items()):
+            if self._written.get(name) == what:
+                continue
+            if what is None:
+                (self.path / name).unlink(missing_ok=True)
+                del self._written[name]
+            else:
+                _write(self.path / name, _head_text(session) if name == HEAD else what)
                 self._written[name] = what
-
-    def _remove(self, name: str) -> None:
-        (self.path / name).unlink(missing_ok=True)
-        del self._written[name]
 
 
 def _write(path: Path, what: str | Patch) -> None:
@@ -390,7 +391,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     return Session(head.layer, head.image, drawn, state), tuple(problems)
 
 
-def stamp(path: Path) -> int:
+def _stamp(path: Path) -> int:
     """Say when a folder was written last, in ns; 0 where nothing is."""
     with suppress(OSError):
         return (path / HEAD).stat().st_mtime_ns
