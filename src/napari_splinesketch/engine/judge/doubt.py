@@ -18,8 +18,8 @@ WEIGHTS = np.array([1.2, 1.3, 0.88])
 USUAL = np.array([-0.94, -2.9, 1.4])
 """Weights of the signs, and their values in curves that are right."""
 THRESHOLD = 2.2
-"""Of the weighted sum, above which a curve needs review. tests/benchmarks/doubt_weights.py fits such
-weights to real images and generated ones, and prints what each threshold marks. It gives the
+"""Of the weighted sum, above which a curve needs review. tests/benchmarks/doubt_weights.py fits
+such weights to real images and generated ones, and prints what each threshold marks. It gives the
 standard error less weight than here, so that an uncertain curve on a likely path would be good."""
 TELLING = 0.5
 """Signs that add more than this are named."""
