@@ -5,36 +5,56 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
-from napari_splinesketch.tracking.bodies import INFERRED
+from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
 from napari_splinesketch.tracking.search import Search
 
-from .test_follow import BRIGHT, LINE, FakeRefine, curve
+from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
 
-WHOLE = np.linspace(0, 60, 61)
+LENGTH, HALF_WIDTH, CAP = 50.0, 2.5, 1.5
 
 
-def at(frame: int, first: float = 0, last: float = 60) -> np.ndarray:
+def at(frame: int, first: float = 0, last: float = LENGTH) -> np.ndarray:
     """A body that glides by 2 px a frame, or a part of it."""
-    s = WHOLE[(first <= WHOLE) & (last >= WHOLE)]
-    return np.column_stack([30 + 0 * s, 10 + 2 * frame + s])
+    s = np.linspace(first, last, 100)
+    return np.column_stack([25 + 0 * s, 10 + 2 * frame + s])
 
 
-BODY = Body(1, tuple((t, curve(at(t))) for t in range(6)))
+BODY = Body(1, tuple((t, curve(at(t), HALF_WIDTH)) for t in range(6)))
 
 
-@pytest.mark.parametrize("part", [(0, 52), (8, 60)], ids=["its head", "its tail"])
-def test_what_something_hides_is_added_at_the_end_that_its_movement_says(part) -> None:
-    seen = curve(at(6, *part))
-    assert BODY.lacks(seen) and not BODY.lacks(curve(at(6, 0, 59.5)))
-    np.testing.assert_allclose(BODY.completed(6, seen)[[0, -1]], at(6)[[0, -1]], atol=0.1)
+def held(line: np.ndarray, first: float = 0, last: float = LENGTH) -> Curve:
+    """The body where it is foretold so, in an image of a part of it."""
+    shown = at(6, first + CAP, last - CAP)
+    rng = np.random.default_rng(0)
+    rows, columns = np.indices((50, 100))
+    apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
+    pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
+    search = Search(6, View(pixels), {1: line}, {}, refine, "fast", lambda told: None)
+    return search.held([BODY], {1: (line, 0.7)})[1].curve
+
+
+@pytest.mark.parametrize("part", [(0, 38), (12, LENGTH)], ids=["its head", "its tail"])
+def test_what_something_hides_is_added_at_the_end_that_is_not_seen(part) -> None:
+    found = held(at(6), *part)
+    np.testing.assert_allclose(found.points[[0, -1]], at(6)[[0, -1]], atol=1)
+    assert curve_inferred(found)
+
+
+@pytest.mark.parametrize("by", [-1.5, 1.5])
+def test_ends_that_are_seen_are_believed_where_others_are_foretold(by) -> None:
+    found = held(moved(at(6), 0, by))
+    np.testing.assert_allclose(found.points[[0, -1]], at(6)[[0, -1]], atol=0.7)
+    assert not curve_inferred(found)
 
 
 def test_a_length_that_was_not_seen_tells_nothing_of_the_length() -> None:
     short = curve(at(6, 0, 40))
+    assert BODY.lacks(short) and not BODY.lacks(curve(at(6, 0, LENGTH - 0.5)))
     assert BODY.with_curve(6, short).lengths[-1] == pytest.approx(40)
     inferred = replace(short, reasons=(f"part of it is {INFERRED}",))
-    assert BODY.with_curve(6, inferred).lengths == (BODY.lengths or (pytest.approx(60),) * 6)
+    assert BODY.with_curve(6, inferred).lengths == (BODY.lengths or (pytest.approx(LENGTH),) * 6)
 
 
 def test_a_body_of_unknown_width_is_held_as_others_are() -> None:

@@ -64,15 +64,8 @@ class Body:
 
     def lacks(self, curve: Curve) -> bool:
         """Whether a curve is so short that something may hide the rest."""
-        return self.length - curve.length > self._other_length
-
-    def outgrown(self, curve: Curve) -> bool:
-        """Whether a curve is longer than its body: it goes on along another one."""
-        return curve.length - self.length > 2 * self._other_length
-
-    @property
-    def _other_length(self) -> float:
-        return max(SHORT * self.half_width, SURELY * self.length_sd)
+        usual = max(SHORT * self.half_width, SURELY * self.length_sd)
+        return self.length - curve.length > usual
 
     @property
     def half_width(self) -> float:
@@ -83,18 +76,6 @@ class Body:
         """Where its points are in a frame, and their standard error: infinite if it is unknown."""
         line, sd = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
         return motion.of_length(line, self.length), sd
-
-    def completed(self, frame: int, curve: Curve) -> Line:
-        """A curve of which something hides a part, as long as the body: where it fits its movement.
-
-        The last frames together say how fast it goes, and so which end is the one that is hidden.
-        """
-        if not self.lacks(curve):
-            return curve.points
-        known = [(float(t), c.points) for t, c in self.seen]
-        expected, _ = motion.ahead(known, frame, motion.BASE)
-        ways = (motion.of_length(curve.points, self.length, share) for share in (0.0, 0.5, 1.0))
-        return min(ways, key=lambda way: float(np.linalg.norm(way - expected, axis=1).mean()))
 
     def expected(self, frame: int) -> Line:
         """Where to look for it in a frame."""

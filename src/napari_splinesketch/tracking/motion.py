@@ -18,8 +18,9 @@ COUNTED = 1.0
 """... which counts as much as so many measured ones."""
 GROWTH = 1.2
 """Power of the number of frames by which errors of predictions grow."""
-FAR, BASE = 1.5, 3
-"""Frames beyond which the movement of several frames together foretells, and of how many."""
+BASE = 3
+"""Frames whose movement together foretells: that of one would be twice as uncertain as a curve's
+ends are."""
 END = 12
 """Points at either end whose direction a body goes on in."""
 
@@ -30,7 +31,7 @@ Mover = Callable[[Points, Points, float], Points]
 """Takes the points before, the last ones and how many such steps to go."""
 
 
-def ahead(known: Sequence[Known], frame: float, base: int = 0) -> tuple[Points, float]:
+def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
     """Where a body is expected in a frame beyond those known, and how far off that may be.
 
     Parameters
@@ -47,7 +48,7 @@ def ahead(known: Sequence[Known], frame: float, base: int = 0) -> tuple[Points, 
     if len(known) < 2:
         return known[-1][1], np.inf
     lag = abs(frame - known[-1][0])
-    base = min(base or (1 if lag < FAR else BASE), max((len(known) - 1) // 2, 1))
+    base = min(BASE, max((len(known) - 1) // 2, 1))
     mover, error, counted = _best(known, base)
     older, newer = known[-1 - base], known[-1]
     line = mover(older[1], newer[1], steps_to(older, newer, frame))
@@ -82,12 +83,11 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> tu
     return (1 - blend) * forth + blend * back, max(sd, apart / 2)
 
 
-def of_length(line: Points, length: float, share: float = 0.5) -> Points:
-    """The line, made longer or shorter, by such a share of that at its beginning."""
+def of_length(line: Points, length: float) -> Points:
+    """The line, made longer or shorter at both ends alike."""
     s = arc_length(line)
-    more = length - s[-1]
-    at = np.linspace(-share * more, s[-1] + (1 - share) * more, len(line))
-    return _along(line, s, at)
+    more = (length - s[-1]) / 2
+    return _along(line, s, np.linspace(-more, s[-1] + more, len(line)))
 
 
 def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
@@ -98,7 +98,7 @@ def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
     errors: list[list[float]] = [[] for _ in MOVERS]
     for i in range(base, len(known) - 1):
         older, newer = known[i - base], known[i]
-        for now in known[i + 1 : i + 2] if base == 1 else known[i + 2 :]:
+        for now in known[i + 1 :]:
             lag = max(abs(now[0] - newer[0]), 1.0)
             for mover, found in zip(MOVERS, errors, strict=True):
                 line = mover(older[1], newer[1], steps_to(older, newer, now[0]))

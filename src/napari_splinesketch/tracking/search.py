@@ -18,7 +18,7 @@ from napari_splinesketch.engine.types import (
     Progress,
     Refinement,
 )
-from napari_splinesketch.tracking.bodies import INFERRED, SHORT, Body
+from napari_splinesketch.tracking.bodies import INFERRED, Body
 from napari_splinesketch.tracking.drift import (
     along_any,
     apart_from,
@@ -136,49 +136,25 @@ class Search:
             return found
         settings = SETTINGS[self._preset]
         sd = {b.id: float(self._unit * foretold[b.id][1]) for b in bodies}
-        loose = tuple(Hold(*[LOOSE * sd[b.id]] * 3) for b in bodies)
-        self._attempt(0, bodies, lines, replace(settings, hold=loose), found)
-        curves = {b.id: found[b.id].curve for b in bodies}
-        whole = {b.id: b.completed(self._frame, c) for b in bodies if b.lacks(c := curves[b.id])}
-        hidden = {b.id for b in bodies if self._drawn_back(b, curves[b.id], *foretold[b.id])}
-        hidden |= set(whole)
-        grown = {b.id for b in bodies if b.outgrown(curves[b.id])}
-        again = [b for b in bodies if not found[b.id].trusted or b.id in hidden | grown]
-        holds = []
-        for b in again:
-            if b.id in hidden:
-                across = (LOOSE if found[b.id].trusted else STRICT) * sd[b.id]
-                along = LOOSE * sd[b.id] + self._unit
-                holds.append(Hold(across, along, self._unit * b.length_sd))
-            else:
-                holds.append(Hold(*[STRICT * sd[b.id]] * 3))
-        strict = replace(settings, hold=tuple(holds))
-        self._attempt(0, again, lines | whole, strict, found, hidden=hidden, better=hidden | grown)
+
+        def hold(body: Body, across: float) -> Hold:
+            along = LOOSE * sd[body.id] + self._unit
+            return Hold(across * sd[body.id], along, self._unit * body.length_sd)
+
+        loose = replace(settings, hold=tuple(hold(b, LOOSE) for b in bodies))
+        self._attempt(0, bodies, lines, loose, found)
+        short = {b.id for b in bodies if b.lacks(found[b.id].curve)}
+        again = [b for b in bodies if not found[b.id].trusted or b.id in short]
+        holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
+        self._attempt(0, again, lines, replace(settings, hold=holds), found, hidden=short)
         return found
 
-    def _drawn_back(self, body: Body, curve: Curve, foretold: Line, sd: float) -> bool:
-        """Whether a curve ends before its body does where that is foretold, but not seen."""
-        unseen, line = self._unseen(body, foretold), curve.points
-        for end, inner in ((0, 1), (-1, -2)):
-            way = line[end] - line[inner]
-            beyond = (foretold[end] - line[end]) @ way / (np.linalg.norm(way) + 1e-9)
-            if unseen[end] and beyond > max(SHORT * body.half_width, 2 * sd):
-                return True
-        return False
-
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
-        """Where the image does not show a body: at its ends, or for more than its width."""
+        """Where the image does not show a body for its width, or for half of that at an end."""
         seen = np.asarray(binary_closing(self._seen(self._view.place.to_block(line))), bool)
-        unseen = ~seen
         width = _points(body, line)
-        end = max(round(SHORT * width), 1)
-        shown = np.flatnonzero(seen)
-        wide = np.asarray(binary_opening(unseen, iterations=width), bool)
-        if len(shown) and shown[0] >= end:
-            wide[: shown[0]] = True
-        if len(shown) and shown[-1] < len(line) - end:
-            wide[shown[-1] + 1 :] = True
-        return wide
+        beyond = np.pad(~seen, width, constant_values=True)
+        return np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
 
     def _uncovered(self, view: View, bodies: Sequence[Body], lines: Mapping[int, Line]) -> View:
         """The view without the pixels where bodies should be, but the image does not show them."""
@@ -214,12 +190,11 @@ class Search:
         found: dict[int, Found],
         *,
         hidden: Collection[int] = (),
-        better: Collection[int] = (),
     ) -> None:
         """Refine the lines of some bodies among the others; keep what is better than before.
 
-        Curves of those that are `better` held replace others against which as much speaks; of those
-        that are `hidden`, the image is not asked where it does not show them.
+        Of bodies that are `hidden` in part, the image is not asked where it does not show them, and
+        their curves replace others against which as much speaks.
         """
         bodies = [body for body in bodies if body.id in lines]
         if not bodies:
@@ -265,7 +240,7 @@ class Search:
             failed = curve.status == "failed"
             empty = failed or there <= LEAST
             one = Found(body.id, lines[body.id], curve, tuple(said), empty)
-            if body.id not in found or one.score < found[body.id].score + (body.id in better):
+            if body.id not in found or one.score < found[body.id].score + (body.id in hidden):
                 found[body.id] = one
                 kept = True
         if kept:
