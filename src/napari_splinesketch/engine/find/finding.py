@@ -267,7 +267,8 @@ def _start(
     own = int(np.clip(around.rung, rung - 1, rung + 1))
     contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
     # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
-    half_width = min(WIDTHS[own], half_width_across(seen.normal, line, WIDTHS[own]))
+    widest = WIDTHS[max(own, rung)]
+    half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, scoring.SAMPLES)
     goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
     return Start(line, True, half_width, contrast, known, tuple(goes_on.tolist()))

@@ -33,7 +33,7 @@ ends, and counts by this factor: two tell little of what is between, and more ar
 moved as a whole, or drawn without looking at each."""
 ENDS = 0.06
 """Of the length of a sketch: by so much more its clicked ends may miss the tips of the body."""
-ON = 0.5
+ON = 0.7
 """What each end of a path beyond which a body goes on costs a clicked sketch: bodies are labelled
 whole, unless the next tip is far."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")

@@ -14,13 +14,14 @@ END_SHARE = 0.1
 LEAST_SD = 0.03
 """Added to standard errors, px: below, they tell nothing."""
 SIGNS = ("sd", "astray", "cost")
-WEIGHTS = np.array([1.2, 1.3, 0.88])
-USUAL = np.array([-0.94, -2.9, 1.4])
-"""Weights of the signs, and their values in curves that are right."""
-THRESHOLD = 2.2
-"""Of the weighted sum, above which a curve needs review. tests/benchmarks/doubt_weights.py fits
-such weights to real images and generated ones, and prints what each threshold marks. It gives the
-standard error less weight than here, so that an uncertain curve on a likely path would be good."""
+WEIGHTS = np.array([0.89, 1.2, 1.4])
+USUAL = np.array([-1.6, -2.3, 1.5])
+"""Weights of the signs, and their values in curves that are right: fitted to real images and
+generated ones by tests/benchmarks/doubt_weights.py, which prints what each threshold marks."""
+THRESHOLD = 1.8
+"""Of the weighted sum, above which a curve needs review."""
+UNCERTAIN = 5.0
+"""A curve that may be so far off needs review, however likely its path is, px."""
 TELLING = 0.5
 """Signs that add more than this are named."""
 WORDS = {
@@ -104,12 +105,13 @@ def collect(
 def reasons(evidence: Evidence) -> list[str]:
     """Why a curve needs review, in words for the user; empty where it does not."""
     share = WEIGHTS * (evidence.signs - USUAL)
-    if share.sum() < THRESHOLD:
+    if share.sum() < THRESHOLD and evidence.sd < UNCERTAIN:
         return []
     words = (
         f"its position is uncertain by up to {evidence.sd:.1f} px",
         f"it strays up to {evidence.astray:.0f} px from its sketch",
         evidence.dearest,
     )
-    least = min(TELLING, share.max())
-    return [text for text, mine in zip(words, share, strict=True) if mine >= least]
+    telling = share >= min(TELLING, share.max())
+    telling[0] |= evidence.sd >= UNCERTAIN
+    return [text for text, tells in zip(words, telling, strict=True) if tells]

@@ -16,7 +16,7 @@ BULGE, ASTRAY = 0.3, 0.15
 """A body may leave its sketch by so much of the longest segment, and of the sketch's length."""
 STRAYS, STRAYS_PX = 12.0, 15.0
 """The latter is at most so many half-widths, and at least so many px."""
-ENOUGH = 0.9
+ENOUGH = 0.92
 """The smallest half-width whose ridge reaches this share of the best one's is the body's."""
 CHANCE = 0.7
 """What the highest of many noisy ridges has by chance, in units of the smoothed noise."""
@@ -90,9 +90,9 @@ def look_around(
 ) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's.
 
-    On profiles across the sketch the highest ridge counts, of any direction, the nearer the more;
-    the sketch's half-width is that of its median profile. Looked for within `reach` px, at the
-    `wanted` indices of WIDTHS; by default both follow from the sketch.
+    On each profile across the sketch the highest ridge counts, of any direction, the nearer the
+    more; how high it is there tells the sketch's half-width, that of its median profile. Looked for
+    within `reach` px, at the `wanted` indices of WIDTHS; by default both follow from the sketch.
     """
     length = float(spline.arc_length(line)[-1])
     if wanted is None:
@@ -100,6 +100,7 @@ def look_around(
     reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
     at, near = _profiles(line, reach)
     heights, reduced = np.zeros((2, wanted.stop, len(at))), {}
+    votes, profile = np.zeros_like(heights), np.arange(len(at))
     for rung in wanted:
         both, factor = ridges.heights(rung), ridges.factor(rung)
         if factor not in reduced:
@@ -107,8 +108,11 @@ def look_around(
         pixels, weight = reduced[factor]
         chance = CHANCE * ridges.noise / np.sqrt(max(BLUR * WIDTHS[rung], 0.5))
         for k, height in enumerate(both):
-            heights[k, rung] = (weight * height.ravel()[pixels]).max(1) - chance
-    best = np.maximum(heights.max(1), 0)
+            high = height.ravel()[pixels]
+            most = profile, (weight * high).argmax(1)
+            votes[k, rung] = (weight * high)[most] - chance
+            heights[k, rung] = np.where(weight[most] > 0, high[most], 0.0) - chance
+    best = np.maximum(votes.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
     for sign, of in zip((1, -1), heights, strict=True):
