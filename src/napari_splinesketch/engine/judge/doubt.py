@@ -14,11 +14,11 @@ END_SHARE = 0.1
 LEAST_SD = 0.03
 """Added to standard errors, px: below, they tell nothing."""
 SIGNS = ("sd", "astray", "cost")
-WEIGHTS = np.array([0.89, 1.2, 1.4])
+WEIGHTS = np.array([0.85, 1.1, 1.2])
 USUAL = np.array([-1.6, -2.3, 1.5])
 """Weights of the signs, and their values in curves that are right: fitted to real images and
 generated ones by tests/benchmarks/doubt_weights.py, which prints what each threshold marks."""
-THRESHOLD = 1.8
+THRESHOLD = 1.6
 """Of the weighted sum, above which a curve needs review."""
 UNCERTAIN = 5.0
 """A curve that may be so far off needs review, however likely its path is, px."""
