@@ -92,19 +92,6 @@ def _held(*names: str) -> Callable[[], None]:
     return patch
 
 
-def _no_weight(field: str) -> Callable[[], None]:
-    def patch() -> None:
-        make = bands.make_bands
-
-        def without(*given: Any):
-            made, shift, begin = make(*given)
-            return made._replace(**{field: 0 * getattr(made, field)}), shift, begin
-
-        bands.make_bands = without
-
-    return patch
-
-
 def _everybody_alike() -> None:
     rungs = scene._rungs
 
@@ -130,14 +117,13 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "sketches without a body are kept": _set(finding, UNSEEN=2.0),
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
-    "sweeps until all have settled": _set(fitting, MORE=0),
-    "curves that touch take turns": _set(fitting, _apart=lambda now, _: fitting._chunks(now)),
+    "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
     "fits that left their paths are undone": _set(fit_scene, LEFT=1e6),
     "a clicked sketch is a path itself": _set(scoring, CLICKED=range(0)),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),
     "outliers count linearly": _set(solver, HUBER=1e6),
-    "bodies resist bending": _no_weight("bending"),
-    "knots resist uneven spacing": _no_weight("spacing"),
+    "bodies resist bending": _set(bands, BEND=0.0),
+    "knots resist uneven spacing": _set(bands, UNEVEN=1e6),
     "learned taper": _held("log_power", "log_extent"),
     "shaded edges": _held("shade"),
     "half-width varies along": _held("log_width_1", "log_width_2", "log_width_3"),

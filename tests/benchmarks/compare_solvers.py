@@ -21,9 +21,7 @@ from result_tables import markdown
 from rows import FOLDER
 
 from napari_splinesketch import synthetic
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit import bands, fitting, profile, solver
-from napari_splinesketch.engine.fit.tube import brightness
+from napari_splinesketch.engine.fit import bands, fitting, solver, tube
 from napari_splinesketch.engine.look import scene
 
 KNOTS = 8
@@ -49,48 +47,34 @@ class Problem:
         pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid)]
         free = np.zeros((1, 2 * KNOTS, 2 * KNOTS))
         one, _, begin = bands.make_bands(seen.normal, pixels, theta, seen.half_width, priors, free)
-        edge = np.full(2 * KNOTS, 1e6)
-        level = solver.Level(
-            np.concatenate([-edge, priors.low]).astype(np.float32),
-            np.concatenate([edge, priors.high]).astype(np.float32),
-            np.float32(seen.noise),
-            np.float32(4.0),
-        )
+        level = bands.level(seen, priors, KNOTS)
         return Problem(jax.device_put(one), jax.device_put(level), begin)
 
 
 @jax.jit
 def residuals(theta, problem):
     """All rows whose squares add up to the cost that `solver` minimises."""
-    one, level, bend = problem
-    g = 2 * KNOTS
-    basis = jax.tree.map(jnp.asarray, bands.spline_basis(KNOTS)[0])
-    own, _ = brightness(theta, one.pixels, basis)
-    slopes = one.pixels / solver.SLOPE_UNIT
-    overlap, offset, *slope = theta[-4:]
-    model = profile.blend(overlap, own, 0.0, 0.0) + offset + slope[0] * slopes[0]
-    rest = (one.values - model - slope[1] * slopes[1]) / level.noise
-    robust = jnp.sqrt(one.weight * solver._huber(rest) + 1e-12)
-    stiff = jnp.sqrt(one.bending) * (theta[:g].reshape(2, KNOTS) @ bend).ravel()
-    knots = theta[:g].reshape(2, KNOTS)
-    second = knots[:, 2:] - 2 * knots[:, 1:-1] + knots[:, :-2]
-    tangent = knots[:, 2:] - knots[:, :-2]
-    tangent = jax.lax.stop_gradient(tangent / (jnp.linalg.norm(tangent, axis=0) + 1e-6))
-    uneven = jnp.sqrt(one.spacing) * (tangent * second).sum(0)
-    prior = jnp.sqrt(jnp.diagonal(one.prior_precision)) * (theta - one.prior_mean)
-    return jnp.concatenate([robust, stiff, uneven, prior])
+    one, level, root = problem
+    basis = jax.tree.map(jnp.asarray, bands.spline_basis(KNOTS))
+    nobody = jnp.zeros_like(one.values)
+    model, *_ = tube.render(theta, one.pixels, nobody, nobody, basis)
+    size = jnp.abs(one.values - model) / level.noise
+    robust = jnp.sqrt(one.weight * solver._huber(size) + 1e-12)
+    return jnp.concatenate([robust, root @ (theta - one.prior_mean) + _lean(problem)])
 
 
-def _root_of_bending() -> np.ndarray:
-    """A matrix whose product with its transpose is the bending matrix."""
-    values, vectors = np.linalg.eigh(spline.bending_matrix(KNOTS))
-    return (vectors * np.sqrt(np.maximum(values, 0))).astype(np.float32)
+def _lean(problem):
+    """What is added to the priors' rows, so that the slope of their squares is as given."""
+    one, _, root = problem
+    return jnp.linalg.solve(root.T + 1e-6 * jnp.eye(len(root)), one.prior_slope)
 
 
 def of_body(problem: Problem):
-    """The first (only) body of the padded arrays, for `residuals`."""
+    """The first (only) body of the padded arrays, and a root of its prior, for `residuals`."""
     one = jax.tree.map(lambda a: a[0], problem.bands)
-    return one, problem.level, jnp.asarray(_root_of_bending())
+    values, vectors = np.linalg.eigh(np.asarray(one.prior_precision, float))
+    root = (vectors * np.sqrt(np.maximum(values, 0))).T.astype(np.float32)
+    return one, problem.level, jnp.asarray(root)
 
 
 jacobian = jax.jit(jax.jacfwd(residuals))
@@ -105,11 +89,11 @@ def _optimistix(theta, args, method):
 
 def ours(problem: Problem) -> np.ndarray:
     """Our solver: one visit of at most STEPS evaluations."""
-    basis, bend = bands.spline_basis(KNOTS)
+    basis = bands.spline_basis(KNOTS)
     fit = solver.start(problem.begin, problem.bands.values.shape[1])
     order = np.zeros(len(problem.begin), np.int32)
     made = solver.sweep(
-        problem.bands, problem.level, fit, basis, bend, order, np.int32(1), np.int32(STEPS)
+        problem.bands, problem.level, fit, basis, order, np.int32(1), np.int32(STEPS)
     )
     return np.asarray(made.theta[0])
 

@@ -35,17 +35,6 @@ def _changed(module, name: str, value) -> Iterator[None]:
         setattr(module, name, before)
 
 
-def _of_bands(field: str, factor: float):
-    """Scale a prior that all curves have."""
-    make = bands.make_bands
-
-    def scaled(*given, **options):
-        made, shift, begin = make(*given, **options)
-        return made._replace(**{field: factor * getattr(made, field)}), shift, begin
-
-    return _changed(bands, "make_bands", scaled)
-
-
 def _of_priors(factor: float):
     """Scale the weight (one over the variance) of every prior of widths, taper, look."""
     make = bands.default_priors
@@ -65,8 +54,8 @@ def _of_score(index: int, factor: float):
 
 
 WEIGHTS: dict[str, Callable[[float], AbstractContextManager[None]]] = {
-    "bending of the curve": partial(_of_bands, "bending"),
-    "uneven knots": partial(_of_bands, "spacing"),
+    "bending of the curve": lambda factor: _changed(bands, "BEND", bands.BEND * factor),
+    "uneven knots": lambda factor: _changed(bands, "UNEVEN", bands.UNEVEN / np.sqrt(factor)),
     "priors of width, taper, look": _of_priors,
     **{f"path: {name}": partial(_of_score, i) for i, name in enumerate(scoring.FEATURES)},
     "body taken twice": partial(_constant, choice, "SHARED"),

@@ -51,7 +51,6 @@ def test_islands_hold_what_overlaps(case):
     covered = np.zeros((900, 900), int)
     for island in found:
         covered[island.pose.window] += 1
-        assert island.near.any()
     assert covered.max() == 1
 
 

@@ -114,9 +114,9 @@ def test_little_is_computed_between_two_chances_to_cancel(preset, monkeypatch):
     since, most = [], []
     sweep = solver.sweep
 
-    def counted(bands, level, fit, basis, bend, order, count, steps):
+    def counted(bands, level, fit, basis, order, count, steps):
         since.append(int(count) * int(steps))
-        return sweep(bands, level, fit, basis, bend, order, count, steps)
+        return sweep(bands, level, fit, basis, order, count, steps)
 
     def on_progress(_):
         most.append((len(since), sum(since)))

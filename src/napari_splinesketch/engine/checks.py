@@ -67,7 +67,7 @@ def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:
     return ""
 
 
-def blank(pixels: Real[Array, " P"]) -> str:
+def blank(pixels: Real[Array, "h w"]) -> str:
     """Why nothing can be seen around the sketches, or nothing."""
     there = pixels[np.isfinite(pixels)]
     if not len(there):

@@ -2,19 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Real
+from jaxtyping import Float, Int, Real
 from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.types import Array, Curve
 
-NEAREST, FARTHEST = 20.0, 200.0
-"""Bodies are expected within half of a sketch's length of it: at least, and at most, px."""
 EXACT = 2.0**-10
 """Sketches are rounded to this, px, so that turning them is exact."""
 
@@ -50,25 +46,26 @@ class Pose:
 
     def inside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
         """Points (row, col and whatever else) of the image in the turned window."""
-        points = points.copy()
-        points[:, :2] -= [s.start for s in self.window]
-        if self.swap:
-            points[:, :2] = points[:, 1::-1]
-        return self._reversed(points)
+        low, size = self._corner_and_size
+        at = (points[:, :2] - low)[:, self._axes]
+        at = np.where(self.reverse, size - 1 - at, at)
+        return np.column_stack([at, points[:, 2:]])
 
     def outside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
         """The same back again."""
-        points = self._reversed(points.copy())
-        if self.swap:
-            points[:, :2] = points[:, 1::-1]
-        points[:, :2] += [s.start for s in self.window]
-        return points
+        low, size = self._corner_and_size
+        at = np.where(self.reverse, size - 1 - points[:, :2], points[:, :2])
+        return np.column_stack([at[:, self._axes] + low, points[:, 2:]])
 
-    def _reversed(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
-        last = [s.stop - s.start - 1 for s in self.window][:: -1 if self.swap else 1]
-        for axis in np.flatnonzero(self.reverse):
-            points[:, axis] = last[axis] - points[:, axis]
-        return points
+    @property
+    def _axes(self) -> list[int]:
+        return [1, 0] if self.swap else [0, 1]
+
+    @property
+    def _corner_and_size(self) -> Int[Array, "2 2"]:
+        """The first pixel of the window in the image, and the shape of the turned window."""
+        low, high = np.array([(s.start, s.stop) for s in self.window]).T
+        return np.array([low, (high - low)[self._axes]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,30 +103,17 @@ class Island:
 
     def in_image(self, curves: Sequence[Curve]) -> list[Curve]:
         """Curves of the sketches in pixels of the image, each beginning where its sketch does."""
-        found = []
-        for curve, backwards in zip(curves, self.backwards, strict=True):
-            step = slice(None, None, -1 if backwards else 1)
-            found.append(
-                replace(
-                    curve,
-                    knots=self.pose.outside(curve.knots)[step],
-                    points=self.pose.outside(curve.points)[step],
-                    half_width=curve.half_width[step],
-                    sd=curve.sd[step],
-                )
+        steps = [slice(None, None, -1 if backwards else 1) for backwards in self.backwards]
+        return [
+            replace(
+                curve,
+                knots=self.pose.outside(curve.knots)[step],
+                points=self.pose.outside(curve.points)[step],
+                half_width=curve.half_width[step],
+                sd=curve.sd[step],
             )
-        return found
-
-    @cached_property
-    def near(self) -> Bool[Array, "h w"]:
-        """(h, w) where the bodies are expected: within half of a sketch's length of it."""
-        rows, columns = (s.stop - s.start for s in self.pose.window)
-        near = np.zeros((columns, rows) if self.pose.swap else (rows, columns), dtype=bool)
-        for line in self.sketches:
-            radius = np.clip(spline.arc_length(line)[-1] / 2, NEAREST, FARTHEST)
-            rows, columns, mask = band(line, radius, near.shape)
-            near[rows, columns] |= mask
-        return near
+            for curve, step in zip(curves, steps, strict=True)
+        ]
 
 
 def split(

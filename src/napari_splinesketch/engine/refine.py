@@ -91,7 +91,7 @@ def refine(
             progress("looking at the image", 0.0)
             for island in islands.split(image, lines, usable, fixed):
                 pixels = island.pose.cut(image)
-                blank = checks.blank(pixels[island.near])
+                blank = checks.blank(pixels)
                 if blank:
                     faults = [blank if i in island.members else f for i, f in enumerate(faults)]
                     continue

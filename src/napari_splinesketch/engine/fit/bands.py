@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit.solver import TILE, Bands
+from napari_splinesketch.engine.fit.solver import TILE, Bands, Level
 from napari_splinesketch.engine.fit.tube import FINER, GLOBALS, INDEX, Basis
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.scene import Scene
@@ -20,10 +20,16 @@ SAMPLES, PER_KNOT = 64, 2.6
 CURVES = (16, 128, 1024, 8192)
 PIXELS = tuple(TILE * n for n in (4, 16, 64))
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
+MOVES, MOVES_PX = 0.8, 4.0
+"""Longest move of a knot in one step, half-widths, and px at least."""
 PIN = 0.003
 """Standard deviation of what does not move, px."""
+FAR = 1e4
+"""Where pixels are said to be that are not there, px."""
 BEND = 10.0
 """Weight of bending, of a curve's half-width and its length to the power of -3."""
+UNEVEN = 0.1
+"""Standard deviation of second differences of the knots along a curve, of their usual spacing."""
 FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
 """Standard deviations of a curve's local background where the scene's own is simple."""
 
@@ -34,12 +40,11 @@ def padded(count: int, sizes: tuple[int, ...]) -> int:
 
 
 @cache
-def spline_basis(knots: int) -> tuple[Basis, Float[Array, "K K"]]:
-    """The basis at the samples of a curve and the bending matrix, float32."""
+def spline_basis(knots: int) -> Basis:
+    """The basis at the samples of a curve, float32."""
     coarse = 2 ** int(np.ceil(np.log2(max(SAMPLES, PER_KNOT * knots))))
     u = np.linspace(0, 1, FINER * (coarse - 1) + 1)
-    values = (spline.basis(knots, u, d).astype(np.float32) for d in range(3))
-    return Basis(*values), spline.bending_matrix(knots).astype(np.float32)
+    return Basis(*(spline.basis(knots, u, d).astype(np.float32) for d in range(3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,13 @@ def default_priors(count: int, half_width: float) -> Priors:
     columns = np.array([{**modes, **table}[name] for name in GLOBALS]).T
     mean, sd = (np.repeat(c[None], count, 0) for c in columns[:2])
     return Priors(mean, sd, columns[2], columns[3])
+
+
+def level(seen: Scene, priors: Priors, knots: int) -> Level:
+    """What all curves of a scene share."""
+    edge, longest = np.full(2 * knots, 1e6), max(MOVES * seen.half_width, MOVES_PX)
+    low, high = np.concatenate([-edge, priors.low]), np.concatenate([edge, priors.high])
+    return Level(*(np.float32(a) for a in (low, high, seen.noise, longest)))
 
 
 def begin(
@@ -150,47 +162,43 @@ def make_bands(
     padded parameters to start from.
     """
     count, d = theta.shape
-    knots = (d - len(GLOBALS)) // 2
+    k = (d - len(GLOBALS)) // 2
     n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
     n *= -(-count // n)  # beyond the largest size, multiples of it
-    index = np.zeros((n, m), dtype=np.int64)
-    weight = np.zeros((n, m), dtype=np.float32)
+    index, there = np.zeros((n, m), dtype=np.int64), np.zeros((n, m), dtype=bool)
     for i, own in enumerate(pixels):
-        index[i, : len(own)] = own
-        weight[i, : len(own)] = 1
-    there = weight > 0
+        index[i, : len(own)], there[i, : len(own)] = own, True
     slots = np.full((n, m), n * m - 1, dtype=np.int32)
     slots[there] = np.unique(index[there], return_inverse=True)[1]
 
-    centre = theta[:, : 2 * knots].reshape(count, 2, knots).mean(2)
-    shift = np.zeros((count, d))
-    shift[:, : 2 * knots] = np.repeat(centre, knots, axis=1)
-    begin = np.zeros((n, d), dtype=np.float32)
+    xy = theta[:, : 2 * k].reshape(count, 2, k)
+    centre = xy.mean(2)
+    shift, begin = np.zeros((count, d)), np.zeros((n, d), np.float32)
+    shift[:, : 2 * k] = np.repeat(centre, k, axis=1)
     begin[:count] = theta - shift
-    position = np.full((n, 2, m), 1e4, dtype=np.float32)
-    width = image.shape[1]
-    rows_columns = np.stack([index // width, index % width], 1)[:count]
-    position[:count] = np.where(there[:count, None], rows_columns - centre[:, :, None], 1e4)
+    position = np.full((n, 2, m), FAR, dtype=np.float32)
+    away = np.stack(np.divmod(index[:count], image.shape[1]), 1) - centre[:, :, None]
+    position[:count] = np.where(there[:count, None], away, FAR)
 
-    length = np.ones(n)
-    xy = begin[:count, : 2 * knots].reshape(count, 2, knots)
-    length[:count] = np.linalg.norm(np.diff(xy, axis=2), axis=1).sum(1) + 1e-3
-    mean, precision = np.zeros((n, d), np.float32), np.zeros((n, d, d), np.float32)
-    mean[:count, 2 * knots :] = priors.mean
-    precision[:count, 2 * knots :, 2 * knots :] = priors.sd[:, :, None] ** -2.0 * np.eye(
-        len(GLOBALS)
-    )
-    mean[:count, : 2 * knots] = begin[:count, : 2 * knots]
-    precision[:count, : 2 * knots, : 2 * knots] = hold
-    bands = Bands(
-        position,
-        image.ravel()[index].astype(np.float32),
-        weight,
-        slots,
-        -(-there.sum(1) // TILE).astype(np.int32),
-        mean,
-        precision,
-        (BEND * half_width / length**3).astype(np.float32),
-        ((knots - 1) / (0.1 * length)).astype(np.float32) ** 2,
-    )
-    return bands, shift, begin
+    stiff = _stiffness(xy, half_width)
+    mean, slope = begin.copy(), np.zeros((n, d), np.float32)
+    mean[:count, 2 * k :] = priors.mean
+    slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
+    precision = np.zeros((n, d, d), np.float32)
+    precision[:count, : 2 * k, : 2 * k] = hold + stiff
+    precision[:count, 2 * k :, 2 * k :] = priors.sd[:, :, None] ** -2.0 * np.eye(len(GLOBALS))
+    values, weight = image.ravel()[index].astype(np.float32), there.astype(np.float32)
+    tiles = -(-there.sum(1) // TILE).astype(np.int32)
+    return Bands(position, values, weight, slots, tiles, mean, precision, slope), shift, begin
+
+
+def _stiffness(xy: Float[Array, "n 2 K"], half_width: float) -> Float[Array, "n 2K 2K"]:
+    """What bending costs curves, and spacing their knots unevenly, as quadratic forms."""
+    length = np.linalg.norm(np.diff(xy, axis=2), axis=1).sum(1)[:, None, None] + 1e-3
+    bend = np.kron(np.eye(2), spline.bending_matrix(xy.shape[2]))
+    tangent = xy[:, :, 2:] - xy[:, :, :-2]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-6
+    second = np.diff(np.eye(xy.shape[2]), n=2, axis=0)
+    along = np.concatenate([tangent[:, 0, :, None] * second, tangent[:, 1, :, None] * second], 2)
+    spacing = UNEVEN * length / (xy.shape[2] - 1)
+    return BEND * half_width / length**3 * bend + along.transpose(0, 2, 1) @ along / spacing**2

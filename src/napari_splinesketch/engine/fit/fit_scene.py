@@ -162,14 +162,13 @@ def _fit_group(
 
     The solver gives all of them as many knots as the one that needs most; the others are held to
     their `own` numbers. A second fit holds the ends beyond which a curve grew though nothing is
-    seen there, and a third one the curves that left their paths; the rows of these are returned,
-    too.
+    seen there, and the curves that left their paths; the rows of these are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
-    fully = np.eye(2 * knots)
+    fully, ends = np.eye(2 * knots), [0, knots - 1, knots, 2 * knots - 1]
     for row, start in enumerate(starts):
         theta[row, : 2 * knots], hold[row] = bands.stiff(start.line, own[row], knots)
         if holds:
@@ -177,34 +176,26 @@ def _fit_group(
         if not start.found:
             hold[row] += fully / HELD**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-
-    def again(begin: dict[int, Float[Array, " D"]]) -> list[Body]:
-        if not begin:
-            return found
-        now = np.array([begin.get(row, body.theta) for row, body in enumerate(found)])
-        return fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
-
-    left: set[int] = set()
-    if not holds:
-        known = [row for row, start in enumerate(starts) if start.found]
-        cut, ends = {}, [0, knots - 1, knots, 2 * knots - 1]
-        for row in known:
-            line = _ended(found[row], starts[row])
-            if line is not None:
-                at, _ = bands.stiff(line, own[row], knots)
-                cut[row] = np.concatenate([at, found[row].parameters])
-                hold[row, ends, ends] += HELD**-2.0
-        found = again(cut)
-        left = {row for row in known if _left(found[row], starts[row])}
-        hold[list(left)] = fully / bands.PIN**2
-        found = again({row: theta[row] for row in left})
+    left, again = set(), {}
+    for row in (row for row, start in enumerate(starts) if start.found and not holds):
+        line = _ended(found[row], starts[row])
+        if _left(found[row].points(100) if line is None else line, starts[row]):
+            left.add(row)
+            hold[row], again[row] = fully / bands.PIN**2, theta[row]
+        elif line is not None:
+            at, _ = bands.stiff(line, own[row], knots)
+            hold[row, ends, ends] += HELD**-2.0
+            again[row] = np.concatenate([at, found[row].parameters])
+    if again:
+        now = np.array([again.get(row, body.theta) for row, body in enumerate(found)])
+        found = fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
     numbers = [*own, *[knots] * len(still)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], left
 
 
-def _left(body: Body, start: Start) -> bool:
+def _left(line: Line, start: Start) -> bool:
     """Whether a curve has left the path that it was to follow."""
-    apart = spline.apart(body.points(100), spline.resample(start.line, SAMPLES))
+    apart = spline.apart(line, spline.resample(start.line, SAMPLES))
     return float(np.quantile(apart, MOSTLY)) > LEFT * start.half_width + LEFT_PX
 
 

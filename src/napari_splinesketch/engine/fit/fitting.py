@@ -12,18 +12,13 @@ from scipy.linalg import block_diag
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands as pad
 from napari_splinesketch.engine.fit import solver
-from napari_splinesketch.engine.fit.profile import blend
-from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
 GAIN = 1.0
-"""A curve that improved its χ² by less in a visit is not visited again ..."""
-RESTLESS = 0.03
-"""... and one that improved it by more than this share in its last has not settled: it is visited
-again ..."""
-MORE = 24
-"""... in so many more sweeps at most."""
+"""A curve that improved its χ² by less in a visit is not visited again, until one that it touches
+has moved."""
 MARGIN, MARGIN_PX = 0.5, 4.0
 """Background on either side of a body in its band, half-widths, and px at least."""
 CHUNK = 128
@@ -126,26 +121,23 @@ def fit_curves(
     report
         See `Report`.
     """
-    n, d = theta.shape
-    k = (d - len(GLOBALS)) // 2
+    n = len(theta)
     pinned = np.arange(n) >= (n if moving is None else moving)
-    hold = np.zeros((n, 2 * k, 2 * k)) if hold is None else hold.copy()
-    hold[pinned] = pad.PIN**-2.0 * np.eye(2 * k)
+    hold = np.zeros((n, *2 * (theta.shape[1] - len(GLOBALS),))) if hold is None else hold.copy()
+    hold[pinned] = pad.PIN**-2.0 * np.eye(hold.shape[1])
     margin = max(MARGIN * seen.half_width, MARGIN_PX)
+    widths = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
+    widths = np.clip(widths, 0.5 * seen.half_width, 2 * seen.half_width)
     pixels = [
         pad.band_pixels(line, width + margin, seen.valid)
-        for line, width in zip(lines_of(theta), _widths(theta, seen.half_width), strict=True)
+        for line, width in zip(lines_of(theta), widths, strict=True)
     ]
     bands, shift, begin = pad.make_bands(seen.normal, pixels, theta, seen.half_width, priors, hold)
-    basis, bend = pad.spline_basis(k)
-    shared = solver.Level(
-        np.concatenate([np.full(2 * k, -1e6), priors.low]).astype(np.float32),
-        np.concatenate([np.full(2 * k, 1e6), priors.high]).astype(np.float32),
-        np.float32(seen.noise),
-        np.float32(max(solver.MOVES * seen.half_width, solver.MOVES_PX)),
-    )
+    knots = hold.shape[1] // 2
     fit = solver.start(begin, bands.values.shape[1])
-    bands, fit, shared, basis, bend = jax.device_put((bands, fit, shared, basis, bend))
+    bands, fit, level, basis = jax.device_put(
+        (bands, fit, pad.level(seen, priors, knots), pad.spline_basis(knots))
+    )
 
     def bodies() -> list[Body]:
         found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
@@ -157,55 +149,39 @@ def fit_curves(
 
     meets = _meeting(pixels, seen.valid.shape[1])
     free = ~pinned | (meets & ~pinned).any(1)
-    pending: Sequence[int] = np.flatnonzero(meets.any(1) | pinned).tolist()
-    for turn, steps in enumerate((1, *sweeps, *[sweeps[-1]] * MORE)):
+    pending = meets.any(1)
+    for turn, steps in enumerate((1, *sweeps)):
         visited = 0
-        for now in _apart(pending, meets) if turn else _chunks(pending):
+        for chunk in _turns(np.flatnonzero(pending), meets & (turn > 0)):
             order = np.zeros(len(begin), np.int32)
-            order[: len(now)] = now
-            numbers = np.int32(len(now)), np.int32(steps)
+            order[: len(chunk)] = chunk
+            numbers = np.int32(len(chunk)), np.int32(steps)
             with jax.enable_x64(False):
-                fit = solver.sweep(bands, shared, fit, basis, bend, order, *numbers)
-            visited += len(now)
+                fit = solver.sweep(bands, level, fit, basis, order, *numbers)
+            visited += len(chunk)
             if report:
-                report(min((turn + visited / len(pending)) / (1 + len(sweeps)), 1.0), bodies)
-        gain, cost = np.asarray(fit.gain)[:n], np.asarray(fit.cost)[:n]
-        moved = gain > (GAIN if turn < len(sweeps) else RESTLESS * cost)
-        pending = _unsettled(moved, pending, meets, free) if turn else range(n)
-        if not pending:
+                report((turn + visited / pending.sum()) / (1 + len(sweeps)), bodies)
+        moved = pending & (np.asarray(fit.gain)[:n] > GAIN)
+        pending = (moved | (meets & moved).any(1)) & free if turn else np.ones(n, dtype=bool)
+        if not pending.any():
             break
     return bodies()
 
 
-def _apart(curves: Sequence[int], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
+def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
     """The curves in chunks of which no two meet, so that each sees the others as they are now.
 
     Two overlapping curves that step at the same time overshoot together, for ever.
     """
-    colours: list[list[int]] = []
-    for i in curves:
-        free = (c for c in colours if not meets[i, c].any())
-        colour = next(free, None)
-        if colour is None:
-            colours.append([i])
+    turns: list[list[int]] = []
+    for i in curves.tolist():
+        mine = next((turn for turn in turns if not meets[i, turn].any()), None)
+        if mine is None:
+            turns.append([i])
         else:
-            colour.append(i)
-    for colour in colours:
-        yield from _chunks(colour)
-
-
-def _chunks(curves: Sequence[int]) -> Iterator[list[int]]:
-    for first in range(0, len(curves), CHUNK):
-        yield list(curves[first : first + CHUNK])
-
-
-def _unsettled(moved, visited: Sequence[int], meets, free) -> list[int]:
-    """Curves to visit next: those that moved when they were visited, and those beside them."""
-    here = np.zeros(len(meets), dtype=bool)
-    here[list(visited)] = True
-    moved = here & moved
-    again = moved | (meets & moved).any(1)
-    return np.flatnonzero(again & free).tolist()
+            mine.append(i)
+    for turn in turns:
+        yield from (turn[first : first + CHUNK] for first in range(0, len(turn), CHUNK))
 
 
 def _meeting(pixels: list[Int[Array, " m"]], width: int) -> Bool[Array, "n n"]:
@@ -221,11 +197,6 @@ def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2
     """Points of the centrelines of many parameter vectors, uniform in the spline's parameter."""
     k = (theta.shape[1] - len(GLOBALS)) // 2
     return spline.even_basis(k, count) @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
-
-
-def _widths(theta: Float[Array, "n D"], half_width: float) -> Float[Array, " n"]:
-    width = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
-    return np.clip(width, 0.5 * half_width, 2 * half_width)
 
 
 def render_at(pixels: Int[Array, " P"], bodies: Sequence[Body]) -> Float[Array, " P"]:

@@ -13,19 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.fit.profile import blend
-from napari_splinesketch.engine.fit.tube import INDEX, Basis, brightness
+from napari_splinesketch.engine.fit.tube import Basis, render
 from napari_splinesketch.engine.types import AnyArray as Array
-
-SLOPE_UNIT = 50.0
-"""Background slopes are per this many px."""
-
-MOVES, MOVES_PX = 0.8, 4.0
-"""Longest move of a knot in one step, half-widths, and px at least."""
 
 HUBER = 4.0
 """Residuals beyond this many standard deviations of the noise count linearly."""
-
 
 TILE = 704
 """Pixels worked on at a time: a curve costs what its band needs, whatever it is padded to, and
@@ -52,11 +44,9 @@ class Bands(NamedTuple):
     """How many times TILE pixels hold the curve's band; 0 for padding."""
     prior_mean: Float[Array, "N D"]
     prior_precision: Float[Array, "N D D"]
-    """Inverse covariance of the prior of the parameters; 0 for none."""
-    bending: Float[Array, " N"]
-    """Weight of knotsᵀ Q knots."""
-    spacing: Float[Array, " N"]
-    """Weight of unequal spacing of the knots along the curve."""
+    """Curvature of what the prior costs: its inverse covariance; 0 for none."""
+    prior_slope: Float[Array, "N D"]
+    """Half of the slope of what the prior costs at its mean: bodies resist bending."""
 
 
 class Level(NamedTuple):
@@ -84,30 +74,22 @@ class Fit(NamedTuple):
     """Improvement of χ² in the last visit."""
 
 
-class _Step(NamedTuple):
+class _Look(NamedTuple):
+    """What one curve looks like at `theta`, and which way is down."""
+
     theta: Array
-    trial: Array
     own: Array
     hessian: Array
     gradient: Array
     cost: Array
-    first: Array
-    damping: Array
-    taken: Array
-    done: Array
 
 
 def start(theta: Float[Array, "N D"], pixels: int) -> Fit:
     """The state before the first visit."""
     n, d = theta.shape
-    return Fit(
-        theta,
-        np.zeros((n, pixels), np.float32),
-        np.zeros(n, np.float32),
-        np.zeros((n, d, d), np.float32),
-        np.full(n, 1e-2, np.float32),
-        np.zeros(n, np.float32),
-    )
+    own, hessian = np.zeros((n, pixels), np.float32), np.zeros((n, d, d), np.float32)
+    nothing, damping = np.zeros(n, np.float32), np.full(n, 1e-2, np.float32)
+    return Fit(theta, own, nothing, hessian, damping, nothing.copy())
 
 
 @partial(jax.jit, donate_argnums=(2,), static_argnames="together")
@@ -116,7 +98,6 @@ def sweep(
     level: Level,
     fit: Fit,
     basis: Basis,
-    bend: Float[Array, "K K"],
     order: Int[Array, " N"],
     count: Int[Array, ""],
     steps: Int[Array, ""],
@@ -126,9 +107,8 @@ def sweep(
     """Visit the first `count` curves of `order`, `together` at a time.
 
     Each takes at most `steps` evaluations; with one it stays where it is, and its brightness,
-    cost and normal matrix are brought up to date. `basis` and `bend` are the spline's basis and
-    its bending matrix. One at a time costs least on a CPU, many at a time on a GPU: that is what
-    None chooses. The curves are the same.
+    cost and normal matrix are brought up to date. One at a time costs least on a CPU, many at a
+    time on a GPU: that is what None chooses. The curves are the same.
     """
     if together is None:
         together = 1 if jax.default_backend() == "cpu" else min(len(order), ABREAST)
@@ -137,9 +117,7 @@ def sweep(
     def visit(i, steps):
         one = jax.tree.map(lambda a: a[i], bands)
         others = others_of(maps, fit.own[i], one.slots)
-        step = _visit(one, level, fit.theta[i], fit.damping[i], *others, basis, bend, steps)
-        gain = step.first - step.cost
-        return Fit(step.theta, step.own, step.cost, step.hessian, step.damping, gain)
+        return _visit(one, level, fit.theta[i], fit.damping[i], others, basis, steps)
 
     def visit_one(turn, now):
         i = order[turn]
@@ -167,29 +145,27 @@ class Maps(NamedTuple):
 def brightness_maps(
     own: Float[Array, "N M"], slots: Int[Array, "N M"], tiles: Int[Array, " N"] | None
 ) -> Maps:
-    """Add up the curves, one after the other where their `tiles` are given."""
+    """Add up the curves, one tile after the other where their `tiles` are given."""
     nothing = jnp.zeros(own.size, own.dtype)
 
-    def over_tiles(add, start):
+    def over_all(add):
         if tiles is None:
-            return add(start, own, slots)
-        count = tiles
+            return add(nothing, own, slots)
+        curve = jnp.repeat(jnp.arange(len(own)), tiles, total_repeat_length=own.size // TILE)
+        first = jnp.cumsum(tiles) - tiles
 
-        def over_curve(i, image):
-            def over_tile(t, image):
-                cut = partial(jax.lax.dynamic_slice, start_indices=(i, t * TILE))
-                here, at = (cut(a, slice_sizes=(1, TILE))[0] for a in (own, slots))
-                return add(image, here, at)
+        def over_tile(t, image):
+            start = curve[t], TILE * (t - first[curve[t]])
+            here, at = (jax.lax.dynamic_slice(a, start, (1, TILE))[0] for a in (own, slots))
+            return add(image, here, at)
 
-            return jax.lax.fori_loop(0, count[i], over_tile, image)
-
-        return jax.lax.fori_loop(0, (count > 0).sum(), over_curve, start)
+        return jax.lax.fori_loop(0, tiles.sum(), over_tile, nothing)
 
     # One image a loop, never read where it is written: XLA would copy it in every turn.
-    total = over_tiles(lambda image, here, at: image.at[at].add(here), nothing)
-    most = over_tiles(lambda image, here, at: image.at[at].max(here), nothing)
-    second = over_tiles(
-        lambda image, here, at: image.at[at].max(jnp.where(here >= most[at], 0.0, here)), nothing
+    total = over_all(lambda image, here, at: image.at[at].add(here))
+    most = over_all(lambda image, here, at: image.at[at].max(here))
+    second = over_all(
+        lambda image, here, at: image.at[at].max(jnp.where(here >= most[at], 0.0, here))
     )
     return Maps(total, most, second)
 
@@ -202,122 +178,61 @@ def others_of(
     return maps.total[slots] - own, jnp.where(own >= most, maps.second[slots], most)
 
 
-def _visit(
-    one: Bands, level: Level, theta, damping, others_sum, others_max, basis, bend, limit
-) -> _Step:
+def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit) -> Fit:
     """Up to `limit` evaluations for one curve; the first is at `theta` itself."""
-    d = len(theta)
-    begin = _Step(
-        theta,
-        theta,
-        jnp.zeros_like(one.values),
-        jnp.zeros((d, d)),
-        jnp.zeros(d),
-        jnp.asarray(jnp.inf),
-        jnp.asarray(jnp.inf),
-        damping,
-        jnp.asarray(0, jnp.int32),
-        jnp.asarray(False),
-    )
+    d, knots = len(theta), basis.value.shape[1]
 
-    def step(now: _Step) -> _Step:
-        own, hessian, gradient, cost = _linearise(
-            one, level, now.trial, others_sum, others_max, basis, bend
-        )
-        better = cost < now.cost
-        small = jnp.where(better, now.cost - cost < SETTLED, now.damping > 1e3)
-        pick = partial(jax.tree.map, partial(jnp.where, better))
-        theta, own, hessian, gradient, cost = pick(
-            (now.trial, own, hessian, gradient, cost),
-            (now.theta, now.own, now.hessian, now.gradient, now.cost),
-        )
-        first = jnp.minimum(now.first, jnp.where(now.taken == 0, cost, jnp.inf))
-        damping = jnp.clip(now.damping * jnp.where(better, 0.2, 5.0), 1e-6, 1e6)
-        damped = hessian + (damping * jnp.diagonal(hessian) + 1e-3) * jnp.eye(d)
-        factor = jax.scipy.linalg.cho_factor(damped)
-        move = jax.scipy.linalg.cho_solve(factor, gradient)
-        longest = jnp.abs(move[: 2 * len(bend)]).max()
+    def step(now):
+        best, trial, damping, first, taken, _ = now
+        here = _linearise(one, level, trial, others, basis)
+        better = here.cost < best.cost
+        done = jnp.where(better, best.cost - here.cost < SETTLED, damping > 1e3)
+        best = jax.tree.map(partial(jnp.where, better), here, best)
+        first = jnp.where(taken == 0, here.cost, first)
+        damping = jnp.clip(damping * jnp.where(better, 0.2, 5.0), 1e-6, 1e6)
+        diagonal = damping * jnp.diagonal(best.hessian) + 1e-3
+        factor = jax.scipy.linalg.cho_factor(best.hessian + diagonal * jnp.eye(d))
+        move = jax.scipy.linalg.cho_solve(factor, best.gradient)
+        longest = jnp.abs(move[: 2 * knots]).max()
         move = move * jnp.minimum(1.0, level.longest / (longest + 1e-9))
         move = jnp.where(jnp.isfinite(move).all(), move, 0.0)
-        trial = jnp.clip(theta + move, level.lower, level.upper)
-        return _Step(
-            theta, trial, own, hessian, gradient, cost, first, damping, now.taken + 1, small
-        )
+        trial = jnp.clip(best.theta + move, level.lower, level.upper)
+        return best, trial, damping, first, taken + 1, done
 
-    return jax.lax.while_loop(lambda s: (s.taken < limit) & ~s.done, step, begin)
+    nothing = jnp.zeros_like(one.values), jnp.zeros((d, d)), jnp.zeros(d)
+    unknown = jnp.asarray(jnp.inf)
+    begin = (_Look(theta, *nothing, unknown), theta, damping, unknown, jnp.int32(0), False)
+    best, _, damping, first, *_ = jax.lax.while_loop(
+        lambda now: (now[-2] < limit) & ~now[-1], step, begin
+    )
+    return Fit(best.theta, best.own, best.cost, best.hessian, damping, first - best.cost)
 
 
-def _linearise(one: Bands, level: Level, theta, others_sum, others_max, basis, bend):
+def _linearise(one: Bands, level: Level, theta, others, basis: Basis) -> _Look:
     """Brightness, normal matrix, descent direction (right-hand side) and cost at `theta`."""
-    k, d = len(bend), len(theta)
 
     def add_tile(t, sums):
         own, gram, cost = sums
         cut = partial(jax.lax.dynamic_slice_in_dim, start_index=t * TILE, slice_size=TILE, axis=-1)
-        seen = (one.pixels, one.values, one.weight, others_sum, others_max)
-        here, tile_gram, tile_cost = _tile(level, theta, basis, *map(cut, seen))
+        pixels, values, weight, *beside = map(cut, (one.pixels, one.values, one.weight, *others))
+        model, here, jacobian = render(theta, pixels, *beside, basis=basis)
+        residual = values - model
+        size = jnp.abs(residual) / level.noise
+        robust = weight * jnp.minimum(1.0, HUBER / (size + 1e-9))
+        rows = jnp.concatenate([jacobian, residual[None]])
         own = jax.lax.dynamic_update_slice_in_dim(own, here, t * TILE, 0)
-        return own, gram + tile_gram, cost + tile_cost
+        return own, gram + (rows * robust) @ rows.T, cost + (weight * _huber(size)).sum()
 
+    d = len(theta)
     nothing = jnp.zeros_like(one.values), jnp.zeros((d + 1, d + 1)), jnp.asarray(0.0)
-    own, gram, data_cost = jax.lax.fori_loop(0, one.tiles, add_tile, nothing)
-
+    own, gram, cost = jax.lax.fori_loop(0, one.tiles, add_tile, nothing)
     apart = theta - one.prior_mean
-    away = one.prior_precision @ apart
+    away = one.prior_precision @ apart + one.prior_slope
+    gram = gram / level.noise**2
     hessian = gram[:-1, :-1] + one.prior_precision
-    gradient = gram[:-1, -1] - away
-    cost = data_cost + apart @ away
-
-    g = 2 * k
-    knots = theta[:g].reshape(2, k)
-    stiff, pull, energy = _knot_priors(knots, one.bending, one.spacing, bend)
-    hessian = hessian.at[:g, :g].add(stiff)
-    return own, hessian, gradient.at[:g].add(-pull), cost + energy
+    return _Look(theta, own, hessian, gram[:-1, -1] - away, cost + apart @ (away + one.prior_slope))
 
 
-def _tile(level: Level, theta, basis, pixels, values, weight, others_sum, others_max):
-    """Brightness in some pixels, and their share of the normal matrix (last: residual) and χ²."""
-    g = 2 * basis.value.shape[1]
-    own, jacobian = brightness(theta, pixels, basis)
-    overlap = theta[g + INDEX["overlap"]]
-    model = blend(overlap, own, others_sum, others_max)
-    slopes = pixels / SLOPE_UNIT
-    background = (
-        theta[g + INDEX["offset"]]
-        + theta[g + INDEX["slope_row"]] * slopes[0]
-        + theta[g + INDEX["slope_col"]] * slopes[1]
-    )
-    residual = (values - model - background) / level.noise
-    robust = weight * jnp.minimum(1.0, HUBER / (jnp.abs(residual) + 1e-9))
-    visible = 1 - overlap + overlap * (own >= others_max)
-    blend_slope = jnp.maximum(own, others_max) - own - others_sum
-    rows = jnp.concatenate(
-        [
-            jacobian[: g + INDEX["overlap"]] * (visible / level.noise),
-            jnp.stack([blend_slope, jnp.ones_like(own), slopes[0], slopes[1]]) / level.noise,
-            residual[None],
-        ]
-    )
-    return own, (rows * robust) @ rows.T, (weight * _huber(residual)).sum()
-
-
-def _huber(residual):
-    """r² within HUBER, linear beyond."""
-    size = jnp.abs(residual)
+def _huber(size):
+    """The square of a residual's size within HUBER, linear beyond."""
     return jnp.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2)
-
-
-def _knot_priors(knots, bending, spacing, bend):
-    """Normal matrix, gradient and energy of bending and of unequal spacing of the knots."""
-    k = knots.shape[1]
-    stiff = jnp.kron(jnp.eye(2), bending * bend)
-    second = knots[:, 2:] - 2 * knots[:, 1:-1] + knots[:, :-2]
-    tangent = knots[:, 2:] - knots[:, :-2]
-    tangent = tangent / (jnp.linalg.norm(tangent, axis=0) + 1e-6)
-    difference = jnp.eye(k)[2:] - 2 * jnp.eye(k)[1:-1] + jnp.eye(k)[:-2]
-    rows = jnp.concatenate([tangent[0, :, None] * difference, tangent[1, :, None] * difference], 1)
-    uneven = (tangent * second).sum(0)
-    flat = knots.reshape(-1)
-    pull = stiff @ flat + spacing * rows.T @ uneven
-    energy = flat @ stiff @ flat + spacing * (uneven**2).sum()
-    return stiff + spacing * rows.T @ rows, pull, energy

@@ -1,16 +1,18 @@
-"""The tube renderer: one curve's brightness in its band of pixels, and its Jacobian."""
+"""The tube renderer: how the model draws one body's band of pixels, and the derivatives of that."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jax.scipy.special import erf
+from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.fit.profile import WIDTH_MODES, coverage_partials, modes
 from napari_splinesketch.engine.types import AnyArray as Array
 
-# Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
+WIDTH_MODES = 4
 SHADE_MODES = 2
+"""In how many ways half-width and brightness may vary along a body; the first is to be constant."""
+# Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
 GLOBALS = (
     *(f"log_width_{i}" for i in range(WIDTH_MODES)),
     *(f"brightness_{i}" for i in range(1, SHADE_MODES + 1)),
@@ -24,10 +26,13 @@ GLOBALS = (
     "slope_row",
     "slope_col",
 )
-
 INDEX = {name: i for i, name in enumerate(GLOBALS)}
+SLOPE_UNIT = 50.0
+"""Background slopes are per this many px."""
 FINER = 16
 """Samples of the curve for each one that the nearest is looked for among."""
+FLOOR = 0.02
+"""Half-width at the very ends of a body, before the power of its taper."""
 
 
 class Basis(NamedTuple):
@@ -38,28 +43,60 @@ class Basis(NamedTuple):
     second: Float[Array, "P K"]
 
 
-class Nearest(NamedTuple):
-    """The point of the centreline nearest to each of M pixels."""
+def render(
+    theta: Float[Array, " D"],
+    pixels: Float[Array, "2 M"],
+    others_sum: Float[Array, " M"],
+    others_max: Float[Array, " M"],
+    basis: Basis,
+) -> tuple[Float[Array, " M"], Float[Array, " M"], Float[Array, "D M"]]:
+    """Everything in a body's band: other bodies, its own brightness, the local background.
 
-    u: Float[Array, " M"]
-    distance: Float[Array, " M"]
-    normal: Float[Array, "2 M"]
-    weights: Float[Array, "K M"]
-    slopes: Float[Array, "K M"]
-    """Weights of the knots in the point and in the tangent there."""
-    du_dpoint: Float[Array, "2 M"]
-    du_dtangent: Float[Array, "2 M"]
-    """How u slides when the point moves and when the tangent turns."""
+    Parameters
+    ----------
+    theta
+        (D,) the curve's parameters: K rows, K columns, then GLOBALS.
+    pixels
+        (2, M) row and col of the band's pixels.
+    others_sum, others_max
+        (M,) sum and maximum of the other bodies' brightness there.
+    basis
+        Spline basis.
 
-
-def nearest(knots: Float[Array, "2 K"], pixels: Float[Array, "2 M"], basis: Basis) -> Nearest:
-    """Nearest points of a curve: the nearest of every FINER-th sample, then two Newton steps.
-
-    The first step leads to another sample, the second to a point within half a sample of it, so
-    that values and weights there are right to the precision of the numbers.
+    Returns
+    -------
+    (M,) the model's pixels, (M,) the body's own brightness, and (D, M) the derivatives of the
+    former by the parameters.
     """
-    samples, curve = len(basis.value), [knots @ b.T for b in basis]
-    coarse = (samples - 1) // FINER + 1
+    last, count = len(basis.value) - 1, basis.value.shape[1]
+    knots = theta[: 2 * count].reshape(2, count)
+    curve = [knots @ b.T for b in basis]
+    index = _nearest_sample(curve, pixels)
+    bend = curve[2][:, index]
+
+    def drawn(point: Array, tangent: Array, g: list[Array]) -> tuple[Array, Array]:
+        # A Newton step leads from the sample to the nearest point, which slides as they change.
+        step = _newton(pixels - point, tangent, bend, index, last, reach=1)
+        apart = pixels - point - tangent * step - 0.5 * bend * step**2
+        distance = jnp.sqrt((apart**2).sum(0) + 1e-6)
+        own = brightness(distance, index / last + step, g)
+        model = blend(g[INDEX["overlap"]], own, others_sum, others_max) + g[INDEX["offset"]]
+        slopes = g[INDEX["slope_row"]] * pixels[0] + g[INDEX["slope_col"]] * pixels[1]
+        return model + slopes / SLOPE_UNIT, own
+
+    # Each pixel gets its own copy of the parameters, so that one backward pass gives all rows.
+    each = [jnp.broadcast_to(x, pixels.shape[1:]) for x in theta[2 * count :]]
+    model, pull, own = jax.vjp(drawn, curve[0][:, index], curve[1][:, index], each, has_aux=True)
+    by_point, by_tangent, by_globals = pull(jnp.ones_like(model))
+    value, slope = basis.value.T[:, index], basis.first.T[:, index]
+    by_knots = [by_point[axis] * value + by_tangent[axis] * slope for axis in (0, 1)]
+    return model, own, jnp.concatenate([*by_knots, *(x[None] for x in by_globals)])
+
+
+def _nearest_sample(curve: list[Array], pixels: Float[Array, "2 M"]) -> Int[Array, " M"]:
+    """(M,) the sample nearest to each pixel: the nearest of every FINER-th, then a Newton step."""
+    last = curve[0].shape[1] - 1
+    coarse = last // FINER + 1
     # Written out by coordinate, so that XLA fuses it with the minimum: fifty times faster.
     row, column = curve[0][:, ::FINER, None]
     squared = (pixels[0][None] - row) ** 2 + (pixels[1][None] - column) ** 2
@@ -68,97 +105,53 @@ def nearest(knots: Float[Array, "2 K"], pixels: Float[Array, "2 M"], basis: Basi
     bits = jax.lax.bitcast_convert_type(squared, jnp.int32)
     index = (bits & ~low) | jnp.arange(coarse, dtype=jnp.int32)[:, None]
     index = FINER * (index.min(0) & low)
-
-    def newton(index, reach: int):
-        point, tangent, bend = (a[:, index] for a in curve)
-        apart = pixels - point
-        speed = (tangent**2).sum(0)
-        curvature = jnp.maximum(speed - (apart * bend).sum(0), 0.3 * speed)
-        step = (apart * tangent).sum(0) / curvature * (samples - 1)
-        step = jnp.clip(step, jnp.maximum(-index, -reach), jnp.minimum(samples - 1 - index, reach))
-        return step, apart, tangent, bend, speed
-
-    index = index + jnp.rint(newton(index, FINER)[0]).astype(jnp.int32)
-    step, apart, tangent, bend, speed = newton(index, 1)
-    u = (index + step) / (samples - 1)
-    step = step / (samples - 1)
-    apart = apart - tangent * step - 0.5 * bend * step**2
-    tangent = tangent + bend * step
-    distance = jnp.sqrt((apart**2).sum(0) + 1e-6)
-    inside = (u > 0) & (u < 1)
-    denominator = jnp.maximum((tangent**2).sum(0) - (apart * bend).sum(0), 0.3 * speed)
-    slopes = basis.first.T[:, index]
-    return Nearest(
-        u,
-        distance,
-        apart / distance,
-        basis.value.T[:, index] + slopes * step,
-        slopes,
-        jnp.where(inside, -tangent / denominator, 0.0),
-        jnp.where(inside, apart / denominator, 0.0),
-    )
+    point, tangent, bend = (a[:, index] for a in curve)
+    step = _newton(pixels - point, tangent, bend, index, last, reach=FINER)
+    return index + jnp.rint(step * last).astype(jnp.int32)
 
 
-def brightness(
-    theta: Float[Array, " D"], pixels: Float[Array, "2 M"], basis: Basis
-) -> tuple[Float[Array, " M"], Float[Array, "D M"]]:
-    """A curve's brightness above the background in its band, and the Jacobian.
+def _newton(apart, tangent, bend, index, last: int, reach: int) -> Float[Array, " M"]:
+    """By how much u changes from a sample to the nearest point, within `reach` samples of it."""
+    speed = (tangent**2).sum(0)
+    curvature = jnp.maximum(speed - (apart * bend).sum(0), 0.3 * speed)
+    low, high = jnp.maximum(-index, -reach) / last, jnp.minimum(last - index, reach) / last
+    return jnp.clip((apart * tangent).sum(0) / curvature, low, high)
 
-    Parameters
-    ----------
-    theta
-        (D,) the curve's parameters: K rows, K columns, then GLOBALS.
-    pixels
-        (2, M) row and col of the band's pixels.
-    basis
-        Spline basis.
 
-    Returns
-    -------
-    (M,) brightness, and (D, M) its derivatives (zero in the rows of overlap and background).
+def brightness(distance, u, g):
+    """A body's brightness at a distance from the point u of its centreline.
+
+    Along a straight stretch a row of radially symmetric blobs integrates to such a tube
+    (paper, section 2.1): its coverage is about 1 inside and 0 outside, its edge is blurred, and
+    may be darker than its middle.
     """
-    count = basis.value.shape[1]
-    knots = theta[: 2 * count].reshape(2, count)
-    g = theta[2 * count :]
-    near = nearest(knots, pixels, basis)
+    shape = modes(u)
+    log_width = sum(g[i] * shape[i] for i in range(WIDTH_MODES))
+    light = 1 + sum(g[WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + SHADE_MODES))
+    blur = jnp.exp(g[INDEX["log_blur"]]) * jnp.sqrt(2.0)
+    width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]])
+    edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
+    across = jnp.minimum((distance / width) ** 2, 1.0)
+    return g[INDEX["contrast"]] * light * edge * (1 - g[INDEX["shade"]] * across)
 
-    shape, slopes = modes(near.u)
-    log_width, log_width_slope = g[:WIDTH_MODES] @ shape, g[:WIDTH_MODES] @ slopes
-    varying = slice(WIDTH_MODES, WIDTH_MODES + SHADE_MODES)
-    light = 1 + g[varying] @ shape[1 : SHADE_MODES + 1]
-    light_slope = g[varying] @ slopes[1 : SHADE_MODES + 1]
-    contrast = g[INDEX["contrast"]]
 
-    spread = jnp.full_like(near.u, 1.0)
-    cover, partial = coverage_partials(
-        near.distance,
-        near.u,
-        log_width,
-        g[INDEX["log_blur"]] * spread,
-        g[INDEX["shade"]] * spread,
-        g[INDEX["log_power"]] * spread,
-        g[INDEX["log_extent"]] * spread,
-    )
-    scale = contrast * light
-    by_u = scale * (partial[1] + partial[2] * log_width_slope) + contrast * light_slope * cover
-    by_point = -scale * partial[0] * near.normal + by_u * near.du_dpoint
-    zero = jnp.zeros_like(cover)
-    jacobian = jnp.concatenate(
-        [
-            by_point[0] * near.weights + by_u * near.du_dtangent[0] * near.slopes,
-            by_point[1] * near.weights + by_u * near.du_dtangent[1] * near.slopes,
-            scale * partial[2] * shape,
-            contrast * cover * shape[1 : SHADE_MODES + 1],
-            jnp.stack(
-                [
-                    light * cover,
-                    scale * partial[3],
-                    scale * partial[4],
-                    scale * partial[5],
-                    scale * partial[6],
-                    *[zero] * 4,
-                ]
-            ),
-        ]
-    )
-    return scale * cover, jacobian
+def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
+    """Half-width at u, px: the body's width times a rise from FLOOR at the ends to 1.
+
+    It is ∝ (distance from the end / extent)^power, with the extent as a share of the length.
+    `xp` is the array library to compute with.
+    """
+    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), FLOOR, 1.0)
+    rounded = x * (1.5 - 0.5 * x**2)
+    return xp.exp(log_width) * rounded ** xp.exp(log_power)
+
+
+def modes(u, xp=jnp):
+    """(WIDTH_MODES, M) Legendre polynomials of 2u - 1: how bodies may vary along their length."""
+    x = 2 * u - 1
+    return xp.stack([xp.ones_like(x), x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x])
+
+
+def blend(overlap, own, others_sum, others_max, xp=jnp):
+    """Overlapping bodies: α·max + (1 - α)·sum (paper, section 2.1)."""
+    return overlap * xp.maximum(own, others_max) + (1 - overlap) * (own + others_sum)

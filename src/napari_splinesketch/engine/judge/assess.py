@@ -7,8 +7,7 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.profile import WIDTH_MODES, modes, tapered_width
-from napari_splinesketch.engine.fit.tube import INDEX
+from napari_splinesketch.engine.fit.tube import INDEX, WIDTH_MODES, modes, tapered_width
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 SAME_BODY = 0.5
@@ -19,7 +18,7 @@ for this share of their length."""
 
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) half-width at the spline parameters `u`, px."""
-    log_width = g[:WIDTH_MODES] @ modes(u, np)[0]
+    log_width = g[:WIDTH_MODES] @ modes(u, np)
     return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
 
 

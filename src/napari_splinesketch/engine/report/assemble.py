@@ -11,7 +11,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.solver import SLOPE_UNIT
+from napari_splinesketch.engine.fit.tube import SLOPE_UNIT
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt
 from napari_splinesketch.engine.judge.standard_error import (

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +19,12 @@ PARTS = {
     "brightness": ("brightness_1", "brightness_2"),
 }
 """Parameters that let half-width and brightness change along a body."""
+KINDS = {
+    "width": ("constant", "profile"),
+    "brightness": ("constant", "profile"),
+    "background": ("constant", "linear", "textured"),
+}
+"""What parts of a model may be, in rising order of what they need."""
 MOST_WEIGHED = 60
 """So many bodies tell which of them pay."""
 NOTHING = SceneModel(
@@ -44,27 +50,20 @@ def joined(models: Sequence[tuple[Sequence[int], SceneModel]], count: int) -> Sc
     if not models:
         return replace(NOTHING, knots=tuple(knots))
     each = [one for members, one in models for _ in members]
-
-    def typical(name: str) -> float:
-        return float(np.median([getattr(one, name) for one in each]))
-
-    def most(name: str, order: tuple[str, ...]):
-        return max((getattr(one, name) for one in each), key=order.index)
-
     overlaps = [one.overlap for one in each if one.overlap is not None]
     bright = sum(one.polarity == "bright" for one in each)
+    numbers = ("half_width", "contrast", "noise", "blur")
+    found: dict[str, Any] = {
+        name: float(np.median([getattr(one, name) for one in each])) for name in numbers
+    }
+    for name, kinds in KINDS.items():
+        found[name] = max((getattr(one, name) for one in each), key=kinds.index)
     return SceneModel(
         polarity="bright" if 2 * bright >= len(each) else "dark",
         knots=tuple(knots),
-        half_width=typical("half_width"),
-        width=most("width", ("constant", "profile")),
-        brightness=most("brightness", ("constant", "profile")),
-        background=most("background", ("constant", "linear", "textured")),
         overlap=float(np.median(overlaps)) if overlaps else None,
-        contrast=typical("contrast"),
-        noise=typical("noise"),
-        blur=typical("blur"),
         notes=tuple(dict.fromkeys(note for _, one in models for note in one.notes)),
+        **found,
     )
 
 
@@ -74,9 +73,6 @@ def model(seen: Scene, fit: SceneFit, rests: list[Float[Array, " m"]]) -> SceneM
     def typical(name: str) -> float:
         return float(np.median([b[name] for b in fit.bodies]))
 
-    def along(part: str) -> Literal["constant", "profile"]:
-        return "profile" if parts[part] else "constant"
-
     parts = {part: _pays(fit.bodies[:MOST_WEIGHED], names) for part, names in PARTS.items()}
     contrast = abs(seen.contrast)
     overlap = typical("overlap") if _overlapping(fit.bodies) else None
@@ -84,8 +80,8 @@ def model(seen: Scene, fit: SceneFit, rests: list[Float[Array, " m"]]) -> SceneM
         polarity=seen.polarity,
         knots=tuple(len(b.knots) for b in fit.bodies),
         half_width=float(np.exp(typical("log_width_0"))),
-        width=along("width"),
-        brightness=along("brightness"),
+        width="profile" if parts["width"] else "constant",
+        brightness="profile" if parts["brightness"] else "constant",
         background=seen.background_kind,
         overlap=overlap,
         contrast=contrast * typical("contrast"),
