@@ -27,6 +27,7 @@ from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.keeper import NOTHING, Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
+from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.sessions import Folder, Head, Session, Shape
 
 DELAY_MS = 700
@@ -172,8 +173,8 @@ class Saver(QObject):
         self.found.emit()
 
     def _on_event(self, event: Any) -> None:
-        """Hear of any layer: one that is not chosen may be written too."""
-        if event.type in PLACED:
+        """Hear of any layer of the user's: one that is not chosen may be written too."""
+        if event.type in PLACED and not is_result(event.sources[0]):
             self._follow()
 
     def _follow(self) -> None:
@@ -230,7 +231,7 @@ class Saver(QObject):
             self.flush()
 
     def _save(self) -> None:
-        """Take what has changed, and write it in a thread."""
+        """Take what there is, and write what of it has changed in a thread."""
         if self._writing:
             self._soon()
         elif orders := self._orders():
@@ -240,7 +241,7 @@ class Saver(QObject):
             self._writing.start()
 
     def _orders(self) -> list[Order]:
-        """Take a snapshot of what has changed; give what writes it."""
+        """Take a snapshot of what there is; what of it has changed, its folder knows."""
         orders = []
         for image, layer in self._pairs() & self._folders.keys():
             folder, seen = self._folders[image, layer], self._seen.get(image)
@@ -254,10 +255,7 @@ class Saver(QObject):
                 drawn[sessions.EVERY if layer.ndim < image.ndim else frame].append(
                     Shape(kind, line)
                 )
-            prints = [(f, s.kind, s.points.tobytes()) for f in drawn for s in drawn[f]]
-            known = layer.name, state, prints
-            if folder.known != known and (folder.path or drawn or state.records):
-                folder.known = known
+            if folder.path or drawn or state.records:
                 session = Session(layer.name, seen.about, dict(drawn), state)
                 orders.append((folder, session, seen.folder))
         return orders
@@ -265,9 +263,7 @@ class Saver(QObject):
     def _on_written(self, problem: str) -> None:
         self._writing = None
         self._soon.setTimeout(AGAIN_MS if problem else DELAY_MS)
-        if problem:  # all of it is written again
-            for folder in self._folders.values():
-                folder.known = None
+        if problem:
             self._soon()
         if problem != self._problems["write"]:
             self._tell("write", problem)

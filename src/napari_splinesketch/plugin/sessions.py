@@ -260,13 +260,12 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
 class Folder:
     """Writes sessions into a folder of its own, made when there is something: what has changed.
 
-    Nobody else writes there until `release`, or until the process ends. `known` is what was last
-    asked to be written, `path` None where there is no folder yet.
+    Nobody else writes there until `release`, or until the process ends. Its `path` is None while
+    there is none.
     """
 
     def __init__(self, path: Path | None = None):
         self.path = path
-        self.known: object = None
         self._hold, self._stamp = ExitStack(), 0
         self._written: dict[str, object] = {}
         if path is not None:
