@@ -346,3 +346,34 @@ def test_lines_that_go_to_another_image_leave_the_saved_work_of_the_first(home: 
         first.saver.flush()
         first.saver.flush()
     assert sorted(counts(home)) == [(2, 0), (2, 2)]
+
+
+def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    times = {path: path.stat().st_mtime_ns for path in home.rglob("*.*") if path.is_file()}
+    assert any(path.suffix == ".npz" for path in times)
+    with bench(viewer) as again:
+        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
+        again.saver.flush()
+        assert {path: path.stat().st_mtime_ns for path in times} == times
+    assert {path: path.stat().st_mtime_ns for path in times} == times
+
+
+def test_work_that_another_window_went_on_with_is_left_to_it(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    with bench() as other:
+        other.image()
+        other.resume()
+        other.controller.delete((0, 1))
+    with bench(viewer) as again:
+        until(again.saver.offers, SOON)
+        again.controller.delete((0, 1), (0, 2))
+    assert sorted(counts(home)) == [(2, 0), (2, 1)]

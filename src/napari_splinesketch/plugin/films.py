@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -205,6 +205,7 @@ class Films:
         controller.start(carry, going.over, "Tracking", going.take, going.cancelled, on=work)
 
 
+@dataclass(eq=False)
 class Tracking:
     """Curves that are carried over some `frames`, and taken over as they come.
 
@@ -212,22 +213,17 @@ class Tracking:
     still to be taken over.
     """
 
-    def __init__(
-        self,
-        controller: Controller,
-        work: Work,
-        frames: Sequence[int],
-        corrected: int | None = None,
-    ):
-        self.results = list[Tracked]()
-        self._controller, self._work = controller, work
-        self._frames, self._corrected = frames, corrected
-        self._taken: list[Tracked] = []
-        self._begun = False
+    controller: Controller
+    work: Work
+    frames: Sequence[int]
+    corrected: int | None = None
+    results: list[Tracked] = field(default_factory=list)
+    _taken: list[Tracked] = field(default_factory=list)
+    _begun: bool = False
 
     def take(self, progress: object = None) -> None:
         """Take over the frames that are done by now."""
-        controller, work = self._controller, self._work
+        controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
         # The pictures of a long film would fill the memory.
         self._taken += [replace(one, view=None, refinement=None) for one in done]
@@ -238,22 +234,22 @@ class Tracking:
             controller.amend(state)
         else:
             self._begun = True
-            to = f"Track to frame {self._frames[-1]}"
-            around = f"Refit around frame {self._corrected}"
-            controller.apply(to if self._corrected is None else around, state)
+            to = f"Track to frame {self.frames[-1]}"
+            around = f"Refit around frame {self.corrected}"
+            controller.apply(to if self.corrected is None else around, state)
 
     def over(self, outcome: object = None) -> None:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
-        controller, work = self._controller, self._work
-        notice = Notice("done", words.tracked(self._taken, self._corrected))
+        controller, work = self.controller, self.work
+        notice = Notice("done", words.tracked(self._taken, self.corrected))
         if work is not controller.work:
             controller.finish(notice)
             return
-        if len(self._frames) == 1 and self._corrected is None:
+        if len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
-            go_to_frame(controller.viewer, work.image, self._frames[0])
-            there = [key for key in work.state.by_key if key[0] == self._frames[0]]
+            go_to_frame(controller.viewer, work.image, self.frames[0])
+            there = [key for key in work.state.by_key if key[0] == self.frames[0]]
             controller.select(key for key in there if key[1] in numbers)
         controller.show(work, partial(controller.finish, notice))
 
