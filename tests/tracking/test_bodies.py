@@ -8,6 +8,7 @@ import pytest
 from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
+from napari_splinesketch.tracking.motion import Foretold
 from napari_splinesketch.tracking.search import Search
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
@@ -31,8 +32,9 @@ def held(line: np.ndarray, first: float = 0, last: float = LENGTH) -> Curve:
     rows, columns = np.indices((50, 100))
     apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
     pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
-    search = Search(6, View(pixels), {1: line}, {}, refine, "fast", lambda told: None)
-    return search.held([BODY], {1: (line, 0.7)})[1].curve
+    foretold = {1: Foretold(line, 0.7)}
+    search = Search(View(pixels), foretold, {}, refine, "fast", lambda told: None)
+    return search.held([BODY])[1].curve
 
 
 @pytest.mark.parametrize("part", [(0, 38), (12, LENGTH)], ids=["its head", "its tail"])
@@ -62,5 +64,6 @@ def test_a_body_of_unknown_width_is_held_as_others_are() -> None:
     unknown = replace(curve(LINE), half_width=np.full(100, np.nan))
     body = Body(7, ((0, unknown), (1, unknown)))
     refine = FakeRefine((0, 0))
-    search = Search(2, View(BRIGHT), {7: LINE}, {}, refine, "balanced", lambda told: None)
-    assert search.held([body], {7: (unknown.points, 0.5)})[7].trusted
+    foretold = {7: Foretold(unknown.points, 0.5)}
+    search = Search(View(BRIGHT), foretold, {}, refine, "balanced", lambda told: None)
+    assert search.held([body])[7].trusted

@@ -5,17 +5,13 @@ from statistics import median
 
 import numpy as np
 
-from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion
-from napari_splinesketch.tracking.types import Line
 
 MEMORY = 7
 """Frames that tell a body's usual length and width."""
 LENGTHS = 40
 """Frames that tell its usual length."""
-POINTS = 12
-"""Of the line that is carried over."""
 EVEN = 0.01
 """Share of a body's length by which that varies at least."""
 SHORT, SURELY = 0.5, 1.5
@@ -72,14 +68,10 @@ class Body:
         """Usual half-width, px; not a number where nothing is known."""
         return median(float(np.median(curve.half_width)) for _, curve in self.seen)
 
-    def foretold(self, frame: int) -> tuple[Line, float]:
-        """Where its points are in a frame, and their standard error: infinite if it is unknown."""
-        line, sd = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
-        return motion.of_length(line, self.length), sd
-
-    def expected(self, frame: int) -> Line:
-        """Where to look for it in a frame."""
-        return resample(self.foretold(frame)[0], POINTS)
+    def foretold(self, frame: int) -> motion.Foretold:
+        """Where it is in a frame."""
+        found = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
+        return found._replace(line=motion.of_length(found.line, self.length))
 
     def with_curve(self, frame: int, curve: Curve) -> "Body":
         """Give the body after a frame in which it can be trusted."""

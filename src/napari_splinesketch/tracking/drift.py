@@ -132,9 +132,7 @@ def mostly_on(line: Line, other: Line, reach: float) -> bool:
 
 def runs_along(line: Line, other: Curve) -> bool:
     """Whether most of a line lies on another body."""
-    return (
-        _share(resample(line, len(other.points)), other.points, SAME * _half_width(other)) > ALONG
-    )
+    return mostly_on(line, other.points, SAME * _half_width(other))
 
 
 def along_any(curve: Curve, others: Sequence[Curve]) -> float:

@@ -78,10 +78,9 @@ class Entering:
 
         usual = float(np.median([body.length for body in bodies.values()]))
         half_width = float(np.nanmedian([body.half_width for body in bodies.values()]))
-        unit = np.ptp(view.place.to_block(np.eye(2) * [0, 1])[:, 1])
         free: list[Line] = []
         taken = [curve.points for curve in curves]
-        for part in border(view.pixels.shape, int(DEEP * usual * unit) + 1):
+        for part in border(view.pixels.shape, int(DEEP * usual / view.place.size) + 1):
             if not np.isfinite(view.pixels[part]).any():
                 continue
             corner = [side.start for side in part]

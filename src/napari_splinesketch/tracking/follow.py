@@ -148,12 +148,12 @@ class _Step:
         if given.whole or not wanted:
             missing = {body.id: "the frame stays as it is" for body in wanted}
             return Tracked(frame, given=kept, missing=missing)
-        expected = {body.id: body.expected(frame) for body in wanted}
+        foretold = {body.id: body.foretold(frame) for body in wanted}
         try:
-            view = self._read(frame, list(expected.values()))
-            inside = [body for body in wanted if _inside(view, expected[body.id])]
+            view = self._read(frame, [there.line for there in foretold.values()])
+            inside = [body for body in wanted if _inside(view, foretold[body.id].line)]
             search = Search(
-                frame, view, expected, given.curves, self._refine, self._preset, report,
+                view, foretold, given.curves, self._refine, self._preset, report,
                 self.contrast, self._smooth,
             )  # fmt: skip
             found = search(inside) if inside else {}

@@ -11,7 +11,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import distance, mostly_on
-from napari_splinesketch.tracking.motion import Known, Points
+from napari_splinesketch.tracking.motion import Foretold, Known, Points
 from napari_splinesketch.tracking.types import Line
 
 AGREE = 3.0
@@ -29,9 +29,6 @@ BAND = 4.0
 """Background beside a body of which its residual is known, px."""
 FREE = 6.0
 """Numbers that a body's place and shape come to, about."""
-
-Foretold = tuple[Points, float]
-"""Where a body is expected, and the standard error, px."""
 
 
 def unlikely(before: list[Known], now: Known, either_way: bool) -> float:
@@ -56,23 +53,23 @@ def run_like(curve: Curve, like: Points) -> Curve:
 
 def agrees(line: Points, foretold: Foretold, half_width: float) -> bool:
     """Whether a line is where a body of such a half-width is expected."""
-    return _apart(line, foretold) < AGREE + 0.5 * half_width / foretold[1]
+    return _apart(line, foretold) < AGREE + 0.5 * half_width / foretold.sd
 
 
 def _apart(line: Points, foretold: Foretold) -> float:
-    return float(np.sqrt(((line - foretold[0]) ** 2).sum(1).mean() / 2)) / foretold[1]
+    return float(np.sqrt(((line - foretold.line) ** 2).sum(1).mean() / 2)) / foretold.sd
 
 
 def matched(
     foretold: Mapping[int, Foretold],
     there: Mapping[int, Curve],
-    half_widths: Mapping[int, float],
+    bodies: Mapping[int, Body],
 ) -> dict[int, int]:
     """Which curves of a frame are where which bodies are expected."""
     names, curves = list(foretold), list(there)
     cost = np.array(
         [
-            [_apart(run_like(there[j], foretold[i][0]).points, foretold[i]) for j in curves]
+            [_apart(run_like(there[j], foretold[i].line).points, foretold[i]) for j in curves]
             for i in names
         ]
     ).reshape(len(names), len(curves))
@@ -81,7 +78,7 @@ def matched(
     return {
         i: j
         for i, j in pairs
-        if agrees(run_like(there[j], foretold[i][0]).points, foretold[i], half_widths[i])
+        if agrees(run_like(there[j], foretold[i].line).points, foretold[i], bodies[i].half_width)
     }
 
 

@@ -5,6 +5,7 @@ assumed of how it moves: a worm swims or crawls along its path, a filament glide
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +32,14 @@ Mover = Callable[[Points, Points, float], Points]
 """Takes the points before, the last ones and how many such steps to go."""
 
 
-def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
+class Foretold(NamedTuple):
+    """Where a body is expected, and the standard error, px: infinite where nothing tells it."""
+
+    line: Points
+    sd: float
+
+
+def ahead(known: Sequence[Known], frame: float) -> Foretold:
     """Where a body is expected in a frame beyond those known, and how far off that may be.
 
     Parameters
@@ -40,22 +48,18 @@ def ahead(known: Sequence[Known], frame: float) -> tuple[Points, float]:
         At least one frame, the nearest to `frame` last; up to four more tell how it moves.
     frame
         Where to look.
-
-    Returns
-    -------
-    (P, 2) points, and their standard error, px; infinite where nothing was measured yet.
     """
     if len(known) < 2:
-        return known[-1][1], np.inf
+        return Foretold(known[-1][1], np.inf)
     lag = abs(frame - known[-1][0])
     base = min(BASE, max((len(known) - 1) // 2, 1))
-    mover, error, counted = _best(known, base)
+    mover, error = _best(known, base)
     older, newer = known[-1 - base], known[-1]
     line = mover(older[1], newer[1], steps_to(older, newer, frame))
-    return line, error * max(lag, 1.0) ** GROWTH if counted else np.inf
+    return Foretold(line, error * max(lag, 1.0) ** GROWTH)
 
 
-def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> tuple[Points, float]:
+def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Foretold:
     """Where a body is in a frame of a gap, and how far off that may be.
 
     Each side foretells it; where they agree it is between the two, nearer to the nearer one.
@@ -69,18 +73,15 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> tu
     """
     first, last = before[-1][0], after[-1][0]
     share = (frame - first) / (last - first)
-    forth, one = ahead(before, frame)
-    back, other = ahead(after, frame)
+    sides = ahead(before, frame), ahead(after, frame)
     blend = share**2 * (3 - 2 * share)
     # What each side misses at the far end of the gap is put right in proportion.
-    miss_forth = after[-1][1] - ahead(before, last)[0]
-    miss_back = before[-1][1] - ahead(after, first)[0]
-    forth = forth + share**2 * miss_forth
-    back = back + (1 - share) ** 2 * miss_back
-    sides = [e for e in (one, other) if np.isfinite(e)]
-    sd = float(np.sqrt(1 / sum(e**-2.0 for e in sides))) if sides else BEFORE
+    forth = sides[0].line + share**2 * (after[-1][1] - ahead(before, last).line)
+    back = sides[1].line + (1 - share) ** 2 * (before[-1][1] - ahead(after, first).line)
+    sds = [side.sd for side in sides if np.isfinite(side.sd)]
+    sd = float(np.sqrt(1 / sum(e**-2.0 for e in sds))) if sds else BEFORE
     apart = float(np.sqrt(((forth - back) ** 2).sum(1).mean()))
-    return (1 - blend) * forth + blend * back, max(sd, apart / 2)
+    return Foretold((1 - blend) * forth + blend * back, max(sd, apart / 2))
 
 
 def of_length(line: Points, length: float) -> Points:
@@ -90,27 +91,26 @@ def of_length(line: Points, length: float) -> Points:
     return _along(line, s, np.linspace(-more, s[-1] + more, len(line)))
 
 
-def _best(known: Sequence[Known], base: int) -> tuple[Mover, float, int]:
-    """The mover that would have foretold the last frames best, its error, and on how many.
+def _best(known: Sequence[Known], base: int) -> tuple[Mover, float]:
+    """The mover that would have foretold the last frames best, and its error.
 
-    A movement is that of so many frames together; one of several foretells several.
+    A movement is that of so many frames together.
     """
     errors: list[list[float]] = [[] for _ in MOVERS]
     for i in range(base, len(known) - 1):
         older, newer = known[i - base], known[i]
-        for now in known[i + 1 :]:
-            lag = max(abs(now[0] - newer[0]), 1.0)
+        for frame, there in known[i + 1 :]:
+            lag = max(abs(frame - newer[0]), 1.0)
             for mover, found in zip(MOVERS, errors, strict=True):
-                line = mover(older[1], newer[1], steps_to(older, newer, now[0]))
-                squared = float(((line - now[1]) ** 2).sum(1).mean()) / 2
+                line = mover(older[1], newer[1], steps_to(older, newer, frame))
+                squared = float(((line - there) ** 2).sum(1).mean()) / 2
                 found.append(squared / lag ** (2 * GROWTH))
     count = len(errors[0])
     if not count:
-        return MOVERS[0], np.inf, 0
+        return MOVERS[0], np.inf
     totals = [sum(found) for found in errors]
     best = int(np.argmin(totals))
-    error = np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED))
-    return MOVERS[best], float(error), count
+    return MOVERS[best], float(np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED)))
 
 
 def steps_to(older: Known, newer: Known, frame: float) -> float:

@@ -10,6 +10,7 @@ from scipy.ndimage import binary_closing, binary_dilation, binary_opening
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import SETTINGS, Hold, PresetName, Settings
+from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Curve,
@@ -31,10 +32,13 @@ from napari_splinesketch.tracking.drift import (
 )
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.identity import agrees, place
-from napari_splinesketch.tracking.types import Line, Part, Place, Refine, View
+from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.types import Line, Refine, View
 
 LOCAL = replace(SETTINGS["balanced"], weigh=0)
 """Without a search through the traces: the nearest body is the one."""
+POINTS = 12
+"""Of the line along which a body is searched for."""
 SURE = 0.8
 """Half-widths: where a body is known so well, it is not searched for."""
 LOOSE, STRICT = 3.0, 0.5
@@ -83,16 +87,15 @@ class Found:
 class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
-    Where each body is expected, and the curves that stay as they are, are given by number; the
+    Where each body is foretold, and the curves that stay as they are, are given by number; the
     usual contrast is that of the frames before. With `smooth`, a body whose place is known well is
     fitted there without a search, and parts of bodies that divide are looked for.
     """
 
     def __init__(
         self,
-        frame: int,
         view: View,
-        expected: Mapping[int, Line],
+        foretold: Mapping[int, Foretold],
         given: Mapping[int, Curve],
         refine: Refine,
         preset: PresetName,
@@ -105,17 +108,16 @@ class Search:
         """Of bodies that may have divided, by number."""
         self.refinement: Refinement | None = None
         """What the engine said."""
-        self._frame, self._view, self._expected, self._given = frame, view, expected, given
+        self._view, self._foretold, self._given = view, foretold, given
+        self._expected = {i: resample(f.line, POINTS) for i, f in foretold.items()}
         self._refine, self._report = refine, report
         self._preset: PresetName = preset
-        ends = view.place.to_block(np.eye(2) * [0, 1])
-        self._unit = float(np.linalg.norm(ends[1] - ends[0]))  # px of the view in one of the image
+        self._unit = 1 / view.place.size  # px of the view in one of the image
 
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
-        foretold = {body.id: body.foretold(self._frame) for body in bodies}
-        sure = [b for b in bodies if foretold[b.id][1] < SURE * b.half_width * self._smooth]
-        found = self.held(sure, foretold)
+        near = SURE * self._smooth
+        found = self.held([b for b in bodies if self._foretold[b.id].sd < near * b.half_width])
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)
         for number, preset in enumerate((self._preset, LOCAL, self._preset), start=1):
@@ -126,20 +128,17 @@ class Search:
                 self._attempt(number, doubted, lines, preset, found)
         return found
 
-    def held(
-        self, bodies: Sequence[Body], foretold: Mapping[int, tuple[Line, float]]
-    ) -> dict[int, Found]:
+    def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are foretold, with how surely, without any search."""
         found: dict[int, Found] = {}
-        lines = {b.id: foretold[b.id][0] for b in bodies}
+        lines = {b.id: self._foretold[b.id].line for b in bodies}
         if self._preset == "paper":
             return found
         settings = SETTINGS[self._preset]
-        sd = {b.id: float(self._unit * foretold[b.id][1]) for b in bodies}
 
         def hold(body: Body, across: float) -> Hold:
-            along = LOOSE * sd[body.id] + self._unit
-            return Hold(across * sd[body.id], along, self._unit * body.length_sd)
+            sd = self._foretold[body.id].sd
+            return Hold(*(self._unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
         loose = replace(settings, hold=tuple(hold(b, LOOSE) for b in bodies))
         self._attempt(0, bodies, lines, loose, found)
@@ -245,14 +244,13 @@ class Search:
                 kept = True
         if kept:
             before = self.refinement
-            self.refinement = _pasted(before, refinement, view.place) if before else refinement
+            corner = self._view.place.to_block(view.place.origin)
+            self.refinement = _pasted(before, refinement, corner) if before else refinement
 
     def _strays(self, body: Body, curve: Curve, others: Sequence[Curve]) -> bool:
         """Whether a curve that was searched for is on others and not where it is foretold."""
-        foretold = body.foretold(self._frame)
-        if agrees(curve.points, foretold, body.half_width):
-            return False
-        return along_any(curve, others) > ON_OTHERS
+        there = agrees(curve.points, self._foretold[body.id], body.half_width)
+        return not there and along_any(curve, others) > ON_OTHERS
 
     def _refined(
         self,
@@ -302,14 +300,13 @@ class _Pasted:
     def __call__(self) -> np.ndarray:
         picture = getattr(self.old, self.name).astype(np.float32)
         part = getattr(self.new, self.name)
-        (row, column), (rows, columns) = self.corner.astype(int), part.shape
+        (row, column), (rows, columns) = np.rint(self.corner).astype(int), part.shape
         picture[row : row + rows, column : column + columns] = part
         return picture
 
 
-def _pasted(old: Refinement, new: Refinement, part: Place) -> Refinement:
+def _pasted(old: Refinement, new: Refinement, corner: np.ndarray) -> Refinement:
     """The pictures of an earlier attempt with those of a later one of a part of them."""
-    corner = part.corner if isinstance(part, Part) else np.zeros(2)
     one, other = (_Pasted(name, old, new, corner) for name in ("reconstruction", "background"))
     picture: Any = one, other  # made when they are read, as those of `refine`
     return Refinement(old.curves, picture[0], picture[1], old.model, old.seconds + new.seconds)

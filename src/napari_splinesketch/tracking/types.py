@@ -10,70 +10,11 @@ from jaxtyping import Float, Real
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array, Curve, OnProgress, Refinement
+from napari_splinesketch.grids import Grid
 
 Line = Float[Array, "N 2"]
-
-
-class Place(Protocol):
-    """Where pixels that were read lie in their image."""
-
-    def to_image(self, points: Line, /) -> Line:
-        """Take (row, col) of the pixels to the image's."""
-        ...
-
-    def to_block(self, points: Line, /) -> Line:
-        """Take (row, col) of the image to the pixels'."""
-        ...
-
-    def curve_to_image(self, curve: Curve, /) -> Curve:
-        """Take a curve of the pixels to the image."""
-        ...
-
-    def curve_to_block(self, curve: Curve, /) -> Curve:
-        """Take a curve of the image to the pixels."""
-        ...
-
-
-class Whole:
-    """The place of a frame that was read whole."""
-
-    def to_image(self, points: Line, /) -> Line:
-        """Give the points as they are."""
-        return points
-
-    def curve_to_image(self, curve: Curve, /) -> Curve:
-        """Give the curve as it is."""
-        return curve
-
-    to_block, curve_to_block = to_image, curve_to_image
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """The place of pixels that begin at a `corner` of others, which lie at `rest`."""
-
-    rest: Place
-    corner: Float[Array, "2"]
-
-    def to_image(self, points: Line, /) -> Line:
-        """Take (row, col) of the pixels to the image's."""
-        return self.rest.to_image(points + self.corner)
-
-    def to_block(self, points: Line, /) -> Line:
-        """Take (row, col) of the image to the pixels'."""
-        return self.rest.to_block(points) - self.corner
-
-    def curve_to_image(self, curve: Curve, /) -> Curve:
-        """Take a curve of the pixels to the image."""
-        return self.rest.curve_to_image(_shifted(curve, self.corner))
-
-    def curve_to_block(self, curve: Curve, /) -> Curve:
-        """Take a curve of the image to the pixels."""
-        return _shifted(self.rest.curve_to_block(curve), -self.corner)
-
-
-def _shifted(curve: Curve, by: Float[Array, "2"]) -> Curve:
-    return replace(curve, points=curve.points + by, knots=curve.knots + np.append(by, 0))
+WHOLE = Grid(np.zeros(2), np.ones(2))
+"""The place of a frame that was read as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +32,7 @@ class View:
     """
 
     pixels: Real[np.ndarray, "H W"]
-    place: Place = field(default_factory=Whole)
+    place: Grid = WHOLE
     whole: bool = True
 
     def around(self, lines: Sequence[Line]) -> "View":
@@ -102,7 +43,7 @@ class View:
         low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
         part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-        return View(self.pixels[part], Part(self.place, low), whole=False)
+        return View(self.pixels[part], Grid(self.place.to_image(low), self.place.step), whole=False)
 
     def copied(self) -> "View":
         """The same without the frame that its pixels may be a part of."""
@@ -111,17 +52,17 @@ class View:
 
 def joined(views: Sequence[View]) -> View:
     """One view of some parts of a frame, without values in between."""
-    places = [view.place for view in views if isinstance(view.place, Part)]
-    if len(places) < max(len(views), 2):
+    if all(view is views[0] for view in views):
         return views[0]
-    corners = np.array([place.corner for place in places]).astype(int)
+    grid = views[0].place
+    corners = np.rint([grid.to_block(view.place.origin) for view in views]).astype(int)
     low = corners.min(0)
     size = (corners + [view.pixels.shape for view in views]).max(0) - low
     pixels = np.full(size, np.nan)
     for view, (row, column) in zip(views, corners - low, strict=True):
         rows, columns = view.pixels.shape
         pixels[row : row + rows, column : column + columns] = view.pixels
-    return View(pixels, Part(places[0].rest, low.astype(float)), whole=False)
+    return View(pixels, Grid(grid.to_image(low), grid.step), whole=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, surface
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import folds, near_others
-from napari_splinesketch.tracking.identity import Foretold
-from napari_splinesketch.tracking.motion import Known, Points
+from napari_splinesketch.tracking.motion import Foretold, Known
 from napari_splinesketch.tracking.search import INFERRED, Search
 from napari_splinesketch.tracking.surface import Seen
 from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
@@ -93,7 +92,7 @@ class Window:
         if view := result.view:
             for i in self._open:
                 lines = [curves[i].points] if i in curves else []
-                lines += [before[i].expected(result.frame)] if i in before else []
+                lines += [before[i].foretold(result.frame).line] if i in before else []
                 kept[i] = view if self._pictures else view.around(lines).copied()
         self._views.append(kept)
         if not self._pictures:
@@ -211,10 +210,11 @@ class Window:
         before = {i: [_known(*seen) for seen in stretches[i].anchor.seen] for i in names}
         found = {i: [(r.frame, r.by_id[i]) for r in self._held[end:]] for i in names}
         for k in range(end - 1, first - 1, -1):
-            here = [i for i in names if stretches[i].first <= self._begin + k]
+            begun = [i for i in names if stretches[i].first <= self._begin + k]
+            here = {i: stretches[i].anchor for i in begun}
             after = {i: [_known(*seen) for seen in found[i][:SIDE][::-1]] for i in here}
             views = [self._views[k][i] for i in here if i in self._views[k]]
-            self._held[k] = self._again(self._held[k], views, here, before, after, stretches)
+            self._held[k] = self._again(self._held[k], views, here, before, after)
             for i in here:
                 if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
                     found[i].insert(0, (self._held[k].frame, curve))
@@ -228,73 +228,53 @@ class Window:
         self,
         result: Tracked,
         views: Sequence[View],
-        names: list[int],
+        bodies: Mapping[int, Body],
         before: Mapping[int, list[Known]],
         after: Mapping[int, list[Known]],
-        stretches: Mapping[int, _Stretch],
     ) -> Tracked:
         """One frame in the light of those around it."""
-        foretold = {i: motion.between(before[i], after[i], result.frame) for i in names}
-        there = {i: c for i, c in result.by_id.items() if i in names and i not in result.drifting}
-        others = {i: c for i, c in result.by_id.items() if i not in names}
-        widths = {i: stretches[i].anchor.half_width for i in names}
-        taken = identity.matched(foretold, there, widths)
-        chosen = {i: identity.run_like(there[j], foretold[i][0]) for i, j in taken.items()}
+        foretold = {i: motion.between(before[i], after[i], result.frame) for i in bodies}
+        there = {i: c for i, c in result.by_id.items() if i in bodies and i not in result.drifting}
+        others = {i: c for i, c in result.by_id.items() if i not in bodies}
+        taken = identity.matched(foretold, there, bodies)
+        chosen = {i: identity.run_like(there[j], foretold[i].line) for i, j in taken.items()}
         if views and result.refinement:
             contrast = abs(result.refinement.model.contrast)
             noise = result.refinement.model.noise / max(contrast, 1e-30)
-            near = joined(views).around([line for line, _ in foretold.values()])
-            fitted = self._held_to(result.frame, near, contrast, others, foretold, stretches)
-            for i, curve in fitted.items():
+            near = joined(views).around([f.line for f in foretold.values()])
+            search = Search(
+                near, foretold, others, self._refine, self._preset, lambda progress: None, contrast
+            )
+            for i, one in search.held(list(bodies.values())).items():
+                likely = identity.agrees(one.curve.points, foretold[i], bodies[i].half_width)
+                if one.empty or not likely or folds(bodies[i], one.curve):
+                    continue
                 old = chosen.get(i)
-                costs = [identity.cost_of(c, foretold[i], noise) for c in (curve, old) if c]
+                costs = [identity.cost_of(c, foretold[i], noise) for c in (one.curve, old) if c]
                 if not old or costs[0] < costs[1]:
-                    chosen[i] = curve
-        for i in names:
+                    chosen[i] = one.curve
+        for i, body in bodies.items():
             if i not in chosen:
-                chosen[i] = inferred(stretches[i].anchor.seen[-1][1], *foretold[i])
-        lines = {i: line for i, (line, _) in foretold.items()}
+                chosen[i] = inferred(body.seen[-1][1], foretold[i])
+        lines = {i: f.line for i, f in foretold.items()}
         decided = result.with_curves({**others, **chosen}, lines)
         missing = {i: why for i, why in result.missing.items() if i not in foretold}
         return replace(decided, drifting=result.drifting - set(foretold), missing=missing)
 
-    def _held_to(
-        self,
-        frame: int,
-        view: View,
-        contrast: float,
-        others: Mapping[int, Curve],
-        foretold: Mapping[int, Foretold],
-        stretches: Mapping[int, _Stretch],
-    ) -> dict[int, Curve]:
-        """Fit bodies again where both sides foretell them; those that the image shows there."""
-        lines = {i: line for i, (line, _) in foretold.items()}
-        search = Search(
-            frame, view, lines, others, self._refine, self._preset, lambda progress: None, contrast
-        )
-        found = search.held([stretches[i].anchor for i in foretold], foretold)
-        return {
-            i: one.curve
-            for i, one in found.items()
-            if not one.empty
-            and not folds(stretches[i].anchor, one.curve)
-            and identity.agrees(one.curve.points, foretold[i], stretches[i].anchor.half_width)
-        }
 
-
-def inferred(like: Curve, line: Points, sd: float) -> Curve:
+def inferred(like: Curve, foretold: Foretold) -> Curve:
     """A curve that no image shows."""
     knots = np.column_stack(
         [
-            fit_knots(line, FEWEST),
+            fit_knots(foretold.line, FEWEST),
             np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width),
         ]
     )
     return replace(
         like,
         knots=knots,
-        points=line,
-        sd=np.full(len(line), sd),
+        points=foretold.line,
+        sd=np.full(len(foretold.line), foretold.sd),
         status="check",
         reasons=(INFERRED,),
         residual=float("nan"),
