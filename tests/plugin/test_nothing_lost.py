@@ -377,3 +377,24 @@ def test_work_that_another_window_went_on_with_is_left_to_it(home: Path) -> None
         until(again.saver.offers, SOON)
         again.controller.delete((0, 1), (0, 2))
     assert sorted(counts(home)) == [(2, 0), (2, 1)]
+
+
+def test_curves_that_cannot_be_brought_back_stay_in_their_files(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    files = {path: path.read_bytes() for path in home.rglob("*.*") if path.is_file()}
+
+    def broken(state: Any) -> None:
+        raise ValueError("napari does not like it")
+
+    with bench() as again:
+        again.image()
+        monkeypatch.setattr(again.controller, "amend", broken)
+        again.resume()
+        assert "napari does not like it" in again.controller.notice.text
+        until(lambda: counts(home) == [(2, 2), (2, 0)], SOON)
+    assert {path: path.read_bytes() for path in files} == files

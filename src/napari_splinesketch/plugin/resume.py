@@ -152,22 +152,27 @@ def _restore(
     drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
-    kinds, layer = [s.kind for _, s in drawn], empty_layer(image, session.layer, flat=flat)
+    kinds, there = [s.kind for _, s in drawn], False
+    layer = empty_layer(image, session.layer, flat=flat, visible=False)
     try:
         for _ in add_shapes(layer, points, kinds, **line_style(size_of(image))):
             yield
         if image in controller.viewer.layers:
             controller.viewer.layers.append(layer)
-            saver.take(path, (image, layer), folder)
             if session.state.records:
                 controller.begin(image, layer)
                 controller.choices.image, controller.choices.sketches = image, layer
                 controller.amend(session.state)
-            return
+            saver.take(path, (image, layer), folder)
+            there = True
     except Exception as error:
         _log.exception("Saved work could not be brought back")
         problems.append(f"{path}: {type(error).__name__}: {error}.")
-    folder.release()
+    if there:
+        yield  # to draw it first takes napari as long as to add it
+    else:
+        folder.release()
+    layer.visible = True
 
 
 def read_curves(controller: Controller) -> int:
