@@ -77,7 +77,7 @@ def render(
     def drawn(point: Array, tangent: Array, g: list[Array]) -> tuple[Array, Array]:
         # A Newton step leads from the sample to the nearest point, which slides as they change.
         step = _newton(pixels - point, tangent, bend, index, last, reach=1)
-        apart = pixels - point - tangent * step - 0.5 * bend * step**2
+        apart = pixels - point - tangent * step
         distance = jnp.sqrt((apart**2).sum(0) + 1e-6)
         own = brightness(distance, index / last + step, g)
         model = blend(g[INDEX["overlap"]], own, others_sum, others_max) + g[INDEX["offset"]]
@@ -87,7 +87,9 @@ def render(
     # Each pixel gets its own copy of the parameters, so that one backward pass gives all rows.
     each = [jnp.broadcast_to(x, pixels.shape[1:]) for x in theta[2 * count :]]
     model, pull, own = jax.vjp(drawn, curve[0][:, index], curve[1][:, index], each, has_aux=True)
-    by_point, by_tangent, by_globals = pull(jnp.ones_like(model))
+    # Computed once, not again in each row that is made of them: compiled and run sooner.
+    rows = jax.lax.optimization_barrier(pull(jnp.ones_like(model)))
+    by_point, by_tangent, by_globals = rows
     value, slope = basis.value.T[:, index], basis.first.T[:, index]
     by_knots = [by_point[axis] * value + by_tangent[axis] * slope for axis in (0, 1)]
     return model, own, jnp.concatenate([*by_knots, *(x[None] for x in by_globals)])
