@@ -12,7 +12,9 @@ from napari_splinesketch.engine.types import Array
 
 SHARED, EXPLAINS = 14.5, 8.0
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
-along no other's: fitted by tests/benchmarks/path_weights.py."""
+along no other's: fitted by tests/benchmarks/path_weights.py. Of n sketches that are chosen together
+each earns n / (n + 1) of it: the fewer they are, the likelier are bodies without a sketch beside
+them, along which no path ought to run on."""
 TAKEN = 25.0
 """Cost of a path that runs along a fixed curve for all of a usual length."""
 FREE_SHARED = 4.5
@@ -101,7 +103,7 @@ def sets(
     for i in order:
         mine = candidates[i]
         covers = mine.covers[:, used].astype(np.float32)
-        earned = mine.explains * length
+        earned = mine.explains * len(candidates) / (len(candidates) + 1) * length
         own = mine.cost + covers @ (keep - earned * ~taken[used])
         again = (covered * (SHARED * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again

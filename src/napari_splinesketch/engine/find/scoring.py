@@ -33,9 +33,9 @@ ends, and counts by this factor: two tell little of what is between, and more ar
 moved as a whole, or drawn without looking at each."""
 ENDS = 0.06
 """Of the length of a sketch: by so much more its clicked ends may miss the tips of the body."""
-ON = 0.7
-"""What each end of a path beyond which a body goes on costs a clicked sketch: bodies are labelled
-whole, unless the next tip is far."""
+ON, ON_CLICKED = 0.5, 0.7
+"""What each end of a path beyond which a body goes on costs a sketch, and a clicked one: bodies are
+labelled whole, unless the next tip is far."""
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
 WEIGHTS = np.array([27.0, 1.7, 2.0, 11.0, 10.5, 1.5])
 """Fitted by tests/benchmarks/path_weights.py and rounded, but for "unseen": 19 was raised when
@@ -128,13 +128,13 @@ def _missed(
         foot = a + np.clip(part, 0, 1)[..., None] * step
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
     hit = HIT * half_width + HIT_PX
-    missed = 0.5 * np.log1p(least.mean(1) / hit**2)
+    inside = (~tips).sum(1)
     if len(sketch) not in CLICKED:
-        return missed
+        return ON * inside + 0.5 * np.log1p(least.mean(1) / hit**2)
     share = hit / (hit + ENDS * tips * spline.arc_length(sketch)[-1])
     ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
     clicked = np.concatenate([least, share**2 * ends], axis=1)
-    return ON * (~tips).sum(1) + CAREFUL * 0.5 * np.log1p(clicked.mean(1) / hit**2)
+    return ON_CLICKED * inside + CAREFUL * 0.5 * np.log1p(clicked.mean(1) / hit**2)
 
 
 def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:
