@@ -96,7 +96,7 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     [
                         _sums(known, paths),
                         np.maximum(covers - 1, 0) @ price,
-                        -(earns > 0).astype(float) @ length,
+                        -choice.eagerness(len(cluster)) * ((earns > 0) @ length),
                     ]
                 )
                 count = _sums([np.array(g) for g in good], paths)

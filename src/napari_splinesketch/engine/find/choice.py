@@ -12,9 +12,7 @@ from napari_splinesketch.engine.types import Array
 
 SHARED, EXPLAINS = 14.5, 8.0
 """Cost of a path that runs along another's for all of a usual length, and what one earns that runs
-along no other's: fitted by tests/benchmarks/path_weights.py. Of n sketches that are chosen together
-each earns n / (n + 1) of it: the fewer they are, the likelier are bodies without a sketch beside
-them, along which no path ought to run on."""
+along no other's: fitted by tests/benchmarks/path_weights.py."""
 TAKEN = 25.0
 """Cost of a path that runs along a fixed curve for all of a usual length."""
 FREE_SHARED = 4.5
@@ -71,6 +69,15 @@ def prices(
     return graph.lengths / usual, np.where(free, 0.1, 1.0) * graph.lengths / usual
 
 
+def eagerness(count: int) -> float:
+    """Share of EXPLAINS that each of so many sketches earns that are chosen together.
+
+    The fewer they are, the likelier are bodies without a sketch beside them, along which no path
+    ought to run on.
+    """
+    return count / (count + 1)
+
+
 def sets(
     graph: TraceGraph,
     candidates: list[Candidates],
@@ -103,7 +110,7 @@ def sets(
     for i in order:
         mine = candidates[i]
         covers = mine.covers[:, used].astype(np.float32)
-        earned = mine.explains * len(candidates) / (len(candidates) + 1) * length
+        earned = mine.explains * eagerness(len(candidates)) * length
         own = mine.cost + covers @ (keep - earned * ~taken[used])
         again = (covered * (SHARED * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again
