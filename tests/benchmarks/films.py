@@ -1,33 +1,40 @@
 """Films with truth: who is followed, how exactly, through crossings and out of sight.
 
-    python tests/benchmarks/films.py [--films N] [--cases ...] [--held-out] [--real] [--write]
-    python tests/benchmarks/films.py --many BODIES FRAMES [--write]
+    python tests/benchmarks/films.py [--films N] [--first I] [--cases ...] [--held-out] [--jobs N]
+    python tests/benchmarks/films.py --real [--jobs 2]
+    python tests/benchmarks/films.py --many BODIES FRAMES [--many BODIES FRAMES] [--cores ...]
 
-Every film is tracked frame by frame and with the frames around it. Prints a table; with --write,
-docs/films.md gets all that were measured. With --real, the sample film is tracked to its end and
-back, and nothing else is done; with --many, one film of many bodies is tracked as the command line
-does it, to see what time and memory it takes. Without --held-out, films are those that settings may
-be chosen on. What was measured is kept in docs/films/tracked.json and not measured again; delete it
-to do so.
+Every film is tracked frame by frame and with the frames around it, each in a process of its own
+with one thread, as many at a time as there are jobs. Prints a table; with --write, docs/films.md
+gets all that were measured. With --real, the sample film is tracked to its end and back; with
+--many, films of many bodies are tracked by the command line, to see what time and memory it takes
+on a few cores. Without --held-out, films are those that settings may be chosen on. What was
+measured is kept in docs/films/tracked.json and not measured again; delete it to do so.
 """
 
 import argparse
 import json
 import os
-import resource
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 
 import numpy as np
-import skimage.io
+import tifffile
 from insert import insert
 
 from napari_splinesketch import refine, suggest
+from napari_splinesketch.batch.local import Local
+from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.metrics import average_dtw, normal_distances
 from napari_splinesketch.synthetic.bodies import crosses
 from napari_splinesketch.synthetic.films import Film, film
@@ -55,6 +62,9 @@ SIDE = 108.0
 """Side of a film of one body, px; of many, times the root of their number."""
 SEEN = 0.95
 """Share of a body that is seen where its curve is compared with all of it."""
+COMMAND = "import sys; from napari_splinesketch.cli import main; sys.exit(main())"
+PAUSE = 1.0
+"""From one look at the memory of the command line to the next, s."""
 
 
 @dataclass
@@ -168,7 +178,7 @@ def row(name: str, c: Counts) -> str:
         hidden if c.hidden else "–",
         f"{1e3 * c.seconds / c.frames:.0f}",
     )
-    return "| " + " | ".join(cells) + " |"
+    return _cells(*cells)
 
 
 HEAD = (
@@ -176,96 +186,156 @@ HEAD = (
     "| error / sd | hidden points within 2 half-widths (marked) | ms a body and frame |\n"
     "|---|---|---|---|---|---|---|---|\n"
 )
+REAL_HEAD = (
+    "| there and back | bodies | arrive | come back | to another | inferred |\n"
+    "|---|---|---|---|---|---|\n"
+)
+MANY_HEAD = (
+    "| bodies | frames | minutes by the clock | ms a body and frame | ms of CPU "
+    "| largest memory until half the time, MB | until the end | beyond 2 px or lost |\n"
+    "|---|---|---|---|---|---|---|---|\n"
+)
 MODES = {"frame by frame": False, "frames around": True}
 
 
-def there_and_back(movie: np.ndarray) -> str:
+def there_and_back(mode: str) -> str:
     """What comes of a film without truth that is tracked forwards, and backwards from its end."""
+    movie = tifffile.imread(SAMPLE)
     first = refine(movie[0], suggest(movie[0]))
     start = {i: c for i, c in enumerate(first.curves) if c.status == "good"}
-    table = "| there and back | bodies | arrive | come back | to another | inferred |\n"
-    table += "|---|---|---|---|---|---|\n"
-    for mode, smooth in MODES.items():
 
-        def along(bodies: dict[int, Any], way: range, smooth: bool = smooth) -> list[Any]:
-            known = [Body(i, ((way[0], c),)) for i, c in bodies.items()]
-            return list(follow(way[1:], known, lambda t, _: View(movie[t]), smooth=smooth))
+    def along(bodies: dict[int, Any], way: range) -> list[Any]:
+        known = [Body(i, ((way[0], c),)) for i, c in bodies.items()]
+        return list(follow(way[1:], known, lambda t, _: View(movie[t]), smooth=MODES[mode]))
 
-        ahead = along(start, range(len(movie)))
-        back = along(ahead[-1].by_id, range(len(movie))[::-1])[-1].by_id
-        nearest = {
-            i: min(start, key=lambda j, c=c: average_dtw(c.points, start[j].points))
-            for i, c in back.items()
-        }
-        near = {i: average_dtw(back[i].points, start[j].points) < SAME for i, j in nearest.items()}
-        same = sum(near[i] for i, j in nearest.items() if i == j)
-        inferred = sum(_inferred(c) for result in ahead for c in result.curves)
-        cells = (mode, len(start), len(ahead[-1].ids), same, sum(near.values()) - same, inferred)
-        table += "| " + " | ".join(map(str, cells)) + " |\n"
-    return table
+    ahead = along(start, range(len(movie)))
+    back = along(ahead[-1].by_id, range(len(movie))[::-1])[-1].by_id
+    nearest = {
+        i: min(start, key=lambda j, c=c: average_dtw(c.points, start[j].points))
+        for i, c in back.items()
+    }
+    near = {i: average_dtw(back[i].points, start[j].points) < SAME for i, j in nearest.items()}
+    same = sum(near[i] for i, j in nearest.items() if i == j)
+    inferred = sum(_inferred(c) for result in ahead for c in result.curves)
+    return _cells(mode, len(start), len(ahead[-1].ids), same, sum(near.values()) - same, inferred)
 
 
-def many(bodies: int, frames: int) -> str:
-    """Time and memory from frame to frame of a film with many bodies that touch where they go."""
+def many(bodies: int, frames: int, cores: str) -> str:
+    """Time and memory of the command line on a film with many bodies that touch as they go."""
     side = int(SIDE * bodies**0.5)
     size: dict[str, Any] = {"shape": (side, side), "bodies": bodies, "frames": frames}
     shown = film(1, crossing=False, touching=True, length=50.0, snr=8.0, **size)
-    first = refine(shown.images[0], [line[::11] for line in shown.centrelines[0]])
-    start = [Body(i, ((0, c),)) for i, c in enumerate(first.curves) if c.status != "failed"]
-    table = "| frame | held back | ms of CPU a body and frame | largest memory so far, MB "
-    table += "| beyond 2 px or lost |\n|---|---|---|---|---|\n"
-    read, wrong, began = 0, 0, time.process_time()
+    with TemporaryDirectory() as folder:
+        image, drawn, labels = (Path(folder) / name for name in ("film.tif", "first.csv", "l.csv"))
+        tifffile.imwrite(image, shown.images, photometric="minisblack")
+        lines = [Label.from_sketch(c[::11], identity=i) for i, c in enumerate(shown.centrelines[0])]
+        write_labels(drawn, Labels(tuple(lines)))
+        command = ["taskset", "-c", cores, sys.executable, "-c", COMMAND, "track"]
+        before, began = os.times(), time.perf_counter()
+        run = subprocess.Popen([*command, *map(str, (image, drawn, "-o", labels))])
+        peaks = [0]
+        while run.poll() is None:
+            peaks.append(max(peaks[-1], _peak(run.pid)))
+            time.sleep(PAUSE)
+        seconds, after = time.perf_counter() - began, os.times()
+        if run.returncode not in (0, 1):
+            raise RuntimeError(f"the command line gave {run.returncode}")
+        found = {(one.frame, one.curve): one.points for one in read_labels(labels).labels}
+    cpu = after.children_user + after.children_system
+    cpu -= before.children_user + before.children_system
+    wrong = sum(
+        (t, i) not in found or average_dtw(found[t, i], shown.centrelines[t, i]) > BEYOND
+        for t, i in product(range(1, frames), range(bodies))
+    )
+    count = (frames - 1) * bodies
+    spent = f"{seconds / 60:.1f}", f"{1e3 * seconds / count:.0f}", f"{1e3 * cpu / count:.0f}"
+    wrongly = f"{100 * wrong / count:.2f} %"
+    return _cells(bodies, frames, *spent, peaks[len(peaks) // 2], peaks[-1], wrongly)
 
-    def view(frame: int, _: Any) -> View:
-        nonlocal read
-        read = frame
-        return View(shown.images[frame])
 
-    for result in follow(range(1, frames), start, view, pictures=False):
-        lines = shown.centrelines[result.frame]
-        here = result.by_id
-        wrong += bodies - sum(average_dtw(c.points, lines[i]) < BEYOND for i, c in here.items())
-        spent = 1e3 * (time.process_time() - began) / read / bodies
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        cells = result.frame, read - result.frame, f"{spent:.0f}", memory, wrong
-        table += "| " + " | ".join(map(str, cells)) + " |\n"
-    return table
+def _peak(process: int) -> int:
+    """Largest resident memory so far, MB; 0 of a process that has ended."""
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    return next((int(line.split()[1]) // 1024 for line in lines if line.startswith("VmHWM")), 0)
+
+
+def _cells(*cells: Any) -> str:
+    return "| " + " | ".join(map(str, cells)) + " |\n"
 
 
 def _inferred(curve: Any) -> bool:
     return any("inferred" in reason for reason in curve.reasons)
 
 
+def measured(case: str, index: int, mode: str, held_out: bool) -> dict[str, Any]:
+    """What is counted over one film."""
+    shown = made(case, index, held_out)
+    return asdict(counted(shown, *tracked(shown, smooth=MODES[mode])).brief())
+
+
+def warmed(number: int) -> None:
+    """Compile, in a process that is to measure films."""
+    tracked(film(number, frames=8, bodies=2, hidden=2, crossing=False))
+
+
+def each(jobs: int, work: Any, tasks: list[tuple[Any, ...]]) -> Iterator[tuple[Any, Any]]:
+    """Each task with what came of it, when it is done."""
+    with Local(jobs) as processes:
+        for done in [processes.submit(warmed, i) for i in range(jobs)]:
+            done.result()
+        under_way = {processes.submit(_called, (work, task)): task for task in tasks}
+        for done in as_completed(under_way):
+            yield under_way[done], done.result()
+
+
+def _called(task: Any) -> Any:
+    work, values = task
+    return work(*values)
+
+
 def main() -> None:
     """Track the films asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--films", type=int, default=6)
+    parser.add_argument("--first", type=int, default=0)
     usual = [case for case in CASES if case != "crowd"]
     parser.add_argument("--cases", nargs="+", default=usual, choices=list(CASES))
     parser.add_argument("--held-out", action="store_true")
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--real", action="store_true")
-    parser.add_argument("--many", type=int, nargs=2, metavar=("BODIES", "FRAMES"))
+    parser.add_argument("--many", type=int, nargs=2, action="append", metavar=("BODIES", "FRAMES"))
+    parser.add_argument("--cores", default="0,1")
     options = parser.parse_args()
-    if options.real or options.many:
-        name = "there and back" if options.real else "many bodies"
-        table = there_and_back(skimage.io.imread(SAMPLE)) if options.real else many(*options.many)
-        print(table)
-        if options.write:
-            insert(name, table, PAGE)
-        return
-    kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
-    for case, index, (mode, smooth) in product(options.cases, range(options.films), MODES.items()):
-        name = f"{case} {index} {mode} {options.held_out}"
-        if name not in kept:
-            shown = made(case, index, options.held_out)
-            kept[name] = asdict(counted(shown, *tracked(shown, smooth=smooth)).brief())
-            KEPT.write_text(json.dumps(kept, indent=0))
-        print(row(name, _read(kept[name])), flush=True)
-    table = table_of(kept, options.held_out)
+    if options.many:
+        name, table = "many bodies", MANY_HEAD
+        for bodies, frames in options.many:
+            table += many(bodies, frames, options.cores)
+    elif options.real:
+        done = dict(each(options.jobs, there_and_back, [(mode,) for mode in MODES]))
+        name, table = "there and back", REAL_HEAD + "".join(done[mode,] for mode in MODES)
+    else:
+        name, table = "tracked", _tracked(options)
     print(table)
     if options.write:
-        insert("tracked", table, PAGE)
+        insert(name, table, PAGE)
+
+
+def _tracked(options: argparse.Namespace) -> str:
+    """Track films, and give the table of all that were."""
+    kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
+    wanted = range(options.first, options.first + options.films)
+    tasks = list(product(options.cases, wanted, MODES, [options.held_out]))
+    tasks = [task for task in tasks if _name(task) not in kept]
+    for task, counts in each(options.jobs, measured, tasks):
+        kept[_name(task)] = counts
+        KEPT.write_text(json.dumps(dict(sorted(kept.items())), indent=0))
+        print(row(_name(task), _read(counts)), end="", flush=True)
+    return table_of(kept, options.held_out)
+
+
+def _name(task: tuple[Any, ...]) -> str:
+    return " ".join(map(str, task))
 
 
 def table_of(kept: dict[str, Any], held_out: bool) -> str:
@@ -276,7 +346,7 @@ def table_of(kept: dict[str, Any], held_out: bool) -> str:
         for mode in MODES if films else ():
             counts = [_read(kept[f"{case} {i} {mode} {held_out}"]) for i in films]
             films_said = f"{len(films)} film{'s' * (len(films) > 1)}"
-            table += row(f"{case} ({films_said}), {mode}", sum(counts, Counts())) + "\n"
+            table += row(f"{case} ({films_said}), {mode}", sum(counts, Counts()))
     return table
 
 
