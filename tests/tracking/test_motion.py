@@ -14,6 +14,13 @@ def winding(frame: float) -> np.ndarray:
     return np.column_stack([50 + 6 * np.sin(s / 10), 20 + s])
 
 
+def swimming(frame: float) -> np.ndarray:
+    """A body along which a wave runs, while it goes on aslant."""
+    angle = 0.6 * np.sin(S / 8 + 0.4 * frame)
+    line = np.cumsum(np.stack([np.sin(angle), np.cos(angle)], 1), axis=0) * S[1]
+    return line - line.mean(0) + (40 + frame, 80 + frame)
+
+
 def drifting(frame: float) -> np.ndarray:
     return np.column_stack([30 + 1.5 * frame + 0 * S, 20 + S])
 
@@ -31,6 +38,13 @@ def test_ways_of_moving_are_learned_from_the_film() -> None:
     np.testing.assert_allclose(line, drifting(9), atol=0.05)
     back, _ = motion.ahead(known(drifting, range(9, 3, -1)), 2)
     np.testing.assert_allclose(back, drifting(2), atol=0.05)
+
+
+def test_the_wave_of_a_swimmer_goes_on() -> None:
+    for frame, most in ((6, 0.3), (8, 1.0)):
+        line, sd = motion.ahead(known(swimming, range(6)), frame)
+        assert np.linalg.norm(line - swimming(frame), axis=1).max() < most
+        assert sd < most + 0.3
 
 
 def test_nothing_is_sure_before_it_was_measured() -> None:

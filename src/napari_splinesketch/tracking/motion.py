@@ -1,7 +1,7 @@
 """Where a body is when the image does not say: ahead of what is known of it, or in between.
 
 How well each way of moving foretells a body is measured on its own last frames, so that nothing is
-assumed of how it moves: a worm swims or crawls along its path, a filament glides.
+assumed of how it moves: a worm crawls along its path or swims by waves, a filament glides.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array
@@ -23,7 +24,9 @@ BASE = 3
 """Frames whose movement together foretells: that of one would be twice as uncertain as a curve's
 ends are."""
 END = 12
-"""Points at either end whose direction a body goes on in."""
+"""Points at either end whose direction, or bend, a body goes on in."""
+SHIFT = 25
+"""Points by which the bends of a body move along it from one known frame to the next at most."""
 
 Points = Float[Array, "P 2"]
 Known = tuple[float, Points]
@@ -123,10 +126,6 @@ def _half(older: Points, newer: Points, steps: float) -> Points:
     return newer + 0.5 * steps * (newer - older)
 
 
-def _all(older: Points, newer: Points, steps: float) -> Points:
-    return newer + steps * (newer - older)
-
-
 def _stay(older: Points, newer: Points, steps: float) -> Points:
     return newer
 
@@ -145,6 +144,32 @@ def _slide(older: Points, newer: Points, steps: float) -> Points:
     return _along(newer, s, s + along)
 
 
+def _wave(older: Points, newer: Points, steps: float) -> Points:
+    """Its bends go on along it, as those of a swimmer do, while its middle goes on."""
+    before, now = _directions(older), _directions(newer)
+    shifts = np.arange(-SHIFT, SHIFT + 1)
+    padded = np.pad(before, SHIFT, constant_values=np.nan)
+    apart = now - sliding_window_view(padded, len(now))  # one row for each shift
+    unlike = np.nanvar(apart, axis=1)
+    best = int(np.argmin(unlike[1:-1])) + 1
+    left, least, right = unlike[best - 1 : best + 2]
+    between = (left - right) / max(2 * (left - 2 * least + right), 1e-12)
+    at = np.arange(len(now)) + (shifts[best] + np.clip(between, -0.5, 0.5)) * steps
+    beyond = np.clip(at, -SHIFT, len(now) - 1 + SHIFT) - np.clip(at, 0, len(now) - 1)
+    bend = np.where(at < 0, now[END] - now[0], now[-1] - now[-1 - END]) / END
+    turned = (np.nanmean(apart[best]) + np.pi) % (2 * np.pi) - np.pi
+    angle = np.interp(at, np.arange(len(now)), now) + beyond * bend + steps * turned
+    step = arc_length(newer)[-1] / len(now) * np.stack([np.cos(angle), np.sin(angle)], 1)
+    line = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+    return line + (newer + steps * (newer - older) - line).mean(0)
+
+
+def _directions(line: Points) -> Float[np.ndarray, " P-1"]:
+    """Of its steps, rad."""
+    step = np.diff(line, axis=0)
+    return np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+
+
 def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Points:
     """Points of a line at arc lengths `at`, straight on beyond its ends."""
     inside = np.stack([np.interp(at, s, x) for x in line.T], 1)
@@ -157,4 +182,4 @@ def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Point
     return inside + beyond + np.maximum(-at, 0.0)[:, None] * head
 
 
-MOVERS: tuple[Mover, ...] = (_half, _all, _stay, _drift, _slide)
+MOVERS: tuple[Mover, ...] = (_half, _stay, _drift, _slide, _wave)
