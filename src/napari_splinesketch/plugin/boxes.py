@@ -153,7 +153,7 @@ class EyeBox(qt.QWidget):
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
         for proof, entry in self.entries.items():
-            entry.setChecked(work is not None and work.layers.made[proof].shown)
+            entry.setChecked(work is not None and work.made[proof].shown)
 
     def _show(self, role: str, on: bool) -> None:
         work = self._controller.work
@@ -163,7 +163,7 @@ class EyeBox(qt.QWidget):
 
     def _ask(self, proof: str, on: bool) -> None:
         work = self._controller.work
-        if work is not None and not work.layers.ask(proof, on):
+        if work is not None and not work.ask(proof, on):
             self.entries[proof].setChecked(False)
             self._controller.say(MAKERS[proof].nothing)
 

@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Films, Suggestions
-from napari_splinesketch.plugin.keeper import Keeper, Notice, Work
+from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers.drawn import (
     MANY,
@@ -32,6 +32,7 @@ from napari_splinesketch.plugin.layers.drawn import (
     shapes_in,
 )
 from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Preview, is_result
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
@@ -347,6 +348,6 @@ class Controller(Keeper):
                 said = f"{name!r} was removed: what was running on it ended."
                 self.finish(Notice("cancelled", said))
         for work in self.works:
-            if work.layers.deleted():
+            if work.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changes.curves.emit()

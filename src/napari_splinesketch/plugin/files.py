@@ -44,7 +44,7 @@ from napari_splinesketch.synthetic import rotate, scene
 if TYPE_CHECKING:
     from napari import Viewer
 
-    from napari_splinesketch.plugin.keeper import Work
+    from napari_splinesketch.plugin.layers.results import Work
 
 PLUGIN = "napari-splinesketch"
 KNOTS = 10

@@ -15,9 +15,10 @@ from superqt.utils import qdebounced
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import Notice, Work
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn
 from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame, plane_problem, size_of
 from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import OPEN

@@ -17,7 +17,8 @@ from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.choices import listen
-from napari_splinesketch.plugin.keeper import Notice, Work
+from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of

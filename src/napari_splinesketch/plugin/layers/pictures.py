@@ -42,7 +42,7 @@ from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.keeper import Work
+    from napari_splinesketch.plugin.layers.results import Work
 
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
@@ -134,7 +134,7 @@ def _wide(work: Work) -> list[Record]:
 def _outlines(work: Work) -> Made:
     known = _wide(work)
     lines = [outline(record.curve) for record in known]
-    return _around(work, known, lines, colours_of(known, work.layers.look))
+    return _around(work, known, lines, colours_of(known, work.look))
 
 
 def _halos(work: Work) -> Made:
@@ -200,7 +200,7 @@ MAKERS: dict[str, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches,
                             lambda work: _film(work, work.state.patches, _like(work.image))),
     "outlines": Maker(Vectors, "outlines",
-                      lambda work: [work.layers.look, *[r.curve for r in _wide(work)]], _outlines),
+                      lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
                       lambda work: [record.curve for record in work.selected], _halos),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
