@@ -21,7 +21,7 @@ from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, read
-from napari_splinesketch.plugin.widgets import TextLabel, button, stack
+from napari_splinesketch.plugin.widgets import Button, TextLabel, stack
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""
@@ -40,11 +40,11 @@ class OfferBox(QFrame):
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
         tip = "Bring the saved lines and curves back, in a layer of their own"
-        self.resume = button("Resume", tip, lambda: resume(controller, saver))
+        self.resume = Button("Resume", tip, lambda: resume(controller, saver))
         tip = "Do not ask again; the saved work stays on the disk"
-        self.decline = button("Ignore saved work", tip, saver.decline)
+        self.decline = Button("Ignore saved work", tip, saver.decline)
         tip = "Take these curves up as results, as they were judged"
-        self.labels = button("", tip, lambda: take_up(controller))
+        self.labels = Button("", tip, lambda: take_up(controller))
         stack(self, self.said, (self.resume, self.decline), self.labels, self.problem, margin=4)
         changes = controller.changes
         for signal in (saver.found, changes.layers, changes.curves, changes.busy):
