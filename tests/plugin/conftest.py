@@ -45,7 +45,6 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
     made.go.set()
     monkeypatch.setattr(engine, "refine", made.refine)
     monkeypatch.setattr(engine, "warm_up", lambda report: None)
-    monkeypatch.setattr(engine, "tidy", lambda: None)
     return made
 
 

@@ -1,7 +1,7 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -217,9 +217,15 @@ class SettingsForm(qt.QWidget):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller = controller
-        self.widgets = {each.name: _widget(each) for each in fields(Settings) if each.name in FORM}
-        for name, made in self.widgets.items():
+        self.widgets: dict[str, Any] = {}
+        for name, how in FORM.items():
+            options, value = dict(how), getattr(Settings, name)
+            kind = "ComboBox" if "choices" in how else None
+            named: Any = {"name": name, "label": options.pop("label"), "widget_type": kind}
+            made: Any = create_widget(0.0 if value is None else value, **named, options=options)
+            made.native.setMinimumWidth(widgets.NARROW)
             made.changed.connect(partial(self._take, name))
+            self.widgets[name] = made
         rest = widgets.form(*(made for name, made in self.widgets.items() if name != "preset"))
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
         keys = widgets.Button("Change keys…", KEYS_TIP, run)
@@ -256,18 +262,6 @@ class SettingsForm(qt.QWidget):
         before = self._controller.settings.work_folder
         if folder := qt.QFileDialog.getExistingDirectory(self, "Save work in", before):
             self._take("work_folder", folder)
-
-
-def _widget(each: Any) -> Any:
-    """Make the widget of a setting."""
-    how, help_text = dict(FORM[each.name]), each.metadata["help"].partition(" (")[0]
-    options = {"tooltip": help_text[0].upper() + help_text[1:], **how}
-    label = options.pop("label")
-    value = 0.0 if each.default is None else each.default
-    kind = "ComboBox" if "choices" in how else None
-    made = create_widget(value, name=each.name, label=label, widget_type=kind, options=options)
-    made.native.setMinimumWidth(widgets.NARROW)
-    return made
 
 
 def ask_where(parent: qt.QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:

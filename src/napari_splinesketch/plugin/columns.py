@@ -102,11 +102,6 @@ def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
     return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
-def _status(record: Record) -> str:
-    status = record.curve.status
-    return f"{STATUS_WORDS[status]} {MARKS[status]}".rstrip()
-
-
 @once
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve needs review: by status, then by residual and sd."""
@@ -131,7 +126,9 @@ COLUMNS = (
     Column("status", "Status",
            "The result of the refinement; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
-           _said(lambda r: str(r.curve.status)), said=_status, order=lambda r: severity(r.curve),
+           _said(lambda r: str(r.curve.status)),
+           said=lambda r: f"{STATUS_WORDS[r.curve.status]} {MARKS[r.curve.status]}".rstrip(),
+           order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
     Column("review", "Reviewed", "Your verdict", _said(lambda r: str(r.review)),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
@@ -154,9 +151,7 @@ COLUMNS = (
            film=True),
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
-SETTING = {"half_width_mean": "half_width"}
-"""The columns that are called otherwise in the settings."""
-COLOURED = {SETTING.get(c.name, c.name): c for c in COLUMNS if c.colour}
+COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
 COLOUR_BY = tuple(COLOURED)
 """What the colour of a curve may say."""
 Look = tuple[str, Ruler]
@@ -186,12 +181,10 @@ def in_pixels(record: Record) -> list[Any]:
 def features(records: Sequence[Record]) -> pd.DataFrame:
     """What a layer of curves says of each of them; lengths in px."""
     curve_at = {key_of(record): record.curve for record in records}.get
-    rows = list(map(in_pixels, records))
-    said = {column.name: [row[i] for row in rows] for i, column in enumerate(COLUMNS)}
-    for column in COLUMNS:
-        if column.film:
-            said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
-    return pd.DataFrame(said)
+    said = pd.DataFrame(map(in_pixels, records), columns=[column.name for column in COLUMNS])
+    for column in filter(lambda column: column.film, COLUMNS):
+        said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
+    return said
 
 
 def as_text(
@@ -208,9 +201,8 @@ def as_text(
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
     """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    values = _numbers(records, look)
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else None
+    known = [value for value in _numbers(records, look) if math.isfinite(value)]
+    return (min(known), max(known)) if known else None
 
 
 def colours_of(records: Sequence[Record], look: Look) -> list[str]:

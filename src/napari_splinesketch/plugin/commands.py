@@ -11,7 +11,7 @@ from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin import films, words
 from napari_splinesketch.plugin.columns import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -104,13 +104,6 @@ def extend(controller: Controller) -> None:
 def _all_locked(controller: Controller) -> bool:
     chosen = controller.selected_records()
     return bool(chosen) and all(record.locked for record in chosen)
-
-
-def _refine(controller: Controller) -> str:
-    """Say what Refine would do."""
-    if controller.knots and controller.selection:
-        return f"Refine curve {controller.selection[0][1]}"
-    return words.button(controller.request())
 
 
 def pick(controller: Controller, *, add: bool = False) -> None:
@@ -207,7 +200,9 @@ COMMANDS = (
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
-            problem=lambda c: "" if c.knots else c.request().problem, label=_refine),
+            problem=lambda c: "" if c.knots else c.request().problem,
+            label=lambda c: f"Refine curve {c.knots.number}" if c.knots else
+            words.button(c.request())),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
             "Refine each line as soon as it is drawn, while you draw the next"),
     Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
@@ -229,11 +224,11 @@ COMMANDS = (
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots or c).undo(),
+    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(),
             "Undo the last step",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots or c).redo(),
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(),
             "Redo what was undone",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
@@ -249,26 +244,23 @@ COMMANDS = (
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
             problem=lambda c: c.suggestions.problem()),
-    Command("previous_frame", "◂ Previous", "Shift+F", lambda c: c.films.track(-1, 1),
+    Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
-            problem=lambda c: c.films.tracking_problem(-1)),
-    Command("next_frame", "Next ▸", "Q", lambda c: c.films.track(1, 1),
+            problem=lambda c: films.tracking_problem(c, -1)),
+    Command("next_frame", "Next ▸", "Q", lambda c: films.track(c, 1, 1),
             "Carry the curves to the next frame, refine them there and show it", "film",
-            problem=lambda c: c.films.tracking_problem(1)),
-    Command("track_back", "◂ Track to first", "", lambda c: c.films.track(-1),
+            problem=lambda c: films.tracking_problem(c, 1)),
+    Command("track_back", "◂ Track to first", "", lambda c: films.track(c, -1),
             "Carry the curves back to the first frame", "film",
-            problem=lambda c: c.films.tracking_problem(-1)),
-    Command("track", "Track to last ▸", "", lambda c: c.films.track(1),
+            problem=lambda c: films.tracking_problem(c, -1)),
+    Command("track", "Track to last ▸", "", lambda c: films.track(c, 1),
             "Carry the curves on to the last frame", "film",
-            problem=lambda c: c.films.tracking_problem(1)),
-    Command("around", "Refit around", "", lambda c: c.films.around(),
+            problem=lambda c: films.tracking_problem(c, 1)),
+    Command("around", "Refit around", "", lambda c: films.around(c),
             "Carry the curves that you corrected in this frame, or the selected ones of them,\n"
             "to the frames before and after it, as far as that changes anything", "film",
-            problem=lambda c: c.films.around_problem()),
+            problem=lambda c: films.around_problem(c)),
 )  # fmt: skip
-
-
-Bound = Callable[[ViewerModel], None]
 
 
 class Commands:
@@ -287,7 +279,7 @@ class Commands:
     ):
         self._viewer, self._controller, self._heard = viewer, controller, heard
         self._commands = {command.id: command for command in table}
-        self._bound: dict[str, tuple[Any, Bound]] = {}
+        self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
         self.rebind({})
 
     def __iter__(self) -> Iterator[Command]:
@@ -295,10 +287,6 @@ class Commands:
 
     def __getitem__(self, name: str) -> Command:
         return self._commands[name]
-
-    def at(self, place: Place) -> list[str]:
-        """Give the commands whose buttons belong to a place."""
-        return [command.id for command in self if command.place == place]
 
     def run(self, name: str) -> None:
         """Do it."""

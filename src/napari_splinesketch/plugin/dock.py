@@ -1,6 +1,7 @@
 """The dock: sketch, refine, export."""
 
 import atexit
+import gc
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -161,7 +162,9 @@ class SplinesketchDock(QWidget):
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
-        job.done.connect(lambda _: engine.tidy())
+        # Python looks through all that there is whenever there is a quarter more: once all is
+        # imported, to do it puts it off for long, where it would fall into the first refinement.
+        job.done.connect(lambda _: gc.collect())
         timer = QTimer(self)
         timer.setSingleShot(True)
         timer.timeout.connect(job.start)

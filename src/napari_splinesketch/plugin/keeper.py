@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -20,10 +20,11 @@ from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, draw
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import Key, Record, Review, State, key_of
+from napari_splinesketch.plugin.model import History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.commands import Commands
+    from napari_splinesketch.plugin.knots import KnotEditing
 
 BACK = "Undo brings them back."
 NOTHING = State()
@@ -46,6 +47,7 @@ class Keeper:
     """
 
     actions: Commands
+    knots: KnotEditing | None = None
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
@@ -183,12 +185,12 @@ class Keeper:
         self.drawing.start(work, work.show(), shown)
 
     def undo(self) -> None:
-        """Take back the last step."""
-        self._travel("Undone", "undo")
+        """Take back the last step, or the last move of the knots that are shown."""
+        self._travel("Undone", History.undo)
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._travel("Redone", "redo")
+        self._travel("Redone", History.redo)
 
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
@@ -309,9 +311,11 @@ class Keeper:
         if self.work:
             self.work.mark()
 
-    def _travel(self, said: str, way: Literal["undo", "redo"]) -> None:
-        if self.work and not self.progress:
-            what = getattr(self.work.history, way)()
+    def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
+        if self.knots:
+            self.knots.travel(way)
+        elif self.work and not self.progress:
+            what = way(self.work.history)
             if what:
                 self.tell(Notice("done", f"{said}: {what[0].lower()}{what[1:]}."))
                 self.show(self.work)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -42,12 +42,13 @@ Knots = Float[np.ndarray, "K 2"]
 class KnotEditing:
     """Shows the knots of a curve, and the curve as they are dragged, until they are kept or not.
 
-    `steps` are the knots, and where they were.
+    `steps` are the knots, and where they were; `number` is that of the curve.
     """
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
         self.steps: History[Knots] = History(record.curve.knots[:, :2])
+        self.number = record.id
         self._controller, self._work, self._record = controller, work, record
         self._slot = Slot(viewer, work.image, "knots", f"{work.name} knots of curve {record.id}")
         self._slot.kind = Points
@@ -104,14 +105,9 @@ class KnotEditing:
         controller.tell(Notice())
         controller.changes.mode.emit()
 
-    def undo(self) -> None:
-        """Put the knots back to where they were before the last move."""
-        self.steps.undo()
-        self._put()
-
-    def redo(self) -> None:
-        """Move the knots again."""
-        self.steps.redo()
+    def travel(self, way: Callable[[History[Knots]], object]) -> None:
+        """Go back or on through the moves of the knots."""
+        way(self.steps)
         self._put()
 
     def _put(self) -> None:

@@ -206,7 +206,7 @@ def _apart(line: Line, record: Record) -> float:
     return float(far / max(width, LEAST))
 
 
-def request(c: "Controller", scope: Scope) -> Plan:
+def request(c: "Controller", scope: Scope = "new") -> Plan:
     """Say what Refine would do now; selected lines go before those that are new."""
     image, layer, selection = c.choices.image, c.choices.sketches, c.selection
     problem = plane_problem(c.viewer, image) if image is not None else OPEN

@@ -117,31 +117,25 @@ def _read_all(
     """Read what nobody else works on, and say what could not be read."""
     found, problems = list[Found](), list[str]()
     for path in paths:
-        folder = None
+        folder = Folder()
         try:
-            folder = _own(path)
+            try:
+                folder = Folder(path)
+            except OSError as error:  # where it cannot be written to, work goes on in a new one
+                if isinstance(error, BusyError):
+                    raise
             session, said = read(path, frames, size)
         except (OSError, LabelsError) as error:
             session, said = None, (f"{error}.",)
         problems += said
-        if folder and said:
+        if said:
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
             folder = Folder()
-        if folder and session:
+        if session:
             folder.holds(session.state.patches)
             found.append((path, session, folder))
     return found, problems
-
-
-def _own(path: Path) -> Folder:
-    """Give the folder that work goes on in: this one, or a new one where it cannot be written."""
-    try:
-        return Folder(path)
-    except BusyError:
-        raise
-    except OSError:
-        return Folder()
 
 
 def _restore(

@@ -71,8 +71,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
-        record = self._known.get(key) if key else None
-        return next((row for row, one in enumerate(self.records) if one is record), None)
+        return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
     def curve_at(self, key: Key) -> Curve | None:
         """Give a curve by frame and id, whether it is shown or not."""

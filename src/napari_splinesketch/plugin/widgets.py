@@ -96,7 +96,8 @@ class CommandButtons(qt.QWidget):
 
     def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
         super().__init__()
-        self.buttons = {name: CommandButton(actions, name) for name in actions.at(place)}
+        here = [command.id for command in actions if command.place == place]
+        self.buttons = {name: CommandButton(actions, name) for name in here}
         grid(self, list(self.buttons.values()), columns, even=even)
 
     def show_state(self) -> None:

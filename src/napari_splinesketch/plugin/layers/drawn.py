@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Layer, Shapes
+from napari.layers import Image, Shapes
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
@@ -55,8 +55,10 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
     read = shapes_in(viewer, layer, image)
     if not read:
         return Drawn()
-    first = np.array([shape[0] for shape in layer.data])
-    seen = _in_view(viewer, layer, image, first)
+    # Sliders of axes that the image does not have.
+    first, extra = np.array([shape[0] for shape in layer.data]), max(layer.ndim - image.ndim, 0)
+    here = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
+    seen = (np.round(first[:, :extra]) == np.round(here[:, :extra])).all(axis=1)
     kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
@@ -83,16 +85,6 @@ def shapes_in(
     pixels = space.to_pixels(viewer, layer, image, np.concatenate(shapes))
     frames = space.frame_numbers(image, pixels[first])
     return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
-
-
-def _in_view(
-    viewer: ViewerModel, layer: Shapes, image: Image, points: Float[np.ndarray, "N D"]
-) -> list[bool]:
-    """Whether shapes are in view as to the axes that the image does not have."""
-    extra = max(layer.ndim - image.ndim, 0)
-    point = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
-    same = np.round(points[:, :extra]) == np.round(point[:, :extra])
-    return same.all(axis=1).tolist()
 
 
 def selected_in(layer: Shapes) -> frozenset[int]:
@@ -139,20 +131,13 @@ def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
 
 
 def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
-    """Whether the last shape is but a click, of which napari makes a short line at 45 degrees."""
-    if not layer.nshapes or layer.shape_type[-1] != "line":
+    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees."""
+    if not drawing(viewer, layer) or not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
     way = np.diff(space.to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
     short = np.linalg.norm(way / space.screen_pixel(viewer, image)) < CLICK
     return bool(short and np.isclose(down, right, rtol=1e-3))
-
-
-def select_curves(viewer: ViewerModel, curves: Layer) -> None:
-    """Let the user select curves by clicking them."""
-    viewer.layers.selection.active = curves
-    if isinstance(curves, Shapes):
-        curves.mode = "pan_zoom"
 
 
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
