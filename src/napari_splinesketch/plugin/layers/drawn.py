@@ -226,9 +226,9 @@ class SuggestedLines:
         frames, lines = zip(*shapes_in(self._viewer, layer, self._image), strict=True)
         back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
+        before = np.round(colours[:, 3], 3)
         # A transparency that the user has chosen stays.
-        ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))
-        wanted = np.where(ours, np.where(back, FADED, 1.0), colours[:, 3])
-        if not np.allclose(wanted, colours[:, 3], atol=1e-3):
+        wanted = np.where(np.isin(before, (1.0, FADED)), np.where(back, FADED, 1.0), before)
+        if (wanted != before).any():
             colours[:, 3] = wanted
             layer.edge_color = colours
