@@ -3,11 +3,9 @@
 A column that is added here is in all of them.
 """
 
-import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import Any, Literal
 
 import numpy as np
@@ -40,8 +38,7 @@ class Column:
 
     "%" stands for the unit in the title; without one it is not in the table. A cell says what
     `said` gives and is sorted by `order`, the value itself unless named; it has room for `width`.
-    `colour` is what the choice of colours calls it, where there is one. Those of a `film` depend on
-    the body's curves in other frames.
+    `colour` is what the choice of colours calls it, where there is one.
     """
 
     name: str
@@ -53,7 +50,6 @@ class Column:
     order: Callable[[Record], Any] | None = None
     width: str = "00000"
     colour: str = ""
-    film: bool = False
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
@@ -147,8 +143,7 @@ COLUMNS = (
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
            _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
-           "Mean over the body's points, from its curves in the frames beside", _speed, "number",
-           film=True),
+           "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
 COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
@@ -172,31 +167,21 @@ def alone(key: Key) -> None:
     """Know of no curve in another frame."""
 
 
-@once
-def in_pixels(record: Record) -> list[Any]:
-    """Say in px what there is to say of a curve alone, column by column."""
-    return [column.value(record, PIXELS, alone) for column in COLUMNS]
-
-
-def features(records: Sequence[Record]) -> pd.DataFrame:
-    """What a layer of curves says of each of them; lengths in px."""
-    curve_at = {key_of(record): record.curve for record in records}.get
-    said = pd.DataFrame(map(in_pixels, records), columns=[column.name for column in COLUMNS])
-    for column in filter(lambda column: column.film, COLUMNS):
-        said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
-    return said
+def features(
+    records: Sequence[Record], ruler: Ruler = PIXELS, curve_at: CurveAt | None = None
+) -> pd.DataFrame:
+    """What is said of each curve, by which those of the same body in other frames are known."""
+    known = curve_at or {key_of(record): record.curve for record in records}.get
+    rows = [[column.value(record, ruler, known) for column in COLUMNS] for record in records]
+    return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
 
 
 def as_text(
     records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
-    file = StringIO()
-    writer = csv.writer(file, delimiter=separator, lineterminator="\n")
-    writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
-    for record in records:
-        writer.writerow([*(c.value(record, ruler, curve_at) for c in COLUMNS), ruler.unit])
-    return file.getvalue()
+    said = features(records, ruler, curve_at).rename(columns={"id": "curve"})
+    return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:

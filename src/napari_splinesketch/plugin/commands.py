@@ -131,7 +131,7 @@ def judge(controller: Controller, review: Review) -> None:
 
 def go_to(controller: Controller, key: Key) -> None:
     """Select a curve, and bring it to the middle of the canvas."""
-    record, image = controller.state.record(key), controller.choices.image
+    record, image = controller.state.by_key.get(key), controller.choices.image
     if record is not None and image is not None:
         controller.selected = key
         look_at(controller.viewer, image, record.frame, record.curve.points)

@@ -177,7 +177,7 @@ class Controller(Keeper):
         if self.knots:
             self.knots.keep()
             return
-        record = self.state.record(self.selected) if self.selected else None
+        record = self.state.by_key.get(self.selected) if self.selected else None
         if self.work is None or record is None or record.locked or self.progress:
             locked = record is not None and record.locked
             self.say("The curve is locked." if locked else "Select one curve to edit its knots.")

@@ -131,7 +131,7 @@ def tracking_problem(c: Controller, way: int) -> str:
         return problem
     if not 0 <= c.frame + way < frame_count(image):
         return "This is the last frame" if way > 0 else "This is the first frame"
-    known = any(map(usable, c.records(c.frame)))
+    known = any(record.usable for record in c.records(c.frame))
     return "" if known else "There are no curves in this frame: refine it first"
 
 
@@ -166,12 +166,12 @@ def _start(
     known = by_frame(work.records)
     given = {
         frame: Given(
-            {r.id: r.curve for r in here if _decided(r) and usable(r)},
-            whole=all(r.review == "accepted" or r.locked for r in here),
+            {r.id: r.curve for r in here if _decided(r) and r.usable},
+            whole=all(r.decided for r in here),
         )
         for frame, here in known.items()
     }
-    there = {t: {r.id: r.curve for r in here if usable(r)} for t, here in known.items()}
+    there = {t: {r.id: r.curve for r in here if r.usable} for t, here in known.items()}
     carry = partial(
         engine.track,
         ways,
@@ -247,8 +247,8 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     there, unless it was deleted.
     """
     ways: dict[int, list[tuple[int, Curve]]] = {}
-    for record in filter(usable, sorted(state.records, key=lambda r: way * r.frame)):
-        if 0 <= way * (frame - record.frame) < PATIENCE:
+    for record in sorted(state.records, key=lambda r: way * r.frame):
+        if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
             ways.setdefault(record.id, []).append((record.frame, record.curve))
     ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
     return tuple(
@@ -264,7 +264,7 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     Of the selected curves, if any of them is in the frame.
     """
     beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
-    here = [r for r in state.records if r.frame == frame and r.id in beside and usable(r)]
+    here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
     mine = [record for record in here if record.drawn or record.edited]
     chosen = [record for record in mine if key_of(record) in selected] or mine
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
@@ -285,11 +285,6 @@ def taken_in(state: State, tracked: Tracked) -> State:
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
 
 
-def usable(record: Record) -> bool:
-    """Whether a curve can be carried on."""
-    return record.curve.status != "failed" and record.review != "rejected"
-
-
 def _decided(record: Record) -> bool:
     """Whether the user has decided on a curve, or made it herself."""
-    return record.review == "accepted" or record.locked or record.drawn or record.edited
+    return record.decided or record.drawn or record.edited

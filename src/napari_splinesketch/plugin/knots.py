@@ -79,7 +79,7 @@ class KnotEditing:
         """Put the curve where its knots are, if they were moved."""
         work, record, curve = self._work, self._record, self._curve()
         self.discard()
-        if self.steps.done and work.state.record(key_of(record)) is record:
+        if self.steps.done and work.state.by_key.get(key_of(record)) is record:
             changed = replace(record, curve=curve, edited=True, review="open")
             state = work.state.with_records(changed)
             self._controller.apply(f"Move knots of curve {record.id}", state)

@@ -87,8 +87,7 @@ class CurveLines(Slot):
             edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
         ):
             self._shown = [*self._shown, *fresh[done]]
-            for record in fresh[done]:
-                columns.in_pixels(record)  # a few at a time: all are asked for at once below
+            columns.features(fresh[done])  # a few are measured at a time: below, all are asked for
             yield
         self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
         if gone:
