@@ -54,9 +54,7 @@ class Command:
 
 def flip(controller: Controller) -> None:
     """Let the selected curves begin where they ended."""
-    chosen = _chosen(controller)
-    if chosen:
-        turned = [replace(r, curve=editing.flipped(r.curve)) for r in chosen]
+    if turned := [replace(r, curve=editing.flipped(r.curve)) for r in _chosen(controller)]:
         _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
 
 
@@ -67,14 +65,14 @@ def split(controller: Controller) -> None:
         return
     try:
         at = editing.nearest(record.curve, _place(controller))[0]
-        pieces = editing.split(record.curve, at)
+        first, rest = editing.split(record.curve, at)
     except ValueError as error:
         controller.say(str(error))
         return
-    state = controller.state
-    number = max(other.id for other in (*state.records, *state.deleted)) + 1
-    second = Record(number, record.frame, pieces[1].points, pieces[1], drawn=False, edited=True)
-    _put(controller, f"Split curve {record.id}", [_edited(record, pieces[0]), second])
+    other = Record(
+        controller.state.last + 1, record.frame, rest.points, rest, drawn=False, edited=True
+    )
+    _put(controller, f"Split curve {record.id}", [_edited(record, first), other])
 
 
 def join(controller: Controller) -> None:

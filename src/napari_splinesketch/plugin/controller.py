@@ -89,15 +89,8 @@ class Controller(Keeper):
         lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)
         work_out = partial(engine.run, block, lines, wanted.fixed, self.how(image))
-        preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
-
-        def see(progress: Progress) -> None:
-            if progress.centrelines:
-                preview.show(wanted.frame, progress.centrelines)
-
-        self._preview = preview
-        done = partial(self._on_refined, work, wanted)
-        self.start(work_out, done, "Refining", see, on=work)
+        self._preview = Preview(self.viewer, image, wanted.frame, f"{work.name} on the way")
+        self.start(work_out, partial(self._on_refined, work, wanted), "Refining", on=work)
 
     def start(
         self,
@@ -275,6 +268,8 @@ class Controller(Keeper):
         share, spent = progress.fraction, perf_counter() - self._began
         known = spent > KNOWN_AFTER and share > 0.05
         self.left = spent * (1 - share) / share if known else None
+        if self._preview and progress.centrelines:
+            self._preview.show(progress.centrelines)
         self.changes.progress.emit()
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:

@@ -52,7 +52,7 @@ class KnotEditing:
         self._controller, self._work, self._record = controller, work, record
         self._slot = Slot(viewer, work.image, "knots", f"{work.name} knots of curve {record.id}")
         self._slot.kind = Points
-        self._preview = Preview(viewer, work.image, "preview", f"{work.name} edited")
+        self._preview = Preview(viewer, work.image, record.frame, f"{work.name} edited")
         self._before = layers.selection.active
         knots = in_stack(work.image, record.frame, self.steps.value)
         layer = self._slot.make(knots, **LOOK)
@@ -136,7 +136,7 @@ class KnotEditing:
         return moved(self._record.curve, self._value())
 
     def _show(self) -> None:
-        self._preview.show(self._record.frame, [self._curve().points])
+        self._preview.show([self._curve().points])
 
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""

@@ -190,6 +190,11 @@ class State:
     patches: Mapping[int, Patch] = field(default_factory=dict)
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
+    @property
+    def last(self) -> int:
+        """The highest number that a curve has had."""
+        return max([record.id for record in (*self.records, *self.deleted)], default=0)
+
     @cached_property
     def by_key(self) -> Mapping[Key, Record]:
         """Records by frame and id."""
@@ -222,8 +227,7 @@ class State:
 
     def set_aside(self, keys: Collection[Key]) -> "State":
         """Delete curves that are drawn again: under other numbers, as theirs go on."""
-        last = max([record.id for record in (*self.records, *self.deleted)], default=0)
-        aside = [replace(r, id=last + i) for i, r in enumerate(self._among(keys), 1)]
+        aside = [replace(r, id=self.last + i) for i, r in enumerate(self._among(keys), 1)]
         return replace(self, deleted=(*self.deleted, *aside))
 
     def _among(self, keys: Collection[Key]) -> list[Record]:

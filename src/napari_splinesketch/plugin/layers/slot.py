@@ -205,7 +205,11 @@ class Preview(Slot):
 
     _filled = False
 
-    def show(self, frame: int, lines: Sequence[looks.Line]) -> None:
+    def __init__(self, viewer: ViewerModel, image: Image, frame: int, name: str):
+        super().__init__(viewer, image, "preview", name)
+        self._frame = frame
+
+    def show(self, lines: Sequence[looks.Line]) -> None:
         """Show lines, px; nothing if the user has removed the layer.
 
         The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
@@ -214,7 +218,7 @@ class Preview(Slot):
             width = looks.line_width(size_of(self.image))
             self.make(visible=False, edge_width=width, edge_color=palette.MOVING)
         elif (layer := self.layer) is not None:
-            some = [(frame, line) for line in looks.coarse(lines)]
+            some = [(self._frame, line) for line in looks.coarse(lines)]
             layer.data, _ = in_vectors(self.image, some)
             if not self._filled:
                 self._filled = layer.visible = True
