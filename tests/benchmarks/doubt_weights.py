@@ -1,37 +1,50 @@
 """Fit the weights by which signs of a wrong curve are added up (engine/judge/doubt.py).
 
-    python tests/benchmarks/doubt_weights.py [--frames 16] [--folder DIR ...]
+    python tests/benchmarks/doubt_weights.py [--frames 16] [--jobs N] [--folder DIR ...]
 
 Generated frames that no other benchmark uses, scenes of foreign make and real images that are not
-held out are refined by `balanced`, the latter two also with sketches that are right already. A
+held out are refined by `balanced`: the first also with a few clicked points that are off as a
+whole or each by itself, the latter two also with sketches that are right already. A
 logistic regression tells curves that are wrong from those that are right, both counting the same,
 as do real and generated images. Printed are the lines to put into the engine, and what share of
 wrong and of right curves each threshold marks, out of fold.
 """
 
 import argparse
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import frames
 import numpy as np
 from jaxtyping import Bool, Float
 from path_weights import CELLS, grey, tunable
-from real_cases import FOLDERS, jittered
+from real_cases import FOLDERS, Case, by_arc, jittered
 from real_judge import MOST, shares
 from scipy.optimize import minimize
 
-from napari_splinesketch import refine
+from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine.judge import doubt
 from napari_splinesketch.metrics import average_dtw
 
 FIRST = 400
 """Number of the first frame, out of reach of the other benchmarks."""
 COUNTS = (1, 2, 3)
+HANDS = {"turned": 12.0, "moved": 5.0, "careless": 1.8}
+"""How clicked sketches are off: turned by so many degrees, moved by so many px, or each point by
+so many px (standard deviation, row and column)."""
+CLICKS = 4, 9
+"""Their points: at least, and fewer than."""
 FAR = 2.0
 """A generated body is lost where its curve is farther from it, px of average DTW."""
-SHARE = {"real": 1.0, "foreign": 0.5, "generated": 1.0}
+SHARE = {"real": 2.0, "foreign": 0.5, "generated": 0.7, "clicked": 0.5}
 """How much each source weighs."""
 FOLDS = 6
 RIDGE = 0.02
@@ -50,26 +63,62 @@ class Example:
     marked: bool
 
 
-def examples(count: int, folders) -> Iterator[Example]:
-    """Refine everything that may be tuned on."""
+Task = Callable[[], "list[Example]"]
+
+
+def tasks(count: int, folders) -> Iterator[Task]:
+    """What to refine of everything that may be tuned on."""
     for bodies in COUNTS:
         for kind, strength in CELLS:
-            for index in range(FIRST, FIRST + count):
-                made = frames.frame(frames.Cell(bodies, kind, strength), index, tuning=True)
-
-                def wrong(i, curve, made=made):
-                    return not average_dtw(curve.points, made.truths[i]) <= FAR
-
-                scene = f"{bodies}_{kind}_{index}"
-                yield from _of(made.image, made.sketches, wrong, "generated", scene)
+            cell = frames.Cell(bodies, kind, strength)
+            yield from (partial(_generated, cell, FIRST + k, "generated") for k in range(count))
+        for hand in HANDS:
+            cell = frames.Cell(bodies, "rotation", 0.0)
+            yield from (partial(_generated, cell, FIRST + k, "clicked", hand) for k in range(count))
     for source, case in tunable(folders):
-        for mine in (case, jittered(case)):
+        yield partial(_of_case, case, source)
+        yield partial(_of_case, jittered(case), source)
 
-            def missed(i, curve, case=case):
-                return min(shares(curve.points, case.references[i], case.half_width)) < MOST
 
-            for sketches in mine.sketches.values():
-                yield from _of(grey(mine), sketches, missed, source, case.name)
+def _generated(cell: frames.Cell, index: int, source: str, hand: str = "") -> list[Example]:
+    made = frames.frame(cell, index, tuning=True)
+    random = np.random.default_rng([cell.bodies, index, *hand.encode()])
+    sketches = [_clicked(x, hand, random) for x in made.truths] if hand else made.sketches
+
+    def wrong(i, curve):
+        return not average_dtw(curve.points, made.truths[i]) <= FAR
+
+    scene = f"{cell.bodies}_{cell.kind}{hand}_{index}"
+    return list(_of(made.image, sketches, wrong, source, scene))
+
+
+def _clicked(line, hand: str, random: np.random.Generator) -> Float[np.ndarray, "N 2"]:
+    """A few points on a body, as a hand that is off sets them."""
+    points, off = by_arc(line, int(random.integers(*CLICKS))), HANDS[hand]
+    if hand == "turned":
+        return synthetic.rotate(points, off * random.choice([-1, 1]))
+    if hand == "moved":
+        return synthetic.displace(points, off, random)
+    return points + random.normal(0, off, points.shape)
+
+
+def _of_case(case: Case, source: str) -> list[Example]:
+    def wrong(i, curve):
+        return min(shares(curve.points, case.references[i], _width(curve))) < MOST
+
+    def each():
+        for sketches in case.sketches.values():
+            yield from _of(grey(case), sketches, wrong, source, case.name)
+
+    return list(each())
+
+
+def _width(curve) -> float:
+    return float(np.median(curve.half_width))
+
+
+def _done(task: Task) -> list[Example]:
+    return task()
 
 
 def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
@@ -121,9 +170,12 @@ def main() -> None:
     """Refine, fit, and say what it comes to."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--frames", type=int, default=16, help="frames a cell")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--folder", type=Path, action="append", help="of real cases")
     options = parser.parse_args()
-    known = list(examples(options.frames, options.folder or FOLDERS))
+    what = list(tasks(options.frames, options.folder or FOLDERS))
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        known = [one for some in pool.map(_done, what) for one in some]
     signs = np.array([e.signs for e in known])
     wrong, marked = (np.array([getattr(e, a) for e in known]) for a in ("wrong", "marked"))
     source = np.array([e.source for e in known])
@@ -144,7 +196,7 @@ def main() -> None:
 
     print(f"{len(known)} curves, {wrong.sum()} wrong")
     line("marked now", marked)
-    for threshold in np.arange(1.4, 4.0, 0.2):
+    for threshold in np.arange(2.0, 4.6, 0.2):
         line(f"threshold {threshold:.1f}", sums > threshold)
     weights, usual = fit(signs, wrong, source)
     print("SIGNS =", doubt.SIGNS)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_splinesketch.engine.find import scoring
+from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.judge import doubt
 from napari_splinesketch.engine.judge.doubt import Evidence, collect, reasons
 
@@ -16,13 +17,14 @@ def known(**features: float) -> np.ndarray:
     return np.array([features.get(name, 0.0) for name in scoring.FEATURES])
 
 
-SURE = Evidence(sd=0.2, astray=4.0, drawn=80.0, known=known(unseen=0.02))
+SURE = Evidence(0.2, 4.0, half_width=3.0, room=4.0, known=known(unseen=0.02), margin=np.inf)
 WORSE = {
-    "sd": ({"sd": 8.0}, "uncertain by up to 8.0 px"),
+    "sd": ({"sd": 9.0}, "uncertain by up to 9.0 px"),
     "astray": ({"astray": 140.0}, "strays up to 140 px"),
-    "unseen": ({"known": known(unseen=0.6), "sd": 1.6}, "60% of it cannot be seen"),
-    "kink": ({"known": known(kink=1.0), "sd": 1.6}, "bends sharply"),
-    "missed": ({"known": known(missed=9.0), "sd": 1.6}, "misses points of its sketch"),
+    "rival": ({"margin": 0.2, "astray": 9.0}, "another path is nearly as likely"),
+    "unseen": ({"known": known(unseen=0.6), "sd": 3.0}, "60% of it cannot be seen"),
+    "kink": ({"known": known(kink=1.0), "sd": 3.0}, "bends sharply"),
+    "missed": ({"known": known(missed=9.0), "sd": 3.0}, "misses points of its sketch"),
 }
 
 
@@ -37,7 +39,7 @@ def test_a_strong_sign_is_told_in_words(sign):
 
 
 def test_several_weak_signs_add_up():
-    weak = {"sd": 0.8, "astray": 12.0, "known": known(unseen=0.2)}
+    weak = {"sd": 1.6, "astray": 12.0, "known": known(unseen=0.2)}
     assert all(reasons(replace(SURE, **{k: v})) == [] for k, v in weak.items())
     assert len(reasons(replace(SURE, **weak))) > 1
 
@@ -45,11 +47,12 @@ def test_several_weak_signs_add_up():
 @given(
     st.floats(0, allow_infinity=True),
     st.floats(0, 1e6),
-    st.floats(2, 1e4),
+    st.floats(1, 1e4),
+    st.floats(0, allow_infinity=True),
     st.lists(st.floats(0, 1e3), min_size=6, max_size=6),
 )
-def test_any_evidence_is_weighed(sd, astray, drawn, features):
-    evidence = Evidence(sd, astray, drawn, np.array(features))
+def test_any_evidence_is_weighed(sd, astray, room, margin, features):
+    evidence = Evidence(sd, astray, 3.0, room, np.array(features), margin)
     assert np.isfinite(evidence.signs).all()
     assert all(isinstance(text, str) and text for text in reasons(evidence))
 
@@ -60,10 +63,18 @@ def test_what_is_collected_of_a_curve():
     sd = np.where((along > 20) & (along < 30), 0.5, 0.1)
     sd[0] = 9.0
     sketch = np.array([[3.0, 0.0], [3.0, 60.0]])
-    found = collect(straight, sd, sketch, known(unseen=0.1))
+    start = Start(sketch, True, 2.0, 1.0, known(unseen=0.1), margin=1.5)
+    found = collect(straight, sd, sketch, 2.0, start)
     assert found.sd == 0.5
     assert found.astray == pytest.approx(3.0)
-    assert (found.drawn, found.known[0]) == (60.0, 0.1)
+    assert (found.half_width, found.known[0], found.margin) == (2.0, 0.1, 1.5)
+
+
+def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
+    straight, sd = np.column_stack([np.zeros(100), np.linspace(0, 60, 100)]), np.full(100, 0.1)
+    start = Start(straight, True, 2.0, 1.0, known())
+    stroke, clicks = (collect(straight, sd, straight[::n], 2.0, start).room for n in (1, 20))
+    assert stroke > clicks >= 2.0
 
 
 def test_signs_and_weights_belong_together():

@@ -109,8 +109,7 @@ def test_proofs_follow_while_they_are_in_view(
     made = []
     maker = pictures.MAKERS["masks"]
     slow = replace(maker, make=lambda known: made.append(1) or maker.make(known))
-    assert dock.controller.work is not None
-    dock.controller.work.made["masks"].maker = slow
+    monkeypatch.setitem(pictures.MAKERS, "masks", slow)
     click(dock.undo)
     until(lambda: layer_named(viewer, "film curves").nshapes == 2, 5)
     QTest.qWait(100)

@@ -3,9 +3,11 @@
 A column that is added here is in all of them.
 """
 
+import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any, Literal
 
 import numpy as np
@@ -38,7 +40,8 @@ class Column:
 
     "%" stands for the unit in the title; without one it is not in the table. A cell says what
     `said` gives and is sorted by `order`, the value itself unless named; it has room for `width`.
-    `colour` is what the choice of colours calls it, where there is one.
+    `colour` is what the choice of colours calls it, where there is one. Those of a `film` depend on
+    the body's curves in other frames.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Column:
     order: Callable[[Record], Any] | None = None
     width: str = "00000"
     colour: str = ""
+    film: bool = False
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
@@ -98,6 +102,11 @@ def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
     return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
+def _status(record: Record) -> str:
+    status = record.curve.status
+    return f"{STATUS_WORDS[status]} {MARKS[status]}".rstrip()
+
+
 @once
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve needs review: by status, then by residual and sd."""
@@ -122,9 +131,7 @@ COLUMNS = (
     Column("status", "Status",
            "The result of the refinement; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
-           _said(lambda r: str(r.curve.status)),
-           said=lambda r: f"{STATUS_WORDS[r.curve.status]} {MARKS[r.curve.status]}".rstrip(),
-           order=lambda r: severity(r.curve),
+           _said(lambda r: str(r.curve.status)), said=_status, order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
     Column("review", "Reviewed", "Your verdict", _said(lambda r: str(r.review)),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
@@ -143,10 +150,13 @@ COLUMNS = (
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
            _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
-           "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
+           "Mean over the body's points, from its curves in the frames beside", _speed, "number",
+           film=True),
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
-COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
+SETTING = {"half_width_mean": "half_width"}
+"""The columns that are called otherwise in the settings."""
+COLOURED = {SETTING.get(c.name, c.name): c for c in COLUMNS if c.colour}
 COLOUR_BY = tuple(COLOURED)
 """What the colour of a curve may say."""
 Look = tuple[str, Ruler]
@@ -167,27 +177,40 @@ def alone(key: Key) -> None:
     """Know of no curve in another frame."""
 
 
-def features(
-    records: Sequence[Record], ruler: Ruler = PIXELS, curve_at: CurveAt | None = None
-) -> pd.DataFrame:
-    """What is said of each curve, by which those of the same body in other frames are known."""
-    known = curve_at or {key_of(record): record.curve for record in records}.get
-    rows = [[column.value(record, ruler, known) for column in COLUMNS] for record in records]
-    return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
+@once
+def in_pixels(record: Record) -> list[Any]:
+    """Say in px what there is to say of a curve alone, column by column."""
+    return [column.value(record, PIXELS, alone) for column in COLUMNS]
+
+
+def features(records: Sequence[Record]) -> pd.DataFrame:
+    """What a layer of curves says of each of them; lengths in px."""
+    curve_at = {key_of(record): record.curve for record in records}.get
+    rows = list(map(in_pixels, records))
+    said = {column.name: [row[i] for row in rows] for i, column in enumerate(COLUMNS)}
+    for column in COLUMNS:
+        if column.film:
+            said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
+    return pd.DataFrame(said)
 
 
 def as_text(
     records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
-    said = features(records, ruler, curve_at).rename(columns={"id": "curve"})
-    return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
+    file = StringIO()
+    writer = csv.writer(file, delimiter=separator, lineterminator="\n")
+    writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
+    for record in records:
+        writer.writerow([*(c.value(record, ruler, curve_at) for c in COLUMNS), ruler.unit])
+    return file.getvalue()
 
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
     """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    known = [value for value in _numbers(records, look) if math.isfinite(value)]
-    return (min(known), max(known)) if known else None
+    values = _numbers(records, look)
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else None
 
 
 def colours_of(records: Sequence[Record], look: Look) -> list[str]:

@@ -1,12 +1,13 @@
 """The plugin's only door to the engine, and the threads that go through it to JAX."""
 
 import atexit
+import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -14,9 +15,9 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
-from napari_splinesketch.grids import Patch
+from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin.layers.pixels import Block
-from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
+from napari_splinesketch.plugin.model import Line, Refined, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 
 POLL_MS = 50
@@ -45,9 +46,7 @@ def run(
     on_progress(Progress("reading the image", 0.0))
     pixels, grid = block.read(), block.grid
     lines = [grid.to_block(line) for line in lines]
-    # The part of the image that the engine explains, as `engine.refine` has it.
-    points, margin = np.concatenate(lines), MARGIN + lengths_of(lines).max() / 2
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    low, high = _region(lines)
     curves = [grid.curve_to_block(curve) for curve in fixed]
     near = [c for c in curves if ((c.points >= low) & (c.points <= high)).all(axis=1).any()]
 
@@ -59,24 +58,35 @@ def run(
     result = refine(
         pixels, lines, how.preset, **_options(how, grid.size), fixed=near, on_progress=tell
     )
-    return taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
+    return _taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
 
 
-def taken(
+def refined_of(view: View, refinement: Refinement, curves: Sequence[Curve]) -> Refined:
+    """Give a tracked frame's refinement in pixels of the image."""
+    last = np.array(refinement.reconstruction.shape) - 1.0
+    return _taken(refinement, cast(Grid, view.place), curves, np.zeros(2), last)
+
+
+def _taken(
     result: Refinement,
-    grid: Any,
+    grid: Grid,
     curves: Sequence[Curve],
-    low: Float[np.ndarray, "2"] | None = None,
-    high: Float[np.ndarray, "2"] | None = None,
+    low: Float[np.ndarray, "2"],
+    high: Float[np.ndarray, "2"],
 ) -> Refined:
-    """Take a refinement over, of a region of the pixels on a grid that were read, or of all."""
+    """Take a refinement over, of a region of the pixels that were read."""
     # Half of the bytes, and as good as what is shown.
     pictures = (result.reconstruction, result.background)
     patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
-    low = np.zeros(2) if low is None else low
-    high = np.subtract(patch.pixels.shape, 1.0) if high is None else high
     region = grid.to_image(low), grid.to_image(high)
     return Refined(tuple(curves), patch, result.model.notes, region)
+
+
+def _region(lines: Sequence[Line]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Corners of the part of the image that the engine explains: as `engine.refine` has it."""
+    longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
+    points = np.concatenate(lines)
+    return points.min(0) - MARGIN - longest / 2, points.max(0) + MARGIN + longest / 2
 
 
 def refine(
@@ -160,6 +170,15 @@ def warm_up(_: OnProgress) -> None:
 
         warm_up()
         import_module("napari_splinesketch.plugin.plots")
+
+
+def tidy() -> None:
+    """Let Python collect garbage, once all is imported; to be called in the window's thread.
+
+    It looks through all that there is whenever there is a quarter more: to do it now puts it off
+    for long, where it would fall into the first refinement.
+    """
+    gc.collect()
 
 
 @dataclass(eq=False)

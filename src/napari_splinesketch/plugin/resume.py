@@ -21,7 +21,7 @@ from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, read
-from napari_splinesketch.plugin.widgets import Button, TextLabel, stack
+from napari_splinesketch.plugin.widgets import TextLabel, button, stack
 
 LISTED = 4
 """Of several; more would push the rest of the dock out of view."""
@@ -40,11 +40,11 @@ class OfferBox(QFrame):
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
         tip = "Bring the saved lines and curves back, in a layer of their own"
-        self.resume = Button("Resume", tip, lambda: resume(controller, saver))
+        self.resume = button("Resume", tip, lambda: resume(controller, saver))
         tip = "Do not ask again; the saved work stays on the disk"
-        self.decline = Button("Ignore saved work", tip, saver.decline)
+        self.decline = button("Ignore saved work", tip, saver.decline)
         tip = "Take these curves up as results, as they were judged"
-        self.labels = Button("", tip, lambda: take_up(controller))
+        self.labels = button("", tip, lambda: take_up(controller))
         stack(self, self.said, (self.resume, self.decline), self.labels, self.problem, margin=4)
         changes = controller.changes
         for signal in (saver.found, changes.layers, changes.curves, changes.busy):
@@ -117,25 +117,31 @@ def _read_all(
     """Read what nobody else works on, and say what could not be read."""
     found, problems = list[Found](), list[str]()
     for path in paths:
-        folder = Folder()
+        folder = None
         try:
-            try:
-                folder = Folder(path)
-            except OSError as error:  # where it cannot be written to, work goes on in a new one
-                if isinstance(error, BusyError):
-                    raise
+            folder = _own(path)
             session, said = read(path, frames, size)
         except (OSError, LabelsError) as error:
             session, said = None, (f"{error}.",)
         problems += said
-        if said:
+        if folder and said:
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
             folder = Folder()
-        if session:
+        if folder and session:
             folder.holds(session.state.patches)
             found.append((path, session, folder))
     return found, problems
+
+
+def _own(path: Path) -> Folder:
+    """Give the folder that work goes on in: this one, or a new one where it cannot be written."""
+    try:
+        return Folder(path)
+    except BusyError:
+        raise
+    except OSError:
+        return Folder()
 
 
 def _restore(

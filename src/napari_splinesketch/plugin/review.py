@@ -26,8 +26,8 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of
-from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
-from napari_splinesketch.plugin.widgets import NARROW, Button, CommandButtons, stack
+from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of, theme_of
+from napari_splinesketch.plugin.widgets import NARROW, CommandButtons, button, stack
 
 NAME = "Curves"
 LAYOUT_MS = 20
@@ -71,7 +71,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
-        return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
+        record = self._known.get(key) if key else None
+        return next((row for row, one in enumerate(self.records) if one is record), None)
 
     def curve_at(self, key: Key) -> Curve | None:
         """Give a curve by frame and id, whether it is shown or not."""
@@ -221,7 +222,7 @@ class ReviewPanel(qt.QWidget):
     def _build(self) -> None:
         self.model = CurvesModel(self)
         self.table = CurvesTable(self.model)
-        self.plots = CurvePlots(self.controller.viewer.theme)
+        self.plots = CurvePlots(theme_of(self.controller.viewer.theme))
         self.shown = qt.QComboBox()
         self.shown.addItems(list(SHOWN.values()))
         self.shown.setToolTip("Which curves the table shows")
@@ -231,7 +232,7 @@ class ReviewPanel(qt.QWidget):
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
-        self.more = Button("Table", "Copy or save the table as it is sorted and filtered")
+        self.more = button("Table", "Copy or save the table as it is sorted and filtered")
         menu = qt.QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)

@@ -15,16 +15,17 @@ NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
 
 
-class Button(qt.QPushButton):
-    """A button that leaves the keys to the canvas when it is clicked."""
-
-    def __init__(self, text: str = "", tip: str = "", run: Callable[[], object] | None = None):
-        super().__init__(text)
-        self.setToolTip(tip)
-        self.setMinimumWidth(30)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        if run is not None:
-            self.clicked.connect(lambda: run())
+def button(
+    text: str = "", tip: str = "", run: Callable[[], object] | None = None
+) -> qt.QPushButton:
+    """Make a button that leaves the keys to the canvas when it is clicked."""
+    made = qt.QPushButton(text)
+    made.setToolTip(tip)
+    made.setMinimumWidth(30)
+    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    if run is not None:
+        made.clicked.connect(lambda: run())
+    return made
 
 
 def enable(widget: qt.QWidget, problem: str, tip: str) -> None:
@@ -37,29 +38,28 @@ def stack(
     widget: qt.QWidget, *rows: qt.QWidget | Sequence[qt.QWidget], margin: int = 0
 ) -> qt.QVBoxLayout:
     """Lay widgets out below each other in a widget; the first one of a row takes what is left."""
-    column = _tight(qt.QVBoxLayout(widget), margin)
+    column = qt.QVBoxLayout(widget)
+    column.setContentsMargins(margin, margin, margin, margin)
+    column.setSpacing(3)
     for each in rows:
         if isinstance(each, qt.QWidget):
             column.addWidget(each)
             continue
-        row = _tight(qt.QHBoxLayout())
+        row = qt.QHBoxLayout()
+        row.setSpacing(3)
         for i, one in enumerate(each):
             row.addWidget(one, not i)
         column.addLayout(row)
     return column
 
 
-def _tight(layout: Any, margin: int = 0) -> Any:
-    layout.setContentsMargins(margin, margin, margin, margin)
-    layout.setSpacing(3)
-    return layout
-
-
 def grid(
     widget: qt.QWidget, children: Sequence[qt.QWidget], columns: int, *, even: bool = True
 ) -> None:
     """Lay widgets out in columns, equal ones or each as broad as it needs."""
-    layout = _tight(qt.QGridLayout(widget))
+    layout = qt.QGridLayout(widget)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(3)
     for i, child in enumerate(children):
         layout.addWidget(child, i // columns, i % columns)
     for column in range(columns if even else 0):
@@ -69,7 +69,9 @@ def grid(
 def form(*rows: Any) -> qt.QWidget:
     """Lay magicgui's widgets out below each other, with their labels beside or in them."""
     made = qt.QWidget()
-    layout = _tight(qt.QFormLayout(made))
+    layout = qt.QFormLayout(made)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(3)
     layout.setRowWrapPolicy(qt.QFormLayout.RowWrapPolicy.WrapLongRows)
     layout.setFieldGrowthPolicy(qt.QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     for each in rows:
@@ -77,12 +79,15 @@ def form(*rows: Any) -> qt.QWidget:
     return made
 
 
-class CommandButton(Button):
+class CommandButton(qt.QPushButton):
     """A button that carries out a command, and says why it cannot."""
 
     def __init__(self, actions: Commands, name: str):
-        super().__init__(run=lambda: actions.run(name))
+        super().__init__()
         self._actions, self._name = actions, name
+        self.setMinimumWidth(30)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.clicked.connect(lambda: actions.run(name))
         self.show_state()
 
     def show_state(self) -> None:
@@ -96,8 +101,7 @@ class CommandButtons(qt.QWidget):
 
     def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
         super().__init__()
-        here = [command.id for command in actions if command.place == place]
-        self.buttons = {name: CommandButton(actions, name) for name in here}
+        self.buttons = {name: CommandButton(actions, name) for name in actions.at(place)}
         grid(self, list(self.buttons.values()), columns, even=even)
 
     def show_state(self) -> None:

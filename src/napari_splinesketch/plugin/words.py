@@ -133,6 +133,11 @@ def wanted(number: range) -> str:
     return "a curve" if len(number) > 1 else {1: "one curve", 2: "two curves"}[number[0]]
 
 
+def done(verb: str, number: int, thing: str, seconds: float) -> str:
+    """Say what was done and how long the user has waited for it."""
+    return f"{verb} {count(number, thing)} in {seconds:.1f} s."
+
+
 def suggested(number: int) -> str:
     """Say how many lines were suggested."""
     if not number:

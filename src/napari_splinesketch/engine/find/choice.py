@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
 
@@ -21,6 +22,8 @@ PLAUSIBLE = 14.0
 """Paths that cost more than the best one of their sketch by this are not looked at."""
 BEAM = 128
 """Sets of paths kept while sketch after sketch is added."""
+OTHER_PX = 1.5
+"""Paths that are nearer to each other than this, px, or than a half-width, are the same."""
 EXPLAINED = 1.0
 """Pieces nearer than this many half-widths to a curve lie on its body."""
 
@@ -41,6 +44,8 @@ class Candidates:
         (C, F) what is known of each, in the order of `scoring.FEATURES`.
     covers
         (C, E) which pieces of the graph it runs along.
+    rungs
+        Index of each one's half-width in `ridges.WIDTHS`.
     explains
         What one earns that runs along no other's, for all of a usual length: nothing where the
         sketch itself tells where its body is.
@@ -50,6 +55,7 @@ class Candidates:
     cost: Float[Array, " C"]
     known: Float[Array, "C F"]
     covers: Bool[Array, "C E"]
+    rungs: tuple[int, ...]
     explains: float = EXPLAINS
 
 
@@ -120,3 +126,22 @@ def sets(
         covered = np.minimum(covered[which] + covers[path], 1)
         total = extended[which, path]
     return rows[:, np.argsort(order)], total
+
+
+def margin(
+    candidates: Candidates, chosen: Int[Array, " S"], costs: Float[Array, " S"], half_width: float
+) -> float:
+    """By how much the cheapest set costs more in which one sketch takes another path.
+
+    Another one is farther from the first, on average, than a half-width. `chosen` are the paths
+    that the sketch takes in sets of rising `costs`.
+    """
+    first, same = candidates.lines[chosen[0]], {int(chosen[0])}
+    for path, cost in zip(chosen.tolist(), costs.tolist(), strict=True):
+        if path not in same:
+            other = candidates.lines[path]
+            both = spline.apart(first, other).mean(), spline.apart(other, first).mean()
+            if max(both) > max(half_width, OTHER_PX):
+                return cost - float(costs[0])
+            same.add(path)
+    return np.inf

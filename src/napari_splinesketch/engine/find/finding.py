@@ -15,7 +15,12 @@ from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import CREST, Scene
-from napari_splinesketch.engine.look.sketched import half_width_across, look_around, reach_of
+from napari_splinesketch.engine.look.sketched import (
+    SLENDER,
+    half_width_across,
+    look_around,
+    reach_of,
+)
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
 
@@ -29,6 +34,13 @@ STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths along the sketch are looked for."""
 NARROW, NARROW_PX = 1.0, 1.0
 """Half-widths and px within which a clicked sketch that is right already has its body."""
+RIMS, OFFSETS = 1.3, 8
+"""The rims of a hollow body are looked for within so many of its half-widths, at so many places on
+either side."""
+NOTHING = 17.0
+"""Cost of a clicked sketch without any body, at most: it stays as it was drawn."""
+WIDER = 0.5
+"""Cost of taking two ridges for the rims of one hollow body: they may be two bodies."""
 SMOOTH = 1.25
 """Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
 TRUNCATE = 4.0
@@ -57,6 +69,8 @@ class Start:
         Of the body, as a share of the scene's.
     known
         (F,) what is known of the path, in the order of `scoring.FEATURES`.
+    margin
+        By how much the sketches cost more if this one means another path.
     goes_on
         Whether there is a body beyond its first and beyond its last point: only the sketch tells
         where such a curve ends.
@@ -67,6 +81,7 @@ class Start:
     half_width: float
     contrast: float
     known: Float[Array, " F"]
+    margin: float = np.inf
     goes_on: tuple[bool, bool] = (False, False)
 
 
@@ -118,10 +133,15 @@ def find(
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
     for members in clusters:
         mine = [candidates[i] for i in members]
-        best = choice.sets(graph, mine, seen.half_width, usual, taken)[0][0]
-        for i, path in zip(members, best.tolist(), strict=True):
-            rung = seen.rungs[i]
-            starts[i] = _start(seen, sketches[i], candidates[i], path, rung, evidence[rung])
+        sets, costs = choice.sets(graph, mine, seen.half_width, usual, taken)
+        for i, paths_of in zip(members, sets.T, strict=True):
+            margin = choice.margin(candidates[i], paths_of, costs, seen.half_width)
+            path = int(paths_of[0])
+            rung = candidates[i].rungs[path]
+            if rung not in evidence:
+                evidence[rung] = seen.evidence(rung)
+            start = _start(seen, sketches[i], candidates[i], path, rung, evidence[rung])
+            starts[i] = replace(start, margin=margin)
     return _rescaled(Found(seen, starts, clusters))
 
 
@@ -148,7 +168,8 @@ def candidates_of(
     for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
         tick(i / len(sketches))
         known = evidence[rung], unseen[rung]
-        candidates.append(_candidates(graph, sketch, WIDTHS[rung], *known, settings))
+        found = _candidates(graph, sketch, rung, *known, settings)
+        candidates.append(_with_wider(seen, found, graph, sketch, rung, evidence[rung]))
     return graph, candidates
 
 
@@ -186,12 +207,13 @@ def _reach(sketch: Line, half_width: float) -> float:
 def _candidates(
     graph: TraceGraph,
     sketch: Line,
-    half_width: float,
+    rung: int,
     evidence: Float[Array, "H W"],
     unseen: Float[Array, " E"],
     settings: Settings,
 ) -> Candidates:
     """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
+    half_width = WIDTHS[rung]
     tolerance = float(scoring.tolerance(sketch, half_width).min())
     routes = paths.routes_of_sketch(
         graph, unseen, sketch, half_width, _reach(sketch, half_width), tolerance,
@@ -208,7 +230,7 @@ def _candidates(
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    reach, clicked = reach_of(sketch, half_width), len(sketch) in scoring.CLICKED
+    reach, clicked = reach_of(sketch, half_width), scoring.clicked(sketch)
     reaches = [share * reach for share in STRIPS]
     if clicked:
         reaches.append(min(NARROW * half_width + NARROW_PX, reach))
@@ -220,11 +242,64 @@ def _candidates(
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
+    if clicked:
+        cost[-1] = min(cost[-1], NOTHING)
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
     kept = tuple(lines[i] for i in order)
     explains = 0.0 if clicked else choice.EXPLAINS
-    return Candidates(kept, cost[order], known[order], along[order], explains)
+    rungs = (rung,) * len(kept)
+    return Candidates(kept, cost[order], known[order], along[order], rungs, explains)
+
+
+def _with_wider(
+    seen: Scene,
+    mine: Candidates,
+    graph: TraceGraph,
+    sketch: Line,
+    rung: int,
+    evidence: Float[Array, "H W"],
+) -> Candidates:
+    """The same with the path of the wider body whose hollow middle a clicked sketch lies on."""
+    length = spline.arc_length(sketch)[-1]
+    wider = range(rung + 2, int(np.searchsorted(WIDTHS, SLENDER * length, side="right")))
+    if not wider or not scoring.clicked(sketch):
+        return mine
+    side = 0 if seen.contrast > 0 else 1
+    wide = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side].rung
+    if wide not in wider:
+        return mine
+    wide_evidence, reach = seen.evidence(wide), NARROW * WIDTHS[wide] + NARROW_PX
+    line = strip.ordered_path(wide_evidence, sketch, WIDTHS[wide], reach)
+    line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
+    drawn, total = spline.resample(line, scoring.SAMPLES)[None], spline.arc_length(line)[-1:]
+    if not _between_rims(evidence, drawn[0], WIDTHS[wide]):
+        return mine
+    known = scoring.features(drawn, total, sketch, WIDTHS[rung], wide_evidence)
+    cost = np.append(mine.cost, scoring.cost(known) + WIDER)
+    order = np.argsort(cost, kind="stable")
+    along = _along(graph, [line], WIDTHS[rung])
+    lines, rungs = (*mine.lines, line), (*mine.rungs, wide)
+    return Candidates(
+        tuple(lines[i] for i in order),
+        cost[order],
+        np.concatenate([mine.known, known])[order],
+        np.concatenate([mine.covers, along[None]])[order],
+        tuple(rungs[i] for i in order),
+        mine.explains,
+    )
+
+
+def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
+    """Whether there is a ridge on either side of a line, and none along it."""
+    tangent = np.gradient(line, axis=0)
+    normal = tangent[:, ::-1] * [-1.0, 1.0]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-9
+    aside = half_width * np.linspace(-RIMS, RIMS, 2 * OFFSETS + 1)
+    at = line[:, None] + aside[None, :, None] * normal[:, None]
+    seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
+    rims = np.minimum(seen[:, :OFFSETS].max(1), seen[:, OFFSETS + 1 :].max(1)).mean()
+    return bool(seen[:, OFFSETS].mean() < BODY < rims)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
@@ -271,7 +346,7 @@ def _start(
     half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, scoring.SAMPLES)
     goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
-    return Start(line, True, half_width, contrast, known, tuple(goes_on.tolist()))
+    return Start(line, True, half_width, contrast, known, goes_on=tuple(goes_on.tolist()))
 
 
 def _rescaled(found: Found) -> Found:

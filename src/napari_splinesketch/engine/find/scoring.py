@@ -14,6 +14,8 @@ SEEN = 0.8
 """Evidence from here on is a body for sure."""
 FARTHEST = 3.0
 """No sketch means a path that is on average farther from it, in its tolerances."""
+DRAWN, STROKE = 1.0, 0.05
+"""A line that is drawn in one stroke misses its body by so many px, and so much of its length."""
 BULGE = 0.25
 """Of a body between two vertices of its sketch, px for each px from the nearer one."""
 BENT = 0.05
@@ -23,14 +25,17 @@ SMOOTH, WIDEST = 3.0, 8.0
 their SAMPLES at most."""
 AHEAD = (1.5, 3.0)
 """Where a body is looked for beyond the end of a path, half-widths."""
-HIT, HIT_PX = 0.5, 1.5
-"""A path that misses the vertices of its sketch by so many half-widths and px has hit them."""
+HIT, HIT_PX, HIT_LONG = 0.5, 1.5, 0.004
+"""A path that misses the vertices of its sketch by so many half-widths and px has hit them; clicked
+ones by this share of the sketch's length more, because long bodies are seen from farther away."""
 VERTICES = 12
 """Of a sketch, looked at."""
-CLICKED, CAREFUL = range(3, 25), 6.0
-"""Where there are so many vertices, each was put on the body by itself, the first and last on its
-ends, and counts by this factor: two tell little of what is between, and more are a line that was
-moved as a whole, or drawn without looking at each."""
+CLICKED, SPACED = range(3, 61), 4.0
+"""So many vertices, so many px apart on average, were put on the body one by one, the first and the
+last on its ends: two tell little of what is between, and more or closer ones are a line that was
+drawn in one stroke or moved as a whole."""
+CAREFUL = 6.0, 24.0
+"""Weight of clicked vertices: their number, but no less and no more than this."""
 ENDS = 0.06
 """Of the length of a sketch: by so much more its clicked ends may miss the tips of the body."""
 ON, ON_CLICKED = 0.5, 0.7
@@ -46,12 +51,18 @@ TOO_FAR = 1000.0
 Line = Float[Array, "N 2"]
 
 
+def clicked(sketch: Line) -> bool:
+    """Whether the vertices of a sketch were put on its body one by one."""
+    spaced = spline.arc_length(sketch)[-1] >= SPACED * (len(sketch) - 1)
+    return len(sketch) in CLICKED and bool(spaced)
+
+
 def tolerance(sketch: Line, half_width: float) -> Float[Array, " S"]:
     """How far a sketch usually is from its body at SAMPLES points, px: least at its vertices."""
     s = spline.arc_length(sketch)
     at = np.linspace(0, s[-1], SAMPLES)
     bulge = np.abs(at[:, None] - s[None]).min(1)
-    return half_width + 1.0 + 0.05 * float(s[-1]) + BULGE * bulge
+    return half_width + DRAWN + STROKE * float(s[-1]) + BULGE * bulge
 
 
 def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
@@ -129,12 +140,15 @@ def _missed(
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
     hit = HIT * half_width + HIT_PX
     inside = (~tips).sum(1)
-    if len(sketch) not in CLICKED:
+    if not clicked(sketch):
         return ON * inside + 0.5 * np.log1p(least.mean(1) / hit**2)
-    share = hit / (hit + ENDS * tips * spline.arc_length(sketch)[-1])
+    length = spline.arc_length(sketch)[-1]
+    hit += HIT_LONG * length
+    share = hit / (hit + ENDS * tips * length)
     ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
-    clicked = np.concatenate([least, share**2 * ends], axis=1)
-    return ON_CLICKED * inside + CAREFUL * 0.5 * np.log1p(clicked.mean(1) / hit**2)
+    off = np.concatenate([least, share**2 * ends], axis=1)
+    careful = float(np.clip(len(sketch), *CAREFUL))
+    return ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(1) / hit**2)
 
 
 def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:

@@ -20,8 +20,7 @@ Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
-"""What is held in place is held within so many px: sketches without a body, and for so many more
-sweeps the ends beyond which a body goes on."""
+"""Ends beyond which a body goes on are held within so many px, for so many more sweeps."""
 LEFT, LEFT_PX, MOSTLY = 1.3, 0.5, 0.9
 """A curve of which less than this share lies within so many half-widths and px of its path was
 drawn off its body, by a neighbour or by texture: it is fitted again, and stays on the path."""
@@ -174,7 +173,7 @@ def _fit_group(
         if holds:
             hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
         if not start.found:
-            hold[row] += fully / HELD**2
+            hold[row] += fully / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
     left, again = set(), {}
     for row in (row for row, start in enumerate(starts) if start.found and not holds):

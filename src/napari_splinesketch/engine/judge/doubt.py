@@ -7,21 +7,24 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
+from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.types import Array
 
 END_SHARE = 0.1
 """Of the points, at either end, may be uncertain."""
-LEAST_SD = 0.03
-"""Added to standard errors, px: below, they tell nothing."""
-SIGNS = ("sd", "astray", "cost")
-WEIGHTS = np.array([0.85, 1.1, 1.2])
-USUAL = np.array([-1.6, -2.3, 1.5])
+LEAST_SD, LEAST_ASTRAY = 0.02, 0.2
+"""Added to standard errors and distances, in their units: below, they tell nothing."""
+CLEAR = 3.0
+"""A path that all others are dearer than by so much has no rival."""
+SIGNS = ("sd", "astray", "cost", "rival")
+WEIGHTS = np.array([0.9, 1.7, 1.4, 1.6])
+USUAL = np.array([-2.6, 0.3, 1.5, 0.0])
 """Weights of the signs, and their values in curves that are right: fitted to real images and
 generated ones by tests/benchmarks/doubt_weights.py, which prints what each threshold marks."""
-THRESHOLD = 1.6
+THRESHOLD = 3.0
 """Of the weighted sum, above which a curve needs review."""
-UNCERTAIN = 5.0
-"""A curve that may be so far off needs review, however likely its path is, px."""
+ADRIFT = 2.0
+"""A curve that may be so far off, in the unit of its standard error, needs review anyway."""
 TELLING = 0.5
 """Signs that add more than this are named."""
 WORDS = {
@@ -44,25 +47,37 @@ class Evidence:
         Largest standard error between the ends, px.
     astray
         Farthest that curve and sketch are from each other, px.
-    drawn
-        Length of the sketch, px.
+    half_width
+        Of the body, px.
+    room
+        How far a sketch like this usually is from its body, px.
     known
         (F,) what is known of its path, in the order of `scoring.FEATURES`.
+    margin
+        By how much the sketches cost more if this one means another path.
     """
 
     sd: float
     astray: float
-    drawn: float
+    half_width: float
+    room: float
     known: Float[Array, " F"]
+    margin: float
+
+    @property
+    def uncertain(self) -> float:
+        """The standard error in half-widths of the body, and what lines are drawn with."""
+        return min(self.sd, 1e3) / (self.half_width + scoring.DRAWN)
 
     @property
     def signs(self) -> Float[Array, " S"]:
         """(S,) what is weighed, in the order of SIGNS."""
         return np.array(
             [
-                np.log(LEAST_SD + min(self.sd, 1e3)),
-                np.log(0.01 + self.astray / self.drawn),
+                np.log(LEAST_SD + self.uncertain),
+                np.log(LEAST_ASTRAY + self.astray / self.room),
                 np.log1p(self.known @ scoring.WEIGHTS),
+                max(CLEAR - self.margin, 0.0),
             ]
         )
 
@@ -78,7 +93,8 @@ def collect(
     points: Float[Array, "P 2"],
     sd: Float[Array, " P"],
     sketch: Float[Array, "N 2"],
-    known: Float[Array, " F"],
+    half_width: float,
+    start: Start,
 ) -> Evidence:
     """The evidence about one curve.
 
@@ -88,30 +104,33 @@ def collect(
         (P, 2) the curve, uniform in arc length; (P,) its standard errors, px.
     sketch
         (N, 2) what was drawn.
-    known
-        See `Evidence`.
+    half_width
+        Of the body, px.
+    start
+        Where its fit began.
     """
     end = int(END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))
     astray = max(spline.apart(points, drawn).max(), spline.apart(drawn, points).max())
+    room = half_width + scoring.DRAWN
+    if not scoring.clicked(sketch):
+        room += scoring.STROKE * float(spline.arc_length(sketch)[-1])
     return Evidence(
-        sd=float(sd[end:-end].max()),
-        astray=float(astray),
-        drawn=float(spline.arc_length(sketch)[-1]),
-        known=known,
+        float(sd[end:-end].max()), float(astray), half_width, room, start.known, start.margin
     )
 
 
 def reasons(evidence: Evidence) -> list[str]:
     """Why a curve needs review, in words for the user; empty where it does not."""
     share = WEIGHTS * (evidence.signs - USUAL)
-    if share.sum() < THRESHOLD and evidence.sd < UNCERTAIN:
+    if share.sum() < THRESHOLD and evidence.uncertain < ADRIFT:
         return []
     words = (
         f"its position is uncertain by up to {evidence.sd:.1f} px",
         f"it strays up to {evidence.astray:.0f} px from its sketch",
         evidence.dearest,
+        "another path is nearly as likely",
     )
     telling = share >= min(TELLING, share.max())
-    telling[0] |= evidence.sd >= UNCERTAIN
+    telling[0] |= evidence.uncertain >= ADRIFT
     return [text for text, tells in zip(words, telling, strict=True) if tells]

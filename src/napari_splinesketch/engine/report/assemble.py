@@ -136,7 +136,7 @@ def _curves(
         if i in fit.held:
             reasons.append("its fit left the path that was found, so it stays on the path")
             sd = np.maximum(sd, widths[i])
-        reasons += doubt.reasons(doubt.collect(points, sd, sketch, fit.starts[i].known))
+        reasons += doubt.reasons(doubt.collect(points, sd, sketch, widths[i], fit.starts[i]))
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
 
 

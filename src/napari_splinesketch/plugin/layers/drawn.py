@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Shapes
+from napari.layers import Image, Layer, Shapes
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
@@ -55,10 +55,8 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
     read = shapes_in(viewer, layer, image)
     if not read:
         return Drawn()
-    # Sliders of axes that the image does not have.
-    first, extra = np.array([shape[0] for shape in layer.data]), max(layer.ndim - image.ndim, 0)
-    here = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
-    seen = (np.round(first[:, :extra]) == np.round(here[:, :extra])).all(axis=1)
+    first = np.array([shape[0] for shape in layer.data])
+    seen = _in_view(viewer, layer, image, first)
     kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
@@ -85,6 +83,16 @@ def shapes_in(
     pixels = space.to_pixels(viewer, layer, image, np.concatenate(shapes))
     frames = space.frame_numbers(image, pixels[first])
     return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
+
+
+def _in_view(
+    viewer: ViewerModel, layer: Shapes, image: Image, points: Float[np.ndarray, "N D"]
+) -> list[bool]:
+    """Whether shapes are in view as to the axes that the image does not have."""
+    extra = max(layer.ndim - image.ndim, 0)
+    point = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
+    same = np.round(points[:, :extra]) == np.round(point[:, :extra])
+    return same.all(axis=1).tolist()
 
 
 def selected_in(layer: Shapes) -> frozenset[int]:
@@ -131,13 +139,20 @@ def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
 
 
 def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
-    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees."""
-    if not drawing(viewer, layer) or not layer.nshapes or layer.shape_type[-1] != "line":
+    """Whether the last shape is but a click, of which napari makes a short line at 45 degrees."""
+    if not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
     way = np.diff(space.to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
     short = np.linalg.norm(way / space.screen_pixel(viewer, image)) < CLICK
     return bool(short and np.isclose(down, right, rtol=1e-3))
+
+
+def select_curves(viewer: ViewerModel, curves: Layer) -> None:
+    """Let the user select curves by clicking them."""
+    viewer.layers.selection.active = curves
+    if isinstance(curves, Shapes):
+        curves.mode = "pan_zoom"
 
 
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
@@ -226,9 +241,9 @@ class SuggestedLines:
         frames, lines = zip(*shapes_in(self._viewer, layer, self._image), strict=True)
         back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
-        before = np.round(colours[:, 3], 3)
         # A transparency that the user has chosen stays.
-        wanted = np.where(np.isin(before, (1.0, FADED)), np.where(back, FADED, 1.0), before)
-        if (wanted != before).any():
+        ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))
+        wanted = np.where(ours, np.where(back, FADED, 1.0), colours[:, 3])
+        if not np.allclose(wanted, colours[:, 3], atol=1e-3):
             colours[:, 3] = wanted
             layer.edge_color = colours

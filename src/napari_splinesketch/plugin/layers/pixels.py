@@ -11,7 +11,6 @@ from napari.layers import Image
 
 from napari_splinesketch.grids import Grid, Patch, slices
 from napari_splinesketch.plugin.layers.space import frame_index
-from napari_splinesketch.plugin.model import lengths_of
 
 WHOLE_FRAME = 2**22
 """Frames in memory of up to this many pixels are given whole."""
@@ -37,9 +36,8 @@ class Block:
     @property
     def whole(self) -> bool:
         """Whether it is all of the frame."""
-        first = len(self.key) - 2
-        height, width = self.level.shape[first : first + 2]
-        return self.key[first:] == (slice(0, int(height)), slice(0, int(width)))
+        axes = range(len(self.key) - 2, len(self.key))
+        return all(self.key[a] == slice(0, int(self.level.shape[a])) for a in axes)
 
     def read(self) -> Real[np.ndarray, "H W"]:
         """Read the pixels, a colour image as luminance; the array is the caller's own."""
@@ -53,12 +51,10 @@ def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 
     Of a multiscale image, the finest level that is not too large is taken.
     """
     shapes = _shapes(image)
-    points = np.clip(np.concatenate(lines), 0, shapes[0] - 1)
-    margin = MARGIN + lengths_of(lines).max()
-    low, high = np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shapes[0])
+    low, high = _region(lines, shapes[0])
     sizes = [np.prod((high - low) * shape / shapes[0]) for shape in shapes]
     fine = next((i for i, size in enumerate(sizes) if size <= LARGEST_BLOCK), len(sizes) - 1)
-    level, shape = _level(image, fine), shapes[fine]
+    level, shape = _levels(image)[fine], shapes[fine]
     step = shapes[0] / shape
     start = np.floor(low / step).astype(int)
     stop = np.minimum(np.ceil(high / step), shape).astype(int)
@@ -84,8 +80,8 @@ def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Bl
     return _block(image, frame, level, start, stop)
 
 
-def _level(image: Image, number: int) -> Any:
-    return image.data[number] if image.multiscale else image.data  # pyright: ignore
+def _levels(image: Image) -> list[Any]:
+    return list(image.data) if image.multiscale else [image.data]  # pyright: ignore
 
 
 def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
@@ -96,15 +92,28 @@ def _block(
     image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
 ) -> Block:
     """The pixels from `start` to `stop` of a level."""
-    level, shapes = _level(image, number), _shapes(image)
+    level, shapes = _levels(image)[number], _shapes(image)
     step = shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
     grid = Grid(step * start + (step - 1) / 2, step)
     index = frame_index(image, frame)
     if image.multiscale:
         depth = np.array(level.shape[: len(index)])
-        index = (np.array(index) * depth // image.level_shapes[0][: len(index)]).tolist()
-    return Block(grid, level, (*index, *slices(start, stop)), image.rgb)
+        index = tuple(
+            int(i) for i in np.array(index) * depth // image.level_shapes[0][: len(index)]
+        )
+    area = tuple(slice(int(a), int(b)) for a, b in zip(start, stop, strict=True))
+    return Block(grid, level, (*index, *area), image.rgb)
+
+
+def _region(
+    lines: Sequence[Float[np.ndarray, "N 2"]], shape: Sequence[int]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Corners of the part of the image that the sketches need, px at full resolution."""
+    longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
+    points = np.clip(np.concatenate(lines), 0, np.array(shape) - 1)
+    margin = MARGIN + longest
+    return np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shape)
 
 
 class Planes:

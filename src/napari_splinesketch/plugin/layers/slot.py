@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Labels, Layer, Vectors
+from napari.layers import Image, Labels, Layer, Shapes, Vectors
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
+from napari_splinesketch.plugin import columns
 from napari_splinesketch.plugin.layers import looks
+from napari_splinesketch.plugin.layers.drawn import CHUNK, add_shapes
 from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
+from napari_splinesketch.plugin.model import Key, Record, key_of
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.layers.results import Work
+    from napari_splinesketch.plugin.keeper import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
@@ -159,10 +162,16 @@ class Maker:
 class Following(Slot):
     """A layer that shows of a work what its maker makes."""
 
-    def __init__(self, viewer: ViewerModel, role: str, maker: Maker, work: Work):
-        super().__init__(viewer, work.image, role, f"{work.name} {maker.name}", work)
-        self.kind, self.maker, self._work = maker.kind, maker, work
+    def __init__(self, viewer: ViewerModel, role: str, work: Work, makers: Mapping[Any, Maker]):
+        self._role, self._work, self._makers = role, work, makers
         self._source: list[Any] | None = None
+        self.kind = self.maker.kind
+        super().__init__(viewer, work.image, role, f"{work.name} {self.maker.name}", work)
+
+    @property
+    def maker(self) -> Maker:
+        """What makes it."""
+        return self._makers[self._role]
 
     def update(self) -> None:
         """Bring it in step with what is known, if that is not what it shows."""
@@ -191,13 +200,15 @@ class Following(Slot):
         """Put the layer over the image, lines over all, or in the place of an old one."""
         layers = self.viewer.layers
         at = layers.index(old or self.image) + (old is None)
-        how = {**made.always, **made.look, "visible": old.visible if old else self.maker.title > ""}
+        visible = old.visible if old else bool(self.maker.title)
         self.remove()
-        if self.kind is not Vectors:
+        how: dict[str, Any] = {**made.always, **made.look, "visible": visible}
+        if self.kind is Vectors:
+            at = at if old else None
+        else:
             how["multiscale"] = False
-        elif old is None:
-            at = None
-        self.make(made.data, at=at, **how).editable = self.kind is not Labels
+        layer = self.make(made.data, at=at, **how)
+        layer.editable = self.kind is not Labels
 
 
 class Preview(Slot):
@@ -205,11 +216,7 @@ class Preview(Slot):
 
     _filled = False
 
-    def __init__(self, viewer: ViewerModel, image: Image, frame: int, name: str):
-        super().__init__(viewer, image, "preview", name)
-        self._frame = frame
-
-    def show(self, lines: Sequence[looks.Line]) -> None:
+    def show(self, frame: int, lines: Sequence[looks.Line]) -> None:
         """Show lines, px; nothing if the user has removed the layer.
 
         The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
@@ -218,10 +225,101 @@ class Preview(Slot):
             width = looks.line_width(size_of(self.image))
             self.make(visible=False, edge_width=width, edge_color=palette.MOVING)
         elif (layer := self.layer) is not None:
-            some = [(self._frame, line) for line in looks.coarse(lines)]
+            some = [(frame, line) for line in looks.coarse(lines)]
             layer.data, _ = in_vectors(self.image, some)
             if not self._filled:
                 self._filled = layer.visible = True
+
+
+class CurveLines(Slot):
+    """A line for each curve, brought in step with what is known: some go, some come."""
+
+    kind = Shapes
+    _shown: Sequence[Record] = ()
+    """In the order of the layer."""
+    _described: Sequence[Record] = ()
+    """Those that its features speak of."""
+    _colours: Mapping[int, str] = {}
+    """By the identity of the curve."""
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Add the layer, with nothing in it."""
+        self._shown, self._described, self._colours = (), (), {}
+        return super().make(*data, **how)
+
+    def keys(self) -> list[Key]:
+        """(frame, id) of the curves that are there."""
+        known = {} if self.layer is None else self.layer.features
+        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
+
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted."""
+        written = map(key_of, self._described)
+        return set(written).difference(self.keys()) if self.layer is not None else set()
+
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the curves that are selected."""
+        keys, layer = self.keys(), self.layer
+        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
+
+    def show(self, records: Sequence[Record], look: columns.Look) -> Iterator[None]:
+        """Show these curves, and no others; some come at each step."""
+        layer = self.layer
+        wanted = {id(record.curve): record for record in records}
+        if layer.nshapes != len(self._shown):
+            gone, self._shown = list(range(layer.nshapes)), ()
+        else:
+            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
+        if gone:
+            layer.selected_data = set()
+            layer.remove(gone)
+            self._shown = [r for r in self._shown if id(r.curve) in wanted]
+        there = {id(record.curve) for record in self._shown}
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours, unit = columns.colours_of(fresh, look), looks.breadth(curves)
+        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
+        for done in add_shapes(
+            layer,
+            self._lines(fresh),
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
+        ):
+            self._shown = [*self._shown, *fresh[done]]
+            for record in fresh[done]:
+                columns.in_pixels(record)  # a few at a time: all are asked for at once below
+            yield
+        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
+        if gone:
+            yield
+
+    def follow(self, *, removed: bool) -> None:
+        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
+        left = set(self.keys())
+        less = removed and len(left) < len(self._shown)
+        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
+
+    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
+        """Draw curves, some at a time when they are needed."""
+        for start in range(0, len(records), CHUNK):
+            some = records[start : start + CHUNK]
+            lines = looks.thinned([record.curve.points for record in some])
+            for record, line in zip(some, lines, strict=True):
+                yield in_stack(self.image, record.frame, line)
+
+    def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
+        """Let features and colours say what is known now."""
+        layer: Any = self._layer
+        if changed or records != self._described or layer.features.empty:
+            layer.features = columns.features(records)
+            self._shown = self._described = records
+        colours = columns.colours_of(records, look)
+        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
+        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
+            layer.edge_color = colours
+        self._colours = painted
 
 
 class Drawing:
@@ -232,35 +330,40 @@ class Drawing:
 
     def __init__(self, failed: Callable[[Exception], None]):
         self._failed = failed
-        self._runs: dict[Hashable, tuple[Iterator[object], list[Callable[[], None]]]] = {}
+        self._steps: dict[Hashable, Iterator[object]] = {}
+        self._last: dict[Hashable, list[Callable[[], None]]] = {}
 
     def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
         """Take steps, in the place of others of the same key; then call `last`, also of those."""
-        before = self._runs.get(key)
-        self._runs[key] = steps, [*(before[1] if before else ()), last]
-        if not before:
+        running = key in self._steps
+        self._steps[key] = steps
+        self._last.setdefault(key, []).append(last)
+        if not running:
             QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
 
     @property
     def busy(self) -> bool:
         """Whether anything is still to be shown."""
-        return bool(self._runs)
+        return bool(self._steps)
 
     def drop(self, key: Hashable) -> bool:
         """Take no more steps; say whether there were some left."""
-        return self._runs.pop(key, None) is not None
+        self._last.pop(key, None)
+        return self._steps.pop(key, None) is not None
 
     def stop(self) -> None:
         """Show nothing more."""
-        self._runs.clear()
+        self._steps.clear()
+        self._last.clear()
 
     def _go_on(self, key: Hashable) -> None:
-        if key not in self._runs:
+        if key not in self._steps:
             return
         try:
-            next(self._runs[key][0])
+            next(self._steps[key])
         except StopIteration:
-            for last in self._runs.pop(key)[1]:
+            del self._steps[key]
+            for last in self._last.pop(key):
                 last()
         except Exception as error:
             _log.exception("The results could not be shown")

@@ -5,7 +5,7 @@ the window draws every layer in the smallest unit of all of them, and in none wh
 match. What lies where is decided here as the window draws it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -53,7 +53,7 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
     They are (N, layer.ndim), at full resolution, frame axes first. The viewer's units decide, and
     its sliders for axes that `layer` lacks.
     """
-    linear, offset = _affine(layer)
+    linear, offset = _affine(layer.data_to_world, layer.ndim)
     world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
     missing = image.ndim - layer.ndim
     if missing > 0:
@@ -64,7 +64,7 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
 
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
     """Take (N, D) points of the window's world to a layer's data."""
-    linear, offset = _affine(layer)
+    linear, offset = _affine(layer.data_to_world, layer.ndim)
     own = world / unit_factors(viewer, layer) - offset
     return np.linalg.solve(linear, own.T).T
 
@@ -84,10 +84,12 @@ def _ratio(unit: pint.Unit, other: pint.Unit) -> float:
     return float(base(unit)[0] / base(other)[0])
 
 
-def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
-    """Matrix and offset of a layer's place, found by mapping the corner and the unit vectors."""
-    offset = np.array(layer.data_to_world(np.zeros(layer.ndim)))
-    columns = [np.array(layer.data_to_world(unit)) - offset for unit in np.eye(layer.ndim)]
+def _affine(
+    transform: Callable[[Any], Sequence[float]], ndim: int
+) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
+    """Matrix and offset of an affine map, found by mapping the corner and the unit vectors."""
+    offset = np.array(transform(np.zeros(ndim)))
+    columns = [np.array(transform(unit)) - offset for unit in np.eye(ndim)]
     return np.column_stack(columns), offset
 
 
