@@ -152,14 +152,16 @@ def _posed(
     window: tuple[slice, slice],
 ) -> Island:
     """The island in the pose whose sorted sketches come first, or its pixels where these agree."""
+    numbers, points = list(lines), np.concatenate(list(lines.values()))
+    cuts = np.cumsum([len(line) for line in lines.values()])[:-1]
     found = []
     for swap, *reverse in np.ndindex(2, 2, 2):
         pose = Pose(window, bool(swap), (bool(reverse[0]), bool(reverse[1])))
-        inside = {i: pose.inside(line) for i, line in lines.items()}
-        backwards = {i: tuple(line[0]) > tuple(line[-1]) for i, line in inside.items()}
-        mine = {i: line[::-1] if backwards[i] else line for i, line in inside.items()}
-        key = {i: line.tolist() for i, line in mine.items()}
-        order = sorted(mine, key=key.__getitem__)
+        mine = np.split(pose.inside(points), cuts)
+        backwards = [tuple(line[0]) > tuple(line[-1]) for line in mine]
+        mine = [x[::-1] if back else x for x, back in zip(mine, backwards, strict=True)]
+        key = [line.ravel().tolist() for line in mine]
+        order = sorted(range(len(mine)), key=key.__getitem__)
         size = [s.stop - s.start for s in window][:: -1 if swap else 1]
         found.append(((size, [key[i] for i in order]), order, mine, backwards, pose))
     first = min(key for key, *_ in found)
@@ -169,7 +171,7 @@ def _posed(
     order, mine, backwards, pose = best[0]
     still = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
     return Island(
-        tuple(order),
+        tuple(numbers[i] for i in order),
         [mine[i] for i in order],
         [backwards[i] for i in order],
         sorted(still, key=lambda points: points.tolist()),

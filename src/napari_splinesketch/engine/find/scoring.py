@@ -110,14 +110,23 @@ def _distance(apart: Float[Array, "... 2"]) -> Float[Array, "..."]:
 def _kinks(
     lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
 ) -> Float[Array, " C"]:
-    """(C,) largest curvature of paths, in units of the half-width."""
+    """(C,) largest curvature of paths, in units of the half-width.
+
+    They are smoothed first: skeletons zigzag where bodies cross, and bodies do not.
+    """
     spacing = total / (SAMPLES - 1)
     smooth = np.clip(np.rint(2 * SMOOTH * half_width / spacing) / 2, 0.5, WIDEST)
     sharpest = np.zeros(len(lines))
-    for value in np.unique(smooth):
-        of = smooth == value
-        sharpest[of] = bends(lines[of], spacing[of], half_width, value)[1]
-    return sharpest
+    for sigma in np.unique(smooth):
+        of = smooth == sigma
+        weights = _smoothing(lines.shape[1], sigma)
+        down, across = (np.diff(weights @ lines[of, :, axis].T, axis=0) for axis in (0, 1))
+        straight = down[1:] * down[:-1] + across[1:] * across[:-1]
+        aside = np.abs(down[1:] * across[:-1] - across[1:] * down[:-1])
+        # Falls as the angle rises, and costs less.
+        most = (straight / (np.abs(straight) + aside + 1e-30)).argmin(0), np.arange(of.sum())
+        sharpest[of] = np.arctan2(aside[most], straight[most])
+    return sharpest * half_width / spacing
 
 
 def _missed(
@@ -129,8 +138,10 @@ def _missed(
     known, so that each factor counts the same.
     """
     few = sketch[np.linspace(0, len(sketch) - 1, min(len(sketch), VERTICES)).astype(int)]
-    row, column = (few[:, i, None] - lines[:, None, :, i] for i in (0, 1))
-    nearest = (row**2 + column**2).argmin(2)
+    row, column = (np.ascontiguousarray(lines[..., axis]) for axis in (0, 1))
+    # One vertex after the other, so that what is computed stays in the cache.
+    apart = ((row - r) ** 2 + (column - c) ** 2 for r, c in few)
+    nearest = np.stack([squared.argmin(1) for squared in apart], axis=1)
     rows = np.arange(len(lines))[:, None]
     least = np.full(nearest.shape, np.inf)
     for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, lines.shape[1] - 2)):
@@ -165,22 +176,6 @@ def goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
         ahead = tip[:, None] + away * out[:, None]
         found.append(_sampled(evidence, ahead).mean(1) > 0.5)
     return np.column_stack(found)
-
-
-def bends(
-    lines: Float[Array, "C S 2"], spacing: Float[Array, " C"], half_width: float, smooth: float
-) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
-    """Integrated squared curvature and largest curvature of paths, in units of the half-width.
-
-    `spacing` is that of their points, px; they are smoothed over `smooth` points first: skeletons
-    zigzag where bodies cross, and bodies do not.
-    """
-    step = np.diff(_smoothing(lines.shape[1], round(min(smooth, WIDEST), 1)) @ lines, axis=1)
-    heading = np.arctan2(step[..., 1], step[..., 0])
-    turn = np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi)
-    apart = spacing[:, None] / half_width
-    bend = turn / apart
-    return (bend**2 * apart).sum(1), bend.max(1)
 
 
 @lru_cache(maxsize=64)

@@ -90,7 +90,7 @@ def render(
     # Computed once, not again in each row that is made of them: compiled and run sooner.
     rows = jax.lax.optimization_barrier(pull(jnp.ones_like(model)))
     by_point, by_tangent, by_globals = rows
-    value, slope = basis.value.T[:, index], basis.first.T[:, index]
+    value, slope = basis.value[index].T, basis.first[index].T
     by_knots = [by_point[axis] * value + by_tangent[axis] * slope for axis in (0, 1)]
     return model, own, jnp.concatenate([*by_knots, *(x[None] for x in by_globals)])
 
@@ -145,13 +145,13 @@ def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
     """
     x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), FLOOR, 1.0)
     rounded = x * (1.5 - 0.5 * x**2)
-    return xp.exp(log_width) * rounded ** xp.exp(log_power)
+    return xp.exp(log_width + xp.exp(log_power) * xp.log(rounded))
 
 
-def modes(u, xp=jnp):
-    """(WIDTH_MODES, M) Legendre polynomials of 2u - 1: how bodies may vary along their length."""
+def modes(u):
+    """WIDTH_MODES Legendre polynomials of 2u - 1: how bodies may vary along their length."""
     x = 2 * u - 1
-    return xp.stack([xp.ones_like(x), x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x])
+    return [1 + 0 * x, x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x]
 
 
 def blend(overlap, own, others_sum, others_max, xp=jnp):

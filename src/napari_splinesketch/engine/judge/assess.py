@@ -18,7 +18,7 @@ for this share of their length."""
 
 def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) half-width at the spline parameters `u`, px."""
-    log_width = g[:WIDTH_MODES] @ modes(u, np)
+    log_width = g[:WIDTH_MODES] @ modes(u)
     return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
 
 
