@@ -199,12 +199,13 @@ def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2
     return spline.even_basis(k, count) @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
 
 
-def render_at(pixels: Int[Array, " P"], bodies: Sequence[Body]) -> Float[Array, " P"]:
-    """Bodies at some pixels (sorted flat indices), as a share of the contrast."""
-    total, most = np.zeros(len(pixels)), np.zeros(len(pixels))
+def drawn(
+    bodies: Sequence[Body], size: int, at: Int[Array, " P"] | slice = slice(None)
+) -> Float[Array, " P"]:
+    """Bodies in an image of so many pixels, at some of its flat indices, in contrasts."""
+    total, most = np.zeros(size), np.zeros(size)
     for body in bodies:
-        at = np.searchsorted(pixels, body.pixels)
-        total[at] += body.own
-        most[at] = np.maximum(most[at], body.own)
+        total[body.pixels] += body.own
+        most[body.pixels] = np.maximum(most[body.pixels], body.own)
     overlap = float(np.median([body["overlap"] for body in bodies]))
-    return blend(overlap, 0.0, total, most, np)
+    return blend(overlap, 0.0, total[at], most[at], np)

@@ -175,6 +175,5 @@ def _aside(a: Body, b: Body) -> float:
 def _misfit(seen: Scene, bodies: list[Body], rivals: list[Body], rest: list[Body]) -> float:
     """Mean squared residual in the bands of the bodies and of their rivals, noise² = 1."""
     near = np.unique(np.concatenate([b.pixels for b in (*bodies, *rivals)]))
-    pixels = np.unique(np.concatenate([near, *(b.pixels for b in rest)]))
-    drawn = fitting.render_at(pixels, [*bodies, *rest])[np.searchsorted(pixels, near)]
+    drawn = fitting.drawn([*bodies, *rest], seen.normal.size, near)
     return float(np.mean(((seen.normal.ravel()[near] - drawn) / seen.noise) ** 2))

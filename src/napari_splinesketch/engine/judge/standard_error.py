@@ -82,7 +82,7 @@ def normal_sd(
     tangent = spline.basis(k, u, 1) @ knots
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
     across = np.concatenate([-tangent[:, 1:] * rows, tangent[:, :1] * rows], axis=1)
-    variance = np.einsum("pi,ij,pj->p", across, covariance[: 2 * k, : 2 * k], across)
+    variance = ((across @ covariance[: 2 * k, : 2 * k]) * across).sum(1)
     return np.sqrt(np.maximum(variance, 0))
 
 

@@ -136,20 +136,21 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
     reach = int(np.ceil(away))
     wide = np.pad(smooth, reach, mode="edge")
     rows, columns = smooth.shape
-    sides = []
+    sides, slopes = [], []
     for angle in np.pi * np.arange(ANGLES) / ANGLES:
         r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
         one = wide[reach + r : reach + r + rows, reach + c : reach + c + columns]
         two = wide[reach - r : reach - r + rows, reach - c : reach - c + columns]
         sides.append((np.maximum(one, two), np.minimum(one, two)))
+        slopes.append(np.subtract(*sides[-1]))
+        slopes[-1] *= SLOPE
     above = np.full(smooth.shape, np.inf, np.float32)
     below = np.full(smooth.shape, -np.inf, np.float32)
     for k, (most, least) in enumerate(sides):
-        along = sides[(k + ANGLES // 2) % ANGLES]
-        slope = SLOPE * (along[0] - along[1])
-        np.minimum(above, most + slope, out=above)
-        np.maximum(below, least - slope, out=below)
-    return smooth - above, below - smooth
+        slope = slopes[(k + ANGLES // 2) % ANGLES]
+        np.minimum(above, np.add(most, slope, out=most), out=above)
+        np.maximum(below, np.subtract(least, slope, out=least), out=below)
+    return np.subtract(smooth, above, out=above), np.subtract(below, smooth, out=below)
 
 
 def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:

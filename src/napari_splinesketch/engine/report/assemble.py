@@ -142,10 +142,7 @@ def _curves(
 
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
     """All bodies, as a share of the contrast; guessed where the image has no value."""
-    flat = np.zeros(valid.size)
-    pixels = np.unique(np.concatenate([b.pixels for b in bodies]))
-    flat[pixels] = fitting.render_at(pixels, bodies)
-    drawn = flat.reshape(valid.shape)
+    drawn = fitting.drawn(bodies, valid.size).reshape(valid.shape)
     return drawn if valid.all() else scene.filled(drawn, valid)
 
 
