@@ -121,9 +121,11 @@ def sampled(
     before = row * (1 + total.max())
     at = np.searchsorted((s[:, 1:] + before).ravel(), (target + before).ravel())
     at = (at.reshape(target.shape) - row * (s.shape[1] - 1)).clip(0, s.shape[1] - 2)
-    left, right = s[row, at], s[row, at + 1]
+    at += row * s.shape[1]
+    left, right = s.take(at), s.take(at + 1)
     part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
-    return points[row, at] * (1 - part) + points[row, at + 1] * part, total
+    points = points.reshape(-1, 2)
+    return points.take(at, 0) * (1 - part) + points.take(at + 1, 0) * part, total
 
 
 def polyline(graph: TraceGraph, route: Route) -> Line:

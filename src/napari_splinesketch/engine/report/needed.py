@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.fit.bands import default_priors
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
@@ -99,19 +98,11 @@ def _overlapping(bodies: list[Body]) -> bool:
 
 
 def _pays(bodies: list[Body], names: tuple[str, ...]) -> bool:
-    """Whether some parameters, 0 by their priors, improve χ² by more than their number.
-
-    By how much the data alone say so: the Wald statistic, without the priors' share.
-    """
-    at = [INDEX[name] for name in names]
-    prior = np.diag(default_priors(1, 1.0).sd[0, at] ** -2.0)
+    """Whether χ² would be worse by more than their number were some parameters 0 (Wald)."""
     gain = 0.0
     for body in bodies:
-        rows = len(body.theta) - len(GLOBALS) + np.array(at)
-        information = np.linalg.inv(body.covariance[np.ix_(rows, rows)])
-        if np.linalg.eigvalsh(information - prior).min() > 0:
-            pull = information @ body.parameters[at]
-            gain += float(pull @ np.linalg.solve(information - prior, pull))
+        at = len(body.theta) - len(GLOBALS) + np.array([INDEX[name] for name in names])
+        gain += body.theta[at] @ np.linalg.solve(body.covariance[np.ix_(at, at)], body.theta[at])
     return gain > len(names) * len(bodies)
 
 
