@@ -48,6 +48,7 @@ class Ridges:
     def __init__(self, image: Float[Array, "H W"], noise: float):
         self._image, self.noise = image.astype(np.float32), noise
         self._known: dict[int, tuple[Array, Array]] = {}
+        self._evidence: dict[tuple[int, int, float], Array] = {}
 
     def factor(self, rung: int) -> int:
         """By how much the image is reduced for the half-width WIDTHS[rung]."""
@@ -74,7 +75,8 @@ class Ridges:
 
         A ridge is higher than *both* its sides, so that edges, rims and blobs are none; its height
         is measured in units of what is usual around it, and cut at CERTAIN of them: a ridge is a
-        ridge, however strong. The next narrower and wider ridges count too.
+        ridge, however strong. The next narrower and wider ridges count too. What was asked for is
+        kept; do not change it.
 
         Parameters
         ----------
@@ -85,9 +87,13 @@ class Ridges:
         height
             Of the bodies' ridges, typically.
         """
-        near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
-        around = AROUND * WIDTHS[rung]
-        return np.max([self.alone(k, sign, height, around) for k in near], axis=0)
+        asked = rung, sign, height
+        if asked not in self._evidence:
+            near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
+            around = AROUND * WIDTHS[rung]
+            found = [self.alone(k, sign, height, around) for k in near]
+            self._evidence[asked] = np.max(found, axis=0)
+        return self._evidence[asked]
 
     def alone(
         self, rung: int, sign: int, height: float, around: float | None = None
