@@ -102,7 +102,8 @@ def _pays(bodies: list[Body], names: tuple[str, ...]) -> bool:
     gain = 0.0
     for body in bodies:
         at = len(body.theta) - len(GLOBALS) + np.array([INDEX[name] for name in names])
-        gain += body.theta[at] @ np.linalg.solve(body.covariance[np.ix_(at, at)], body.theta[at])
+        there = body.theta[at]
+        gain += float(there @ np.linalg.solve(body.covariance[np.ix_(at, at)], there))
     return gain > len(names) * len(bodies)
 
 
