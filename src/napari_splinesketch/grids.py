@@ -87,10 +87,8 @@ def patched(
     step = new.grid.step
     if not np.allclose(old.grid.step, step):
         return new
-    origin = np.minimum(old.grid.origin, new.grid.origin)
-    first = [np.round((p.grid.origin - origin) / step).astype(int) for p in (old, new)]
-    ends = [at + p.pixels.shape for at, p in zip(first, (old, new), strict=True)]
-    inside = np.round((np.array([low, high]) - origin) / step).astype(int)
+    grid, first, ends = around_all((old, new))
+    inside = np.round((np.array([low, high]) - grid.origin) / step).astype(int)
     low, high = np.maximum(inside[0], first[1]), np.minimum(inside[1] + 1, ends[1])
 
     def joined(
@@ -104,7 +102,16 @@ def patched(
     background = None
     if old.background is not None and new.background is not None:
         background = joined(old.background, new.background)
-    return Patch(Grid(origin, step), joined(old.pixels, new.pixels), background)
+    return Patch(grid, joined(old.pixels, new.pixels), background)
+
+
+def around_all(
+    patches: Sequence[Patch],
+) -> tuple[Grid, Int[np.ndarray, "N 2"], Int[np.ndarray, "N 2"]]:
+    """Give a grid with room for pictures of one step, and the corners of each on it."""
+    grid = Grid(np.min([p.grid.origin for p in patches], axis=0), patches[0].grid.step)
+    first = np.array([grid.to_block(p.grid.origin) for p in patches]).round().astype(int)
+    return grid, first, first + [p.pixels.shape for p in patches]
 
 
 def slices(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:

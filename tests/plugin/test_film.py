@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.grids import Grid, Patch, patched
-from napari_splinesketch.plugin.layers.pixels import Film
+from napari_splinesketch.plugin.layers.pictures import Film
 
 KEYS: dict[str, Any] = {
     "frame": 1,

@@ -8,7 +8,7 @@ import pytest
 from napari.utils.notifications import notification_manager
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.layers import pixels
+from napari_splinesketch.plugin.layers import space
 
 from .fakes import FakeEngine
 from .hand import click, outlines, refine, refine_all, until
@@ -52,7 +52,7 @@ def test_multiscale(
     monkeypatch: pytest.MonkeyPatch,
     coarse: bool,
 ) -> None:
-    monkeypatch.setattr(pixels, "LARGEST_BLOCK", 20_000 if coarse else 2**24)
+    monkeypatch.setattr(space, "LARGEST_BLOCK", 20_000 if coarse else 2**24)
     image = viewer.add_image(levels(), multiscale=True, name="slide", **PLACE)
     curves, reconstruction = refined(viewer, dock, image)
     step = 2 if coarse else 1

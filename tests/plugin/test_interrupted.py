@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine.types import Refinement
-from napari_splinesketch.plugin import engine, files
+from napari_splinesketch.plugin import engine, files, films
 from napari_splinesketch.plugin.sessions import read
 
 from .bench import SOON, Bench
@@ -65,7 +65,7 @@ class Running:
         self.patch.setattr(engine, "refine", seen)
         self.fake.go.clear()
         before = len(self.fake.calls)
-        self.bench.controller.films.track(1)
+        films.track(self.bench.controller, 1)
         until(lambda: len(self.fake.calls) > before, SOON)
 
     def suggest(self) -> None:

@@ -10,7 +10,7 @@ from napari_splinesketch.plugin.commands import Commands
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.drawn import CHUNK
-from napari_splinesketch.plugin.layers.results import LETTER, LINE_HEIGHT, MOST, View, readable
+from napari_splinesketch.plugin.layers.looks import LETTER, LINE_HEIGHT, MOST, View, readable
 from napari_splinesketch.plugin.model import Record
 
 from .fakes import HALF_WIDTH, FakeEngine, as_drawn

@@ -53,7 +53,7 @@ assert list(features([record])["knots"]) == [10]
 assert "knots" in as_text([record], Ruler()).splitlines()[0]
 assert dock.look.by.findText("Colour by number of knots") > 0
 dock.look.show_look("knots", [record], Ruler())
-assert dock.look.low.text() == "10.0"
+assert dock.look.words.text().startswith("10.0 ")
 shout = dock.curve.buttons["shout"]
 assert not shout.isEnabled() and shout.toolTip() == "Select a curve"
 controller.selected = (0, 1)

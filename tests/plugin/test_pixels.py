@@ -8,8 +8,8 @@ import pytest
 from napari.layers import Image
 
 from napari_splinesketch.grids import Grid
-from napari_splinesketch.plugin.layers import pixels
-from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers import space
+from napari_splinesketch.plugin.layers.space import block_around
 
 from .fakes import as_drawn
 
@@ -62,7 +62,7 @@ def test_colour_becomes_luminance() -> None:
 def test_of_a_large_image_only_the_region_is_read(
     monkeypatch: pytest.MonkeyPatch, lazy: bool
 ) -> None:
-    monkeypatch.setattr(pixels, "WHOLE_FRAME", 1000)
+    monkeypatch.setattr(space, "WHOLE_FRAME", 1000)
     data = ramp(900, 1100)
     line = LINE + np.array([400, 500])
     image = Image(da.from_array(data, chunks=CHUNKS) if lazy else data)
@@ -110,7 +110,7 @@ def test_multiscale_is_read_at_full_resolution_where_that_is_not_too_much() -> N
 def test_a_coarser_level_is_read_where_the_region_is_large(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(pixels, "LARGEST_BLOCK", 60_000)
+    monkeypatch.setattr(space, "LARGEST_BLOCK", 60_000)
     rows, cols = np.mgrid[:640, :960].astype(float)
     fine = 1000 * rows + cols
     coarse = fine.reshape(160, 4, 480, 2).mean((1, 3))

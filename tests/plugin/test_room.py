@@ -15,7 +15,6 @@ from napari_splinesketch.plugin.plots import (
     CurvePlots,
     Profile,
     pictures,
-    theme_of,
 )
 
 from .fakes import FakeEngine, as_drawn
@@ -58,7 +57,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
 
 @pytest.mark.parametrize("unit", ["px", "µm"])
 def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str) -> None:
-    plots = CurvePlots(theme_of("dark"))
+    plots = CurvePlots("dark")
     titles = f"Half-width ({unit})", RESIDUAL
     plots.show()
     plots.resize(plots.minimumWidth(), 200)
@@ -72,7 +71,7 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
 
 
 def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
-    plots = CurvePlots(theme_of("dark"))
+    plots = CurvePlots("dark")
     plots.show()
     plots.resize(420, 200)
     body = {t: as_drawn(np.array([[20.0, 20 + 2 * t], [20, 60]])) for t in range(4)}

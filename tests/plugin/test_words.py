@@ -62,7 +62,6 @@ def test_the_selected_curve_says_why_it_is_doubtful() -> None:
 
 
 def test_times_are_those_that_the_user_waits() -> None:
-    assert words.done("Refined", 1, "curve", 2.58) == "Refined 1 curve in 2.6 s."
     assert words.stage(Progress("frame 3", 0.5), 12.4) == "Frame 3… About 12 s left."
     assert words.stage(Progress("frame 3", 0.5), 150) == "Frame 3… About 2 min left."
     assert words.stage(Progress("frame 3", 0.5), None) == "Frame 3…"

@@ -1,12 +1,13 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from magicgui.widgets import create_widget
+from napari._app_model import get_app_model
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
@@ -15,17 +16,19 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import widgets, words
 from napari_splinesketch.plugin.choices import FORM, Settings
-from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, RAMP, scale_of, three_digits
+from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, ruler_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
+PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 DECIMALS = 3
 """Of half-widths."""
+SCOPES: dict[Scope, str] = {"selected": "Refine the selected", "all": "Refine all that are open"}
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
@@ -40,7 +43,7 @@ class ProgressBox(qt.QWidget):
         self.bar.setRange(0, 100)
         self.bar.setToolTip("Progress")
         self.bar.setMinimumWidth(widgets.NARROW)
-        self.cancel = widgets.button("Cancel", "Stop", cancel)
+        self.cancel = widgets.Button("Cancel", "Stop", cancel)
         widgets.stack(self, (self.bar, self.cancel))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
@@ -63,23 +66,20 @@ class CurveBox(qt.QWidget):
         self._controller = controller
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        corrections = widgets.CommandButtons(controller.actions, "curve", 4, even=False)
-        self.buttons, self._corrections = corrections.buttons, corrections
-        for each in self.buttons.values():
-            each.setStyleSheet("padding: 3px 1px;")
-        widgets.stack(self, self.title, corrections)
+        self._corrections = widgets.CommandButtons(controller.actions, "curve", 4, even=False)
+        self._corrections.setStyleSheet("QPushButton { padding: 3px 1px; }")
+        self.buttons = self._corrections.buttons
+        widgets.stack(self, self.title, self._corrections)
 
     def show_state(self) -> None:
         """Show what is selected, and what can be done to it."""
         controller = self._controller
-        known = bool(controller.records() or controller.state.deleted)
-        self.setVisible(known)
-        if not known:
-            return
-        said = words.selected(controller.selected_records(), controller.frame)
-        self.title.setText(said)
-        self.title.setToolTip(said)
-        self._corrections.show_state()
+        self.setVisible(bool(controller.records() or controller.state.deleted))
+        if not self.isHidden():
+            said = words.selected(controller.selected_records(), controller.frame)
+            self.title.setText(said)
+            self.title.setToolTip(said)
+            self._corrections.show_state()
 
 
 class LookBox(qt.QWidget):
@@ -87,7 +87,6 @@ class LookBox(qt.QWidget):
 
     def __init__(self, choose: Callable[[str], object]) -> None:
         super().__init__()
-        self._seen: object = None
         self.by = qt.QComboBox()
         self.by.addItems([f"Colour by {column.colour}" for column in COLOURED.values()])
         self.by.setMinimumWidth(widgets.NARROW)
@@ -95,30 +94,18 @@ class LookBox(qt.QWidget):
         self.words = widgets.TextLabel()
         # A legend that wraps when a scroll bar comes would itself make that necessary.
         self.words.setWordWrap(False)
-        ramp = qt.QFrame()
-        stops = ", ".join(f"stop: {i / (len(RAMP) - 1)} {c}" for i, c in enumerate(RAMP))
-        ramp.setStyleSheet(
-            f"QFrame {{ background: qlineargradient(x1: 0, y1: 0, x2: 1, y2: 0, {stops}); }}"
-        )
-        ramp.setMinimumSize(40, 10)
-        self.low, self.high, self.scale = qt.QLabel(), qt.QLabel(), qt.QWidget()
-        widgets.grid(self.scale, (self.low, ramp, self.high), 3, even=False)
-        widgets.stack(self, self.by, self.words, self.scale)
+        widgets.stack(self, self.by, self.words)
         self.by.activated.connect(lambda index: choose(COLOUR_BY[index]))
 
     def show_look(self, by: str, records: Sequence[Record], ruler: Ruler) -> None:
         """Show what the colours of these curves say."""
-        if (by, ruler, records) == self._seen:
-            return
-        self._seen = by, ruler, records
         self.by.setCurrentIndex(COLOUR_BY.index(by))
-        scale = scale_of(records, (by, ruler))
-        self.scale.setVisible(scale is not None)
-        self.words.say(words.LEGEND if by == "status" else "")
-        if scale is not None:
+        if scale := scale_of(records, (by, ruler)):
             unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
-            self.low.setText(three_digits(scale[0]))
-            self.high.setText(three_digits(scale[1]) + unit)
+            low, high = map(three_digits, scale)
+            self.words.say(words.ramp(low, high, unit))
+        else:
+            self.words.say(words.LEGEND if by == "status" else "")
 
 
 class EyeBox(qt.QWidget):
@@ -127,21 +114,19 @@ class EyeBox(qt.QWidget):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller = controller
-        self.buttons = {role: widgets.button(name, tip) for role, (name, tip) in words.EYES.items()}
+        self.buttons = {role: widgets.Button(name, tip) for role, (name, tip) in words.EYES.items()}
         for role, made in self.buttons.items():
             made.setCheckable(True)
             made.clicked.connect(partial(self._show, role))
-        more = widgets.button("More", "Show more: residual, background, uncertainty, masks")
-        menu = qt.QMenu(more)
+        more = widgets.Button("More", "Show more: residual, background, uncertainty, masks")
+        menu: Any = qt.QMenu(more)
         menu.setToolTipsVisible(True)
         self.entries: dict[str, Any] = {}
-        for proof, maker in MAKERS.items():
-            if maker.title:
-                entry: Any = menu.addAction(maker.title)
-                self.entries[proof] = entry
-                entry.setToolTip(maker.tip)
-                entry.setCheckable(True)
-                entry.triggered.connect(partial(self._ask, proof))
+        for proof, maker in ((role, maker) for role, maker in MAKERS.items() if maker.title):
+            entry = self.entries[proof] = menu.addAction(maker.title)
+            entry.setToolTip(maker.tip)
+            entry.setCheckable(True)
+            entry.triggered.connect(partial(self._ask, proof))
         more.setMenu(menu)
         widgets.grid(self, [*self.buttons.values(), more], 3)
 
@@ -153,17 +138,15 @@ class EyeBox(qt.QWidget):
             made.setEnabled(layer is not None)
             made.setChecked(layer is not None and layer.visible)
         for proof, entry in self.entries.items():
-            entry.setChecked(work is not None and work.layers.made[proof].shown)
+            entry.setChecked(work is not None and work.made[proof].shown)
 
     def _show(self, role: str, on: bool) -> None:
-        work = self._controller.work
-        layer = work.layer(role) if work else None
-        if layer is not None:
+        if (work := self._controller.work) and (layer := work.layer(role)) is not None:
             layer.visible = on
 
     def _ask(self, proof: str, on: bool) -> None:
         work = self._controller.work
-        if work is not None and not work.layers.ask(proof, on):
+        if work is not None and not work.ask(proof, on):
             self.entries[proof].setChecked(False)
             self._controller.say(MAKERS[proof].nothing)
 
@@ -186,11 +169,7 @@ class RefineMenu(qt.QToolButton):
 
     def _fill(self) -> None:
         self._menu.clear()
-        scopes: dict[Scope, str] = {
-            "selected": "Refine the selected",
-            "all": "Refine all that are open",
-        }
-        for scope, name in scopes.items():
+        for scope, name in SCOPES.items():
             plan = self._controller.request(scope)
             possible = not plan.problem and not self._controller.progress
             action: Any = self._menu.addAction(words.button(plan) if possible else name)
@@ -226,17 +205,23 @@ class SuggestBox(qt.QWidget):
 class SettingsForm(qt.QWidget):
     """Widgets for the settings in `FORM`, which magicgui makes; the preset's stands elsewhere."""
 
-    def __init__(self, choose: Callable[..., object]) -> None:
+    def __init__(self, controller: Controller) -> None:
         super().__init__()
-        self._choose = choose
-        self._settings, self._ruler = Settings(), Ruler()
-        self.widgets = {each.name: _widget(each) for each in fields(Settings) if each.name in FORM}
-        for name, made in self.widgets.items():
+        self._controller = controller
+        self.widgets: dict[str, Any] = {}
+        for name, how in FORM.items():
+            options, value = dict(how), getattr(Settings, name)
+            kind = "ComboBox" if "choices" in how else None
+            named: Any = {"name": name, "label": options.pop("label"), "widget_type": kind}
+            made: Any = create_widget(0.0 if value is None else value, **named, options=options)
+            made.native.setMinimumWidth(widgets.NARROW)
             made.changed.connect(partial(self._take, name))
+            self.widgets[name] = made
         rest = widgets.form(*(made for name, made in self.widgets.items() if name != "preset"))
-        keys = widgets.button("Change keys…", KEYS_TIP, _open_preferences)
-        elsewhere = widgets.button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
-        beside = widgets.button(
+        run = partial(get_app_model().commands.execute_command, PREFERENCES)
+        keys = widgets.Button("Change keys…", KEYS_TIP, run)
+        elsewhere = widgets.Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
+        beside = widgets.Button(
             "Save work beside the image", FOLDER_TIP, partial(self._take, "work_folder", "")
         )
         widgets.stack(self, rest, keys, elsewhere, beside)
@@ -245,9 +230,9 @@ class SettingsForm(qt.QWidget):
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
 
-    def show_settings(self, settings: Settings, ruler: Ruler) -> None:
+    def show_state(self) -> None:
         """Show what is chosen, silently; lengths in the unit of the image."""
-        self._settings, self._ruler = settings, ruler
+        settings, ruler = self._controller.settings, ruler_of(self._controller.choices.image)
         self.half_width.setSuffix(f" {ruler.unit}")
         width = (settings.half_width_in(ruler) or 0.0) * ruler.pixel
         for name, made in self.widgets.items():
@@ -257,37 +242,17 @@ class SettingsForm(qt.QWidget):
                     made.value = value
 
     def _take(self, name: str, value: Any) -> None:
-        changes = {name: value}
+        controller, changes = self._controller, {name: value}
         if name == "half_width":
-            changes = {"half_width": value or None, "half_width_unit": self._ruler.unit}
-        if replace(self._settings, **changes) != self._settings:
-            self._choose(**changes)
+            unit = ruler_of(controller.choices.image).unit
+            changes = {"half_width": value or None, "half_width_unit": unit}
+        if replace(controller.settings, **changes) != controller.settings:
+            controller.choose(**changes)
 
     def _ask_for_folder(self) -> None:
-        folder = qt.QFileDialog.getExistingDirectory(
-            self, "Save work in", self._settings.work_folder
-        )
-        if folder:
+        before = self._controller.settings.work_folder
+        if folder := qt.QFileDialog.getExistingDirectory(self, "Save work in", before):
             self._take("work_folder", folder)
-
-
-def _widget(each: Any) -> Any:
-    """Make the widget of a setting."""
-    how, help_text = dict(FORM[each.name]), each.metadata["help"].partition(" (")[0]
-    options = {"tooltip": help_text[0].upper() + help_text[1:], **how}
-    label = options.pop("label")
-    value = 0.0 if each.default is None else each.default
-    kind = "ComboBox" if "choices" in how else None
-    made = create_widget(value, name=each.name, label=label, widget_type=kind, options=options)
-    made.native.setMinimumWidth(widgets.NARROW)
-    return made
-
-
-def _open_preferences() -> None:
-    """Open napari's preferences."""
-    from napari._app_model import get_app_model
-
-    get_app_model().commands.execute_command("napari.window.file.show_preferences_dialog")
 
 
 def ask_where(parent: qt.QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:

@@ -6,7 +6,7 @@ latest: so the choice is made here, and its combo boxes show it.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar, get_args
 
 import pint
@@ -25,8 +25,6 @@ from napari_splinesketch.plugin.layers.space import Ruler
 L = TypeVar("L", bound=Layer)
 PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
-
-
 LOOKED = ("point", "order", "ndisplay")
 """Events of the sliders after which something else is in view; their range says nothing of that."""
 PLUGIN = "napari-splinesketch"
@@ -39,32 +37,19 @@ KEYS = "keys"
 class Changes(SignalGroup):
     """All that may change, a signal for each kind: whoever shows something listens to that."""
 
-    layers = Signal()
-    """There are other layers, or another one is chosen, or one has another name."""
-    edited = Signal()
-    """What the chosen layers hold, or where they lie, or what is in view may have changed."""
-    lines = Signal()
-    """The same, but once for many edits in a row where there are many lines."""
-    drawn = Signal()
-    """The user has finished a line."""
-    curves = Signal()
-    """What is known of the curves, and what can be undone."""
-    selection = Signal()
-    """Which curves are selected."""
-    clicked = Signal(bool)
-    """The user has clicked into the layer of curves; with Shift, or without."""
-    shown = Signal()
-    """Which layers of results are there and in view."""
-    mode = Signal()
-    """Knots are shown or no longer, or were moved; lines are refined as they are drawn or not."""
-    busy = Signal()
-    """Something runs, or no longer, or can no longer be cancelled."""
-    progress = Signal()
-    """Where what runs stands."""
-    said = Signal()
-    """What the user is told."""
-    settings = Signal()
-    """What the user chose."""
+    layers = Signal(description="There are other layers; one is chosen, or has another name")
+    edited = Signal(description="What lies in the chosen layers, and where, or what is in view")
+    lines = Signal(description="The same, once for many edits in a row where there are many lines")
+    drawn = Signal(description="The user has finished a line")
+    curves = Signal(description="What is known of the curves, and what can be undone")
+    selection = Signal(description="Which curves are selected")
+    clicked = Signal(bool, description="A click into the layer of curves; with Shift, or without")
+    shown = Signal(description="Which layers of results are there and in view")
+    mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
+    busy = Signal(description="Whether something runs, and can be cancelled")
+    progress = Signal(description="Where what runs stands")
+    said = Signal(description="What the user is told")
+    settings = Signal(description="What the user chose")
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
@@ -79,12 +64,26 @@ def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
     return end
 
 
+def _choice(kind: type[Layer]) -> Any:
+    """Make a property: the chosen layer of a kind, or None."""
+
+    def there(self: "Choices") -> Layer | None:
+        # napari tells of its sliders before it tells that a layer is gone.
+        layer = self._chosen[kind]
+        return layer if layer in self._viewer.layers else None
+
+    return property(there, lambda self, layer: self._set(kind, layer))
+
+
 class Choices:
     """The chosen layers; follows the viewer.
 
     A layer that the user adds is chosen; when the chosen one is removed, the topmost of those left
     is. Layers of results are no choice.
     """
+
+    image: Image | None = _choice(Image)
+    sketches: Shapes | None = _choice(Shapes)
 
     def __init__(self, viewer: ViewerModel, changes: Changes):
         self._viewer, self._changes = viewer, changes
@@ -111,29 +110,6 @@ class Choices:
         """Give the layers of a kind to choose from, topmost first."""
         layers = [layer for layer in self._viewer.layers if not is_result(layer)]
         return [layer for layer in reversed(layers) if isinstance(layer, kind)]
-
-    @property
-    def image(self) -> Image | None:
-        """The image, or None."""
-        return self._there(Image)
-
-    @image.setter
-    def image(self, layer: Image | None) -> None:
-        self._set(Image, layer)
-
-    @property
-    def sketches(self) -> Shapes | None:
-        """The layer of sketches, or None."""
-        return self._there(Shapes)
-
-    @sketches.setter
-    def sketches(self, layer: Shapes | None) -> None:
-        self._set(Shapes, layer)
-
-    def _there(self, kind: type[L]) -> L | None:
-        # napari tells of its sliders before it tells that a layer is gone.
-        layer = self._chosen[kind]
-        return layer if isinstance(layer, kind) and layer in self._viewer.layers else None
 
     def _set(self, kind: type[Layer], new: Layer | None) -> None:
         for layer, what in ((self._chosen[kind], "disconnect"), (new, "connect")):
@@ -180,45 +156,29 @@ class Settings(Asked):
 
     half_width_unit: str = "px"
     colour_by: str = "status"
-    lengths_in_pixels: bool = field(
-        default=False, metadata={"help": "give lengths in px although the image has a unit"}
-    )
-    save_work: bool = field(
-        default=True, metadata={"help": "save lines and curves as they are made"}
-    )
-    work_folder: str = field(default="", metadata={"help": "empty: a folder beside the image"})
+    lengths_in_pixels: bool = False
+    save_work: bool = True
+    work_folder: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what nobody can have chosen."""
-        for name, allowed in (
-            ("preset", PRESETS),
-            ("polarity", get_args(Polarity)),
-            ("colour_by", COLOUR_BY),
-        ):
+        known = {"preset": PRESETS, "polarity": get_args(Polarity), "colour_by": COLOUR_BY}
+        for name, allowed in known.items():
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
         if self.half_width is not None and not 0 < self.half_width < float("inf"):
             raise ValueError(f"half_width is {self.half_width}; give a number above 0, or none.")
-
-    @property
-    def saving(self) -> tuple[bool, str]:
-        """Whether, and where."""
-        return self.save_work, self.work_folder
 
     def half_width_in(self, ruler: Ruler) -> float | None:
         """Give the half-width in px of an image; None to measure it.
 
         One in a unit that says nothing about pixels of this image is left out.
         """
-        if self.half_width is None:
-            return None
-        if self.half_width_unit == ruler.unit:
-            return self.half_width / ruler.pixel
-        if "px" in (ruler.unit, self.half_width_unit):
-            return self.half_width if self.half_width_unit == "px" else None
+        if self.half_width is None or self.half_width_unit == "px":
+            return self.half_width
         given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
-        if not given.is_compatible_with(ruler.unit):
+        if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
             return None
         return float(given.to(ruler.unit).magnitude) / ruler.pixel
 
@@ -230,34 +190,31 @@ class Settings(Asked):
         return replace(self, keys={**now, **lost}) if lost else self
 
 
+POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}
 FORM: dict[str, dict[str, Any]] = {
-    "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in PRESETS]},
-    "polarity": {
-        "label": "Bodies are",
-        "choices": [
-            ("auto", "auto"),
-            ("brighter than the rest", "bright"),
-            ("darker than the rest", "dark"),
-        ],
-    },
-    "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5},
-    "lengths_in_pixels": {"label": "Lengths in pixels"},
-    "save_work": {"label": "Save work as I go"},
-}
+    "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in PRESETS],
+               "tooltip": "Speed or accuracy"},
+    "polarity": {"label": "Bodies are", "choices": list(POLARITIES.items()),
+                 "tooltip": "Whether bodies are brighter or darker than what is around them"},
+    "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5,
+                   "tooltip": "Rough distance from a body's centreline to its edge"},
+    "lengths_in_pixels": {"label": "Lengths in pixels",
+                          "tooltip": "Give lengths in px although the image has a unit"},
+    "save_work": {"label": "Save work as I go",
+                  "tooltip": "Save lines and curves as they are made"},
+}  # fmt: skip
 """The settings that the dock shows, and how magicgui makes their widgets."""
 
 
 def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
     known = _groups()
-    if not known:
-        return Settings()
-    keys, names = known.pop(KEYS).model_dump(), {each.name for each in fields(Settings)}
-    values = {name: value for group in known.values() for name, value in group if name in names}
+    keys = known.pop(KEYS).model_dump() if known else {}
+    values = {name: value for group in known.values() for name, value in group}
     values["half_width"] = values.get("half_width") or None
     try:
         return Settings(**values, keys=keys)
-    except ValueError:
+    except (TypeError, ValueError):
         return Settings(keys=keys)
 
 

@@ -3,11 +3,9 @@
 A column that is added here is in all of them.
 """
 
-import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import Any, Literal
 
 import numpy as np
@@ -15,17 +13,13 @@ import pandas as pd
 from napari.utils.colormaps import Colormap
 
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
+from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, severity
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of, once
 from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
-NOTICEABLE_RESIDUAL = 0.25
-NOTICEABLE_SD = 0.5
-"""What weighs the same when the worst curve is looked for: share of the contrast, px."""
-RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
 UNKNOWN = "–"
 PIXELS = Ruler()
 
@@ -40,8 +34,7 @@ class Column:
 
     "%" stands for the unit in the title; without one it is not in the table. A cell says what
     `said` gives and is sorted by `order`, the value itself unless named; it has room for `width`.
-    `colour` is what the choice of colours calls it, where there is one. Those of a `film` depend on
-    the body's curves in other frames.
+    `colour` is what the choice of colours calls it, where there is one.
     """
 
     name: str
@@ -53,7 +46,6 @@ class Column:
     order: Callable[[Record], Any] | None = None
     width: str = "00000"
     colour: str = ""
-    film: bool = False
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
@@ -102,18 +94,6 @@ def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
     return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
-def _status(record: Record) -> str:
-    status = record.curve.status
-    return f"{STATUS_WORDS[status]} {MARKS[status]}".rstrip()
-
-
-@once
-def severity(curve: Curve) -> tuple[int, float]:
-    """Say how much a curve needs review: by status, then by residual and sd."""
-    numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
-    return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
-
-
 def three_digits(value: float) -> str:
     """Write a number with three digits that count, and never with an exponent."""
     if not np.isfinite(value):
@@ -131,7 +111,9 @@ COLUMNS = (
     Column("status", "Status",
            "The result of the refinement; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
-           _said(lambda r: str(r.curve.status)), said=_status, order=lambda r: severity(r.curve),
+           _said(lambda r: str(r.curve.status)),
+           said=lambda r: f"{STATUS_WORDS[r.curve.status]} {MARKS[r.curve.status]}".rstrip(),
+           order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
     Column("review", "Reviewed", "Your verdict", _said(lambda r: str(r.review)),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
@@ -150,13 +132,10 @@ COLUMNS = (
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
            _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
-           "Mean over the body's points, from its curves in the frames beside", _speed, "number",
-           film=True),
+           "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
-SETTING = {"half_width_mean": "half_width"}
-"""The columns that are called otherwise in the settings."""
-COLOURED = {SETTING.get(c.name, c.name): c for c in COLUMNS if c.colour}
+COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
 COLOUR_BY = tuple(COLOURED)
 """What the colour of a curve may say."""
 Look = tuple[str, Ruler]
@@ -177,40 +156,27 @@ def alone(key: Key) -> None:
     """Know of no curve in another frame."""
 
 
-@once
-def in_pixels(record: Record) -> list[Any]:
-    """Say in px what there is to say of a curve alone, column by column."""
-    return [column.value(record, PIXELS, alone) for column in COLUMNS]
-
-
-def features(records: Sequence[Record]) -> pd.DataFrame:
-    """What a layer of curves says of each of them; lengths in px."""
-    curve_at = {key_of(record): record.curve for record in records}.get
-    rows = list(map(in_pixels, records))
-    said = {column.name: [row[i] for row in rows] for i, column in enumerate(COLUMNS)}
-    for column in COLUMNS:
-        if column.film:
-            said[column.name] = [column.value(r, PIXELS, curve_at) for r in records]
-    return pd.DataFrame(said)
+def features(
+    records: Sequence[Record], ruler: Ruler = PIXELS, curve_at: CurveAt | None = None
+) -> pd.DataFrame:
+    """What is said of each curve, by which those of the same body in other frames are known."""
+    known = curve_at or {key_of(record): record.curve for record in records}.get
+    rows = [[column.value(record, ruler, known) for column in COLUMNS] for record in records]
+    return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
 
 
 def as_text(
     records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
-    file = StringIO()
-    writer = csv.writer(file, delimiter=separator, lineterminator="\n")
-    writer.writerow(["curve", *(column.name for column in COLUMNS[1:]), "units"])
-    for record in records:
-        writer.writerow([*(c.value(record, ruler, curve_at) for c in COLUMNS), ruler.unit])
-    return file.getvalue()
+    said = features(records, ruler, curve_at).rename(columns={"id": "curve"})
+    return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
     """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    values = _numbers(records, look)
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else None
+    known = [value for value in _numbers(records, look) if math.isfinite(value)]
+    return (min(known), max(known)) if known else None
 
 
 def colours_of(records: Sequence[Record], look: Look) -> list[str]:

@@ -11,8 +11,8 @@ from napari.utils.key_bindings import coerce_keybinding
 
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.columns import severity
+from napari_splinesketch.plugin import films, words
+from napari_splinesketch.plugin.layers.looks import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
@@ -54,9 +54,7 @@ class Command:
 
 def flip(controller: Controller) -> None:
     """Let the selected curves begin where they ended."""
-    chosen = _chosen(controller)
-    if chosen:
-        turned = [replace(r, curve=editing.flipped(r.curve)) for r in chosen]
+    if turned := [replace(r, curve=editing.flipped(r.curve)) for r in _chosen(controller)]:
         _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
 
 
@@ -67,14 +65,14 @@ def split(controller: Controller) -> None:
         return
     try:
         at = editing.nearest(record.curve, _place(controller))[0]
-        pieces = editing.split(record.curve, at)
+        first, rest = editing.split(record.curve, at)
     except ValueError as error:
         controller.say(str(error))
         return
-    state = controller.state
-    number = max(other.id for other in (*state.records, *state.deleted)) + 1
-    second = Record(number, record.frame, pieces[1].points, pieces[1], drawn=False, edited=True)
-    _put(controller, f"Split curve {record.id}", [_edited(record, pieces[0]), second])
+    other = Record(
+        controller.state.last + 1, record.frame, rest.points, rest, drawn=False, edited=True
+    )
+    _put(controller, f"Split curve {record.id}", [_edited(record, first), other])
 
 
 def join(controller: Controller) -> None:
@@ -106,13 +104,6 @@ def _all_locked(controller: Controller) -> bool:
     return bool(chosen) and all(record.locked for record in chosen)
 
 
-def _refine(controller: Controller) -> str:
-    """Say what Refine would do."""
-    if controller.knots and controller.selection:
-        return f"Refine curve {controller.selection[0][1]}"
-    return words.button(controller.request())
-
-
 def pick(controller: Controller, *, add: bool = False) -> None:
     """Select the curve that the pointer is at, beside those selected or instead of them."""
     found = _pointed(controller)
@@ -138,7 +129,7 @@ def judge(controller: Controller, review: Review) -> None:
 
 def go_to(controller: Controller, key: Key) -> None:
     """Select a curve, and bring it to the middle of the canvas."""
-    record, image = controller.state.record(key), controller.choices.image
+    record, image = controller.state.by_key.get(key), controller.choices.image
     if record is not None and image is not None:
         controller.selected = key
         look_at(controller.viewer, image, record.frame, record.curve.points)
@@ -207,7 +198,9 @@ COMMANDS = (
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
-            problem=lambda c: "" if c.knots else c.request().problem, label=_refine),
+            problem=lambda c: "" if c.knots else c.request().problem,
+            label=lambda c: f"Refine curve {c.knots.number}" if c.knots else
+            words.button(c.request())),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
             "Refine each line as soon as it is drawn, while you draw the next"),
     Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
@@ -229,11 +222,11 @@ COMMANDS = (
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: (c.knots or c).undo(),
+    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(),
             "Undo the last step",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: (c.knots or c).redo(),
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(),
             "Redo what was undone",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
@@ -249,26 +242,23 @@ COMMANDS = (
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
             problem=lambda c: c.suggestions.problem()),
-    Command("previous_frame", "◂ Previous", "Shift+F", lambda c: c.films.track(-1, 1),
+    Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
-            problem=lambda c: c.films.tracking_problem(-1)),
-    Command("next_frame", "Next ▸", "Q", lambda c: c.films.track(1, 1),
+            problem=lambda c: films.tracking_problem(c, -1)),
+    Command("next_frame", "Next ▸", "Q", lambda c: films.track(c, 1, 1),
             "Carry the curves to the next frame, refine them there and show it", "film",
-            problem=lambda c: c.films.tracking_problem(1)),
-    Command("track_back", "◂ Track to first", "", lambda c: c.films.track(-1),
+            problem=lambda c: films.tracking_problem(c, 1)),
+    Command("track_back", "◂ Track to first", "", lambda c: films.track(c, -1),
             "Carry the curves back to the first frame", "film",
-            problem=lambda c: c.films.tracking_problem(-1)),
-    Command("track", "Track to last ▸", "", lambda c: c.films.track(1),
+            problem=lambda c: films.tracking_problem(c, -1)),
+    Command("track", "Track to last ▸", "", lambda c: films.track(c, 1),
             "Carry the curves on to the last frame", "film",
-            problem=lambda c: c.films.tracking_problem(1)),
-    Command("around", "Refit around", "", lambda c: c.films.around(),
+            problem=lambda c: films.tracking_problem(c, 1)),
+    Command("around", "Refit around", "", lambda c: films.around(c),
             "Carry the curves that you corrected in this frame, or the selected ones of them,\n"
             "to the frames before and after it, as far as that changes anything", "film",
-            problem=lambda c: c.films.around_problem()),
+            problem=lambda c: films.around_problem(c)),
 )  # fmt: skip
-
-
-Bound = Callable[[ViewerModel], None]
 
 
 class Commands:
@@ -287,7 +277,7 @@ class Commands:
     ):
         self._viewer, self._controller, self._heard = viewer, controller, heard
         self._commands = {command.id: command for command in table}
-        self._bound: dict[str, tuple[Any, Bound]] = {}
+        self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
         self.rebind({})
 
     def __iter__(self) -> Iterator[Command]:
@@ -295,10 +285,6 @@ class Commands:
 
     def __getitem__(self, name: str) -> Command:
         return self._commands[name]
-
-    def at(self, place: Place) -> list[str]:
-        """Give the commands whose buttons belong to a place."""
-        return [command.id for command in self if command.place == place]
 
     def run(self, name: str) -> None:
         """Do it."""

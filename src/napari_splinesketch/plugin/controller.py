@@ -19,21 +19,13 @@ from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.commands import Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
-from napari_splinesketch.plugin.films import Films, Suggestions
-from napari_splinesketch.plugin.keeper import Keeper, Notice, Work
+from napari_splinesketch.plugin.films import Suggestions
+from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.knots import KnotEditing
-from napari_splinesketch.plugin.layers.drawn import (
-    MANY,
-    begin_drawing,
-    clicked,
-    drawing,
-    new_sketch_layer,
-    select_curves,
-    shapes_in,
-)
-from napari_splinesketch.plugin.layers.pixels import block_around
+from napari_splinesketch.plugin.layers import drawn
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Preview, is_result
-from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame
+from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
 
@@ -57,9 +49,7 @@ class Controller(Keeper):
         self.left: float | None = None
         self._closed = False
         # The same question has the same answer.
-        self.plan = lru_cache(2)(
-            lambda drawn, state, *asked: make_plan(state, asked[0], drawn.lines, *asked[1:])
-        )
+        self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
         self._preview: Preview | None = None
@@ -67,8 +57,7 @@ class Controller(Keeper):
         self._on: Work | None = None
         self._told: list[Image] = []
         self._began = 0.0
-        self.knots: KnotEditing | None = None
-        self.suggestions, self.films = Suggestions(self), Films(self)
+        self.suggestions = Suggestions(self)
         self.actions = Commands(viewer, self, self._is_meant)
         self.actions.rebind(self.settings.keys)
         self.changes.clicked.connect(lambda shift: pick(self, add=shift))
@@ -80,9 +69,7 @@ class Controller(Keeper):
         # Later: napari is still busy with the line.
         self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
 
-    def request(self, scope: Scope = "new") -> Plan:
-        """Say what Refine would do now; selected lines go before those that are new."""
-        return request(self, scope)
+    request = request
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
@@ -101,15 +88,8 @@ class Controller(Keeper):
         lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)
         work_out = partial(engine.run, block, lines, wanted.fixed, self.how(image))
-        preview = Preview(self.viewer, image, "preview", f"{work.name} on the way")
-
-        def see(progress: Progress) -> None:
-            if progress.centrelines:
-                preview.show(wanted.frame, progress.centrelines)
-
-        self._preview = preview
-        done = partial(self._on_refined, work, wanted)
-        self.start(work_out, done, "Refining", see, on=work)
+        self._preview = Preview(self.viewer, image, wanted.frame, f"{work.name} on the way")
+        self.start(work_out, partial(self._on_refined, work, wanted), "Refining", on=work)
 
     def start(
         self,
@@ -156,11 +136,6 @@ class Controller(Keeper):
         """Whether Cancel can still keep what runs from changing anything."""
         return self._job is not None
 
-    @property
-    def waited(self) -> float:
-        """For how long the user has waited for what she started last, s."""
-        return perf_counter() - self._began
-
     def finish(self, notice: Notice) -> None:
         """End what runs, and say what came of it."""
         if self._job:
@@ -194,7 +169,7 @@ class Controller(Keeper):
         if self.knots:
             self.knots.keep()
             return
-        record = self.state.record(self.selected) if self.selected else None
+        record = self.state.by_key.get(self.selected) if self.selected else None
         if self.work is None or record is None or record.locked or self.progress:
             locked = record is not None and record.locked
             self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
@@ -207,21 +182,21 @@ class Controller(Keeper):
         if self.choices.sketches is None:
             self.new_sketches()
         else:
-            begin_drawing(self.choices.sketches, self.viewer)
+            drawn.begin_drawing(self.choices.sketches, self.viewer)
 
     def draw_or_select(self) -> None:
         """Draw lines; or, while drawing, go back to selecting curves."""
-        layer = self.choices.sketches
-        curves = self.work.layer("curves") if self.work else None
-        if layer is not None and curves is not None and drawing(self.viewer, layer):
-            select_curves(self.viewer, curves)
+        layer, curves = self.choices.sketches, self.work and self.work.curves.layer
+        if layer is not None and curves is not None and drawn.drawing(self.viewer, layer):
+            self.viewer.layers.selection.active = curves
+            curves.mode = "pan_zoom"
         else:
             self.draw()
 
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""
         if self.choices.image is not None:
-            new_sketch_layer(self.viewer, self.choices.image)
+            drawn.new_sketch_layer(self.viewer, self.choices.image)
 
     def export(self, path: str | Path, *, overwrite: bool = True, rejected: bool = False) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
@@ -270,12 +245,12 @@ class Controller(Keeper):
         if event.value is image and len(self.viewer.layers) == 1:
             go_to_frame(self.viewer, image, 0)
         elif event.value is layer and layer is not None and layer.nshapes:
-            frames = [frame for frame, _ in shapes_in(self.viewer, layer, image)]
+            frames = [frame for frame, _ in drawn.shapes_in(self.viewer, layer, image)]
             go_to_frame(self.viewer, image, min(frames))
 
     def _on_edited(self) -> None:
         layer = self.choices.sketches
-        if layer is None or layer.nshapes < MANY:
+        if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()
         elif not self.progress:  # at the end of what runs, all is looked at anyway
             self._soon()
@@ -283,14 +258,15 @@ class Controller(Keeper):
     def _is_meant(self) -> bool:
         """Whether a key is meant for us: a layer that we have to do with is active, or none."""
         layer = self.viewer.layers.selection.active
-        ours = None, self.choices.image, self.choices.sketches
-        return layer in ours or (layer is not None and is_result(layer))
+        return layer in (None, self.choices.image, self.choices.sketches) or is_result(layer)
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
-        share, spent = progress.fraction, self.waited
+        share, spent = progress.fraction, perf_counter() - self._began
         known = spent > KNOWN_AFTER and share > 0.05
         self.left = spent * (1 - share) / share if known else None
+        if self._preview and progress.centrelines:
+            self._preview.show(progress.centrelines)
         self.changes.progress.emit()
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
@@ -307,7 +283,9 @@ class Controller(Keeper):
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
-            self.finish(Notice("done", words.done("Refined", len(fresh), "curve", self.waited)))
+            waited = perf_counter() - self._began
+            said = f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s."
+            self.finish(Notice("done", said))
             self._refine_at_once()
 
         self.show(work, over)
@@ -315,7 +293,7 @@ class Controller(Keeper):
     def _on_drawn(self) -> None:
         """Refine what was drawn, if she wants it so; a click beside it all selects a curve."""
         image, layer = self.choices.image, self.choices.sketches
-        if image and layer and drawing(self.viewer, layer) and clicked(self.viewer, layer, image):
+        if image and layer and drawn.clicked(self.viewer, layer, image):
             layer.remove([layer.nshapes - 1])
             pick(self)
         else:
@@ -347,6 +325,6 @@ class Controller(Keeper):
                 said = f"{name!r} was removed: what was running on it ended."
                 self.finish(Notice("cancelled", said))
         for work in self.works:
-            if work.layers.deleted():
+            if work.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changes.curves.emit()

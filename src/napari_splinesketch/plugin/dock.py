@@ -1,6 +1,7 @@
 """The dock: sketch, refine, export."""
 
 import atexit
+import gc
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -17,26 +18,14 @@ from qtpy.QtGui import QHideEvent, QShowEvent
 from qtpy.QtWidgets import QCheckBox, QDockWidget, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from napari_splinesketch.plugin import boxes, engine, words
+from napari_splinesketch.plugin import boxes, engine, widgets, words
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
-from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
+from napari_splinesketch.plugin.layers.space import frame_count
 from napari_splinesketch.plugin.resume import OfferBox
 from napari_splinesketch.plugin.saver import Saver
-from napari_splinesketch.plugin.widgets import (
-    Column,
-    CommandButton,
-    CommandButtons,
-    Folded,
-    LayerChoice,
-    TextLabel,
-    button,
-    enable,
-    form,
-    grid,
-    stack,
-)
+from napari_splinesketch.plugin.widgets import Button, CommandButton, LayerChoice, TextLabel
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.review import ReviewPanel
@@ -88,10 +77,10 @@ class SplinesketchDock(QWidget):
             *("Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP),
             new="New layer",
         )
-        self.draw = button("Draw lines", DRAW_TIP, controller.draw)
+        self.draw = Button("Draw lines", DRAW_TIP, controller.draw)
         self.offer = OfferBox(controller, self.saver)
         self.suggest = boxes.SuggestBox(controller)
-        self.settings_form = boxes.SettingsForm(controller.choose)
+        self.settings_form = boxes.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
         self.preset.tooltip = "\n".join([self.preset.tooltip, *words.PRESET_TIPS.values()])
         self.at_once = QCheckBox(controller.actions["at_once"].name)
@@ -100,9 +89,9 @@ class SplinesketchDock(QWidget):
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         self.more = boxes.RefineMenu(controller)
         self.curve = boxes.CurveBox(controller)
-        self.track = CommandButtons(controller.actions, "film", 2)
+        self.track = widgets.CommandButtons(controller.actions, "film", 2)
         self.results = TextLabel()
-        self.review = button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
+        self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = boxes.EyeBox(controller)
         self.look = boxes.LookBox(lambda by: controller.choose(colour_by=by))
@@ -110,35 +99,37 @@ class SplinesketchDock(QWidget):
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
-        self.notes = Folded("Model", words.NOTES_TIP, self.said)
-        self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
+        self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
+        self.settings = widgets.Folded(
+            "Settings", "Options, kept for next time", self.settings_form
+        )
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = boxes.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
         self.saved.setEllipsesWidth(EDGE)
-        self.export = button("Export…", "", self._ask_where)
+        self.export = Button("Export…", "", self._ask_where)
         self.rejected = QCheckBox("Export rejected curves too")
         self.rejected.setToolTip("Normally, rejected curves are left out of the file")
 
     def _lay_out(self) -> None:
         begin, steps, texts, below = QWidget(), QWidget(), QWidget(), QWidget()
         self.content = QWidget()
-        grid(begin, (self.draw, self.suggest.button), 2)
-        grid(steps, (self.undo, self.redo), 2)
-        chosen = form(self.image, self.sketches, self.preset)
+        widgets.grid(begin, (self.draw, self.suggest.button), 2)
+        widgets.grid(steps, (self.undo, self.redo), 2)
+        chosen = widgets.form(self.image, self.sketches, self.preset)
         rows = (
             *(chosen, begin, self.suggest, self.at_once, (self.refine, self.more)),
             *(self.curve, self.track, (self.results, self.review), self.eyes, self.look),
             *(steps, self.notes, self.settings),
         )
-        stack(self.content, *rows, margin=4).addStretch(1)
-        stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
+        widgets.stack(self.content, *rows, margin=4).addStretch(1)
+        widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         pinned = (self.offer, texts, self.progress, self.rejected, self.export, self.saved)
-        stack(below, *pinned, margin=4)
-        stack(self, Column(self.content), below).setStretch(0, 1)
+        widgets.stack(below, *pinned, margin=4)
+        widgets.stack(self, widgets.Column(self.content), below).setStretch(0, 1)
         self.setMinimumWidth(220)
 
     def _connect(self) -> None:
@@ -156,7 +147,7 @@ class SplinesketchDock(QWidget):
             self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
-            self._show_settings: (*frame, changes.settings),
+            self.settings_form.show_state: (*frame, changes.settings),
             self._show_steps: (*curves, changes.mode, *command),
             self._show_export: (*curves, changes.busy),
         }
@@ -171,7 +162,9 @@ class SplinesketchDock(QWidget):
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
-        job.done.connect(lambda _: engine.tidy())
+        # Python looks through all that there is whenever there is a quarter more: once all is
+        # imported, to do it puts it off for long, where it would fall into the first refinement.
+        job.done.connect(lambda _: gc.collect())
         timer = QTimer(self)
         timer.setSingleShot(True)
         timer.timeout.connect(job.start)
@@ -233,7 +226,7 @@ class SplinesketchDock(QWidget):
         self.image.show_layers(choices.image)
         self.sketches.show_layers(choices.sketches)
         tip = f"{DRAW_TIP} ({self.controller.actions['draw'].key})"
-        enable(self.draw, "" if choices.image else "Open an image first", tip)
+        widgets.enable(self.draw, "" if choices.image else "Open an image first", tip)
 
     def _show_place(self) -> None:
         """Say where work is saved: a folder appears beside the user's data."""
@@ -261,15 +254,9 @@ class SplinesketchDock(QWidget):
 
     def _show_film(self) -> None:
         image = self.controller.choices.image
-        film = image is not None and frame_count(image) > 1
-        self.track.setVisible(film)
-        if film:
+        self.track.setVisible(image is not None and frame_count(image) > 1)
+        if not self.track.isHidden():
             self.track.show_state()
-
-    def _show_settings(self) -> None:
-        controller = self.controller
-        ruler = ruler_of(controller.choices.image)
-        self.settings_form.show_settings(controller.settings, ruler)
 
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work
@@ -289,7 +276,7 @@ class SplinesketchDock(QWidget):
         records = self.controller.records()
         nothing = "" if records else "Nothing to export yet: refine first"
         running = "Something is running" if self.controller.progress else ""
-        enable(self.export, nothing or running, words.EXPORT_TIP)
+        widgets.enable(self.export, nothing or running, words.EXPORT_TIP)
         self.rejected.setVisible("rejected" in [record.review for record in records])
 
     def _show_steps(self) -> None:
@@ -310,10 +297,8 @@ class SplinesketchDock(QWidget):
         image = self.controller.choices.image
         if image is None:
             return
-        source = image.source.path
-        folder = Path(source).parent if source else Path.home()
-        answer = boxes.ask_where(self, folder, f"{image.name}_labels")
-        if answer:
+        folder = Path(image.source.path).parent if image.source.path else Path.home()
+        if answer := boxes.ask_where(self, folder, f"{image.name}_labels"):
             path, overwrite = answer
             also = self.rejected.isChecked()
             self.controller.export(path, overwrite=overwrite, rejected=also)

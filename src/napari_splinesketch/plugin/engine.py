@@ -1,13 +1,12 @@
 """The plugin's only door to the engine, and the threads that go through it to JAX."""
 
 import atexit
-import gc
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
-from typing import Any, Literal, cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,9 +14,9 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
-from napari_splinesketch.grids import Grid, Patch
-from napari_splinesketch.plugin.layers.pixels import Block
-from napari_splinesketch.plugin.model import Line, Refined, new_among
+from napari_splinesketch.grids import Patch
+from napari_splinesketch.plugin.layers.space import Block
+from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 
 POLL_MS = 50
@@ -46,7 +45,9 @@ def run(
     on_progress(Progress("reading the image", 0.0))
     pixels, grid = block.read(), block.grid
     lines = [grid.to_block(line) for line in lines]
-    low, high = _region(lines)
+    # The part of the image that the engine explains, as `engine.refine` has it.
+    points, margin = np.concatenate(lines), MARGIN + lengths_of(lines).max() / 2
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     curves = [grid.curve_to_block(curve) for curve in fixed]
     near = [c for c in curves if ((c.points >= low) & (c.points <= high)).all(axis=1).any()]
 
@@ -58,35 +59,24 @@ def run(
     result = refine(
         pixels, lines, how.preset, **_options(how, grid.size), fixed=near, on_progress=tell
     )
-    return _taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
+    return taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
 
 
-def refined_of(view: View, refinement: Refinement, curves: Sequence[Curve]) -> Refined:
-    """Give a tracked frame's refinement in pixels of the image."""
-    last = np.array(refinement.reconstruction.shape) - 1.0
-    return _taken(refinement, cast(Grid, view.place), curves, np.zeros(2), last)
-
-
-def _taken(
+def taken(
     result: Refinement,
-    grid: Grid,
+    grid: Any,
     curves: Sequence[Curve],
-    low: Float[np.ndarray, "2"],
-    high: Float[np.ndarray, "2"],
+    low: Float[np.ndarray, "2"] | None = None,
+    high: Float[np.ndarray, "2"] | None = None,
 ) -> Refined:
-    """Take a refinement over, of a region of the pixels that were read."""
+    """Take a refinement over, of a region of the pixels on a grid that were read, or of all."""
     # Half of the bytes, and as good as what is shown.
     pictures = (result.reconstruction, result.background)
     patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
+    low = np.zeros(2) if low is None else low
+    high = np.subtract(patch.pixels.shape, 1.0) if high is None else high
     region = grid.to_image(low), grid.to_image(high)
     return Refined(tuple(curves), patch, result.model.notes, region)
-
-
-def _region(lines: Sequence[Line]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Corners of the part of the image that the engine explains: as `engine.refine` has it."""
-    longest = max(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
-    points = np.concatenate(lines)
-    return points.min(0) - MARGIN - longest / 2, points.max(0) + MARGIN + longest / 2
 
 
 def refine(
@@ -172,23 +162,15 @@ def warm_up(_: OnProgress) -> None:
         import_module("napari_splinesketch.plugin.plots")
 
 
-def tidy() -> None:
-    """Let Python collect garbage, once all is imported; to be called in the window's thread.
-
-    It looks through all that there is whenever there is a quarter more: to do it now puts it off
-    for long, where it would fall into the first refinement.
-    """
-    gc.collect()
-
-
-@dataclass(eq=False)
-class _Worker:
+class _Worker(threading.Thread):
     """The thread's side: knows neither Qt nor napari, so that it may end when it likes."""
 
-    work: Callable[[OnProgress], Any] | None
-    news: Progress | None = None
-    outcome: tuple[Literal["done", "failed"], Any] | None = None
-    cancelled: bool = False
+    def __init__(self, work: Callable[[OnProgress], Any]):
+        super().__init__(name="splinesketch", daemon=True)
+        self.work: Callable[[OnProgress], Any] | None = work
+        self.news: Progress | None = None
+        self.outcome: tuple[str, Any] | None = None
+        self.cancelled = False
 
     def run(self) -> None:
         """Do the work; whoever still holds the job does not hold the arrays that it worked on."""
@@ -202,7 +184,7 @@ class _Worker:
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
             del work
-            _threads.pop(self, None)
+            _running.discard(self)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress
@@ -230,9 +212,8 @@ class Job(QObject):
 
     def start(self) -> None:
         """Begin."""
-        thread = threading.Thread(target=self._worker.run, name="splinesketch", daemon=True)
-        _threads[self._worker] = thread
-        thread.start()
+        _running.add(self._worker)
+        self._worker.start()
         self._timer.start()
 
     def cancel(self) -> None:
@@ -242,8 +223,8 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        if thread := _threads.get(self._worker):
-            thread.join(PATIENCE)
+        if self._worker in _running:
+            self._worker.join(PATIENCE)
         self._look()
 
     def _look(self) -> None:
@@ -257,11 +238,11 @@ class Job(QObject):
             (self.done if kind == "done" else self.failed).emit(value)
 
 
-_threads: dict[_Worker, threading.Thread] = {}
+_running: set[_Worker] = set()
 
 
 @atexit.register
 def _wait_for_threads() -> None:
-    for worker, thread in tuple(_threads.items()):
+    for worker in tuple(_running):
         worker.cancelled = True
-        thread.join(PATIENCE)
+        worker.join(PATIENCE)

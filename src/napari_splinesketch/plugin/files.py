@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import npe2
 import numpy as np
@@ -44,7 +44,7 @@ from napari_splinesketch.synthetic import rotate, scene
 if TYPE_CHECKING:
     from napari import Viewer
 
-    from napari_splinesketch.plugin.keeper import Work
+    from napari_splinesketch.plugin.layers.results import Work
 
 PLUGIN = "napari-splinesketch"
 KNOTS = 10
@@ -155,14 +155,12 @@ def _is_labels(path: str) -> bool:
 
 def labels_of(work: Work, *, rejected: bool = True) -> Labels:
     """Label the curves of an image, with or without those that the user has rejected."""
+    image, wanted = work.image, [r for r in work.records if rejected or r.review != "rejected"]
     labels = [
         Label.from_curve(r.curve, frame=r.frame, identity=r.id, review=r.review, locked=r.locked)
-        for r in work.records
-        if rejected or r.review != "rejected"
+        for r in wanted
     ]
-    image = work.image
-    size = pixel_size(image.scale.tolist(), image.units)
-    return Labels(tuple(labels), *size, size_of(image))
+    return Labels(tuple(labels), *pixel_size(image.scale.tolist(), image.units), size_of(image))
 
 
 def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:
@@ -170,68 +168,52 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
 
     A line that is a known curve keeps all that is known of it; any other one is a sketch.
     """
-    origin = _origin(meta.get("metadata", {}))
+    kept = meta.get("metadata", {})
+    origin = labels_of(kept[OWNER]) if OWNER in kept else kept.get(LABELS, Labels())
     known = {(label.frame, label.curve): label for label in origin.labels}
     drawn = dict(zip(known, thinned([label.points for label in known.values()]), strict=True))
-    features = meta.get("features", {})
-    numbers = features["id"] if "id" in features else range(1, len(shapes) + 1)
+    numbers = map(int, meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
     labels = []
-    kinds = meta["shape_type"]
-    for line, kind, number in zip(shapes, kinds, map(int, numbers), strict=True):
+    for line, kind, number in zip(shapes, meta["shape_type"], numbers, strict=True):
         if kind not in LINES:
             continue
         frame = int(np.round(line[0, 0])) if line.shape[1] > 2 else 0
         points = np.asarray(line[:, -2:])
         key = frame, number
-        if key in known and _same(points, known[key].points, drawn[key]):
-            label = known[key]
-        else:
-            label = Label.from_sketch(points, frame=frame, identity=number)
-        labels.append(label)
+        # The curve's own points or those that are drawn, in the single precision of Shapes layers.
+        lines = [known[key].points, drawn[key]] if key in known else []
+        same = any(np.array_equal(line.astype(points.dtype), points) for line in lines)
+        sketch = Label.from_sketch(points, frame=frame, identity=number)
+        labels.append(known[key] if same else sketch)
     registry = pint.get_application_registry()
     units = [registry.Unit(str(unit)) for unit in meta["units"]]
     size = pixel_size(meta["scale"], units)
     return Labels(tuple(labels), *size, origin.shape, origin.provenance)
 
 
-def _same(points: Float[np.ndarray, "N 2"], *lines: Float[np.ndarray, "_ 2"]) -> bool:
-    """Whether points are those of one of some lines, in the single precision of Shapes layers."""
-    return any(np.array_equal(line.astype(points.dtype), points) for line in lines)
-
-
-def _origin(metadata: Mapping[str, Any]) -> Labels:
-    if LABELS in metadata:
-        return metadata[LABELS]
-    return labels_of(metadata[OWNER]) if OWNER in metadata else Labels()
-
-
 def layer_of_labels(labels: Labels, name: str) -> LayerData:
     """Make the data of a Shapes layer that shows labels."""
-    film = any(label.frame for label in labels.labels)
-    leading = int(film)
+    every, colours = labels.labels, COLOURS | {"sketch": COLOUR}
+    film = any(label.frame for label in every)
     # At (frame, row, col), or at (row, col) where there is one frame.
-    shapes = [
-        np.insert(label.points, 0, label.frame, axis=1) if film else label.points
-        for label in labels.labels
-    ]
-    colours = COLOURS | {"sketch": COLOUR}
+    shapes = [np.insert(a.points, 0, a.frame, axis=1) if film else a.points for a in every]
     meta: dict[str, Any] = {
         "name": name,
-        "ndim": 2 + leading,
+        "ndim": 2 + film,
         "shape_type": "path",
-        "edge_color": [colours[label.status] for label in labels.labels] or COLOUR,
+        "edge_color": [colours[label.status] for label in every] or COLOUR,
         "edge_width": 1,
         "face_color": "transparent",
         "features": {
-            "id": [label.curve for label in labels.labels],
-            "frame": [label.frame for label in labels.labels],
-            "length": [float(label.arc_length[-1]) for label in labels.labels],
-            "half_width_mean": [float(np.mean(label.half_width)) for label in labels.labels],
-            "status": [str(label.status) for label in labels.labels],
+            "id": [label.curve for label in every],
+            "frame": [label.frame for label in every],
+            "length": [float(label.arc_length[-1]) for label in every],
+            "half_width_mean": [float(np.mean(label.half_width)) for label in every],
+            "status": [str(label.status) for label in every],
         },
         "metadata": {LABELS: labels},
     }
-    return shapes, meta | _placed(labels, 2 + leading), "shapes"
+    return shapes, meta | _placed(labels, 2 + film), "shapes"
 
 
 def read_with(layer: Shapes) -> Labels:
@@ -254,12 +236,9 @@ def read_with(layer: Shapes) -> Labels:
 
 def _placed(labels: Labels, ndim: int) -> dict[str, Any]:
     """Give scale and units of a layer that shows labels, as far as they are known."""
-    first, meta = ndim - 2, {}
-    if labels.scale:
-        meta["scale"] = (*[1.0] * first, *labels.scale)
-    if labels.units:
-        meta["units"] = (*["pixel"] * first, labels.units, labels.units)
-    return meta
+    first, units = ndim - 2, labels.units
+    placed = {"scale": (*[1.0] * first, *labels.scale)} if labels.scale else {}
+    return placed | ({"units": (*["pixel"] * first, units, units)} if units else {})
 
 
 def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
@@ -270,21 +249,17 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
     curves = [label for label in labels.labels if label.status != "sketch"]
     here = [label for label in curves if label.frame < frames]
     first = int(any(label.curve == 0 for label in here))
-    made = [
-        Record(r.curve + first, r.frame, r.points, _curve_of(r), r.review, r.locked) for r in here
-    ]
+    made = []
+    for label in here:
+        even, status = label.resampled(POINTS), cast(Status, label.status)
+        width = np.interp(np.linspace(0, 1, KNOTS), np.linspace(0, 1, POINTS), even.half_width)
+        knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])
+        reasons = () if status == "good" else (READ,)
+        # How well it explained the image is in no file.
+        curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
+        number, line = label.curve + first, label.points
+        made.append(Record(number, label.frame, line, curve, label.review, label.locked))
     return tuple(made), len(curves) - len(here)
-
-
-def _curve_of(label: Label) -> Curve:
-    even = label.resampled(POINTS)
-    at = np.linspace(0, POINTS - 1, KNOTS)
-    width = np.interp(at, np.arange(POINTS), even.half_width)
-    knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])
-    status: Status = "failed" if label.status == "sketch" else label.status
-    reasons = () if status == "good" else (READ,)
-    # How well it explained the image is in no file.
-    return Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
 
 
 def worms_dense() -> list[LayerData]:

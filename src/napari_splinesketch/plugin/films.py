@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import Notice, Work
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn
-from napari_splinesketch.plugin.layers.pixels import block_around
-from napari_splinesketch.plugin.layers.space import frame_count, go_to_frame, plane_problem, size_of
+from napari_splinesketch.plugin.layers.results import Work
+from napari_splinesketch.plugin.layers.space import (
+    block_around,
+    frame_count,
+    go_to_frame,
+    plane_problem,
+    size_of,
+)
 from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.tracking import Body, Given, Tracked
@@ -35,14 +39,6 @@ SUGGEST = "Suggest lines"
 """The name of the step."""
 
 
-class _Suggested(NamedTuple):
-    """What chose the last suggestions, and chooses others when the slider moves."""
-
-    work: Work
-    frame: int
-    choose: engine.Choose
-
-
 class Suggestions:
     """Lines over bodies that nobody has drawn.
 
@@ -52,8 +48,9 @@ class Suggestions:
     def __init__(self, controller: Controller):
         self.sensitivity = 0.5
         self._controller = controller
-        self._last: _Suggested | None = None
-        self._choosing: Job | None = None
+        self._last: tuple[Work, int, engine.Choose] | None = None
+        """Where the last lines are, and what chooses others when the slider moves."""
+        self._choosing: engine.Job | None = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def problem(self) -> str:
@@ -74,9 +71,14 @@ class Suggestions:
             layer = drawn.new_sketch_layer(controller.viewer, image, visible=False)
             QTimer.singleShot(drawn.BREATH_MS, partial(drawn.begin_drawing, layer))
         work, frame = controller.begin(image, layer), controller.frame
-        corners = np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])
-        known = self._known(work, layer, image, frame, work.state.suggested(frame, ()))
-        block = block_around(image, frame, [corners])
+        # Drawn by hand or refined: these bodies need no suggestion.
+        seen = drawn.drawn_in(controller.viewer, layer, image, frame)
+        left = work.state.suggested(frame, ()).suggestions
+        old = work.positions(set(work.state.suggestions).difference(left))
+        pairs = zip(seen.lines, seen.numbers, strict=True)
+        known = [line for line, position in pairs if position not in old]
+        known += [record.curve.points for record in controller.records(frame)]
+        block = block_around(image, frame, [np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])])
         look = partial(engine.suggest, block, known, self.sensitivity, controller.how(image))
         controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
@@ -86,17 +88,6 @@ class Suggestions:
         if self._last is not None:
             self._soon()
 
-    def _known(
-        self, work: Work, layer: Shapes, image: Image, frame: int, cleared: State
-    ) -> Sequence[Line]:
-        """Lines over the bodies that need no suggestion: drawn by hand, or refined."""
-        seen = drawn.drawn_in(self._controller.viewer, layer, image, frame)
-        gone = set(work.state.suggestions).difference(cleared.suggestions)
-        suggested = work.suggested.positions(gone)
-        pairs = zip(seen.lines, seen.numbers, strict=True)
-        mine = [line for line, position in pairs if position not in suggested]
-        return [*mine, *(r.curve.points for r in work.records if r.frame == frame)]
-
     def _on_suggested(
         self, work: Work, frame: int, found: tuple[engine.Choose, tuple[Line, ...]]
     ) -> None:
@@ -104,7 +95,7 @@ class Suggestions:
         if work is not controller.work:
             controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
             return
-        self._last = _Suggested(work, frame, choose)
+        self._last = work, frame, choose
         over = partial(controller.finish, Notice("done", words.suggested(len(lines))))
         state = work.state.suggested(frame, lines)
         if state.suggestions != work.state.suggestions:
@@ -115,24 +106,22 @@ class Suggestions:
     def _choose(self) -> None:
         """Choose lines for another sensitivity, from what was found before."""
         last, controller, sensitivity = self._last, self._controller, self.sensitivity
-        if last is None or last.work is not controller.work or controller.progress:
+        if last is None or last[0] is not controller.work or controller.progress:
             return
         if self._choosing is not None:
             self._soon()
             return
-        self._choosing = Job(lambda _: last.choose(sensitivity))
-        self._choosing.done.connect(partial(self._on_chosen, last, sensitivity))
+        self._choosing = engine.Job(lambda _: last[2](sensitivity))
+        self._choosing.done.connect(partial(self._on_chosen, last))
         self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
         self._choosing.start()
 
-    def _on_chosen(self, last: _Suggested, sensitivity: float, lines: tuple[Line, ...]) -> None:
+    def _on_chosen(self, last: tuple[Work, int, object], lines: tuple[Line, ...]) -> None:
         self._choosing = None
-        controller, work = self._controller, last.work
+        controller, (work, frame, _) = self._controller, last
         if work is not controller.work or controller.progress or last is not self._last:
             return
-        if sensitivity != self.sensitivity:
-            self._soon()
-        state = work.state.suggested(last.frame, lines)
+        state = work.state.suggested(frame, lines)
         if work.history.done == SUGGEST:
             controller.amend(state)
         else:
@@ -140,69 +129,65 @@ class Suggestions:
         controller.tell(Notice("done", words.suggested(len(lines))))
 
 
-class Films:
-    """Carries curves from frame to frame."""
+def tracking_problem(c: Controller, way: int) -> str:
+    """Why there is nothing to carry on (1) or back (-1), or nothing."""
+    problem, image = c.suggestions.problem(), c.choices.image
+    if problem or image is None:
+        return problem
+    if not 0 <= c.frame + way < frame_count(image):
+        return "This is the last frame" if way > 0 else "This is the first frame"
+    known = any(record.usable for record in c.records(c.frame))
+    return "" if known else "There are no curves in this frame: refine it first"
 
-    def __init__(self, controller: Controller):
-        self._controller = controller
 
-    def tracking_problem(self, way: int) -> str:
-        """Why there is nothing to carry on (1) or back (-1), or nothing."""
-        controller, image = self._controller, self._controller.choices.image
-        problem = controller.suggestions.problem()
-        if problem or image is None:
-            return problem
-        if not 0 <= controller.frame + way < frame_count(image):
-            return "This is the last frame" if way > 0 else "This is the first frame"
-        if not any(map(usable, controller.records(controller.frame))):
-            return "There are no curves in this frame: refine it first"
-        return ""
+def track(c: Controller, way: int, most: int | None = None) -> None:
+    """Carry the curves on (1) or back (-1), to the end or over some frames."""
+    if c.work is not None and not tracking_problem(c, way):
+        end = frame_count(c.work.image) if way > 0 else -1
+        _start(c, c.work, bodies_at(c.state, c.frame, way), [range(c.frame + way, end, way)[:most]])
 
-    def track(self, way: int, most: int | None = None) -> None:
-        """Carry the curves on (1) or back (-1), to the end or over some frames."""
-        image, work = self._controller.choices.image, self._controller.work
-        if image is not None and work is not None and not self.tracking_problem(way):
-            here = self._controller.frame
-            frames = range(here + way, frame_count(image) if way > 0 else -1, way)[:most]
-            self._start(work, bodies_at(work.state, here, way), [frames])
 
-    def around_problem(self) -> str:
-        """Why there is nothing to fit again around the frame in view, or nothing."""
-        problem = self._controller.suggestions.problem()
-        return problem or ("" if self._corrected() else NOT_CORRECTED)
+def around_problem(c: Controller) -> str:
+    """Why there is nothing to fit again around the frame in view, or nothing."""
+    known = corrected_at(c.state, c.frame, c.selection)
+    return c.suggestions.problem() or ("" if known else NOT_CORRECTED)
 
-    def around(self) -> None:
-        """Carry corrected curves of the frame in view both ways, until nothing changes."""
-        image, work = self._controller.choices.image, self._controller.work
-        if image is not None and work is not None and not self.around_problem():
-            here = self._controller.frame
-            ways = range(here + 1, frame_count(image)), range(here - 1, -1, -1)
-            self._start(work, self._corrected(), ways, corrected=here)
 
-    def _corrected(self) -> tuple[Body, ...]:
-        c = self._controller
-        return corrected_at(c.state, c.frame, c.selection)
+def around(c: Controller) -> None:
+    """Carry corrected curves of the frame in view both ways, until nothing changes."""
+    if c.work is not None and not around_problem(c):
+        ways = range(c.frame + 1, frame_count(c.work.image)), range(c.frame - 1, -1, -1)
+        _start(c, c.work, corrected_at(c.state, c.frame, c.selection), ways, corrected=c.frame)
 
-    def _start(
-        self,
-        work: Work,
-        bodies: tuple[Body, ...],
-        ways: Sequence[Sequence[int]],
-        corrected: int | None = None,
-    ) -> None:
-        controller, state = self._controller, work.state
-        going = Tracking(controller, work, ways[0], corrected)
-        carry = partial(
-            engine.track,
-            ways,
-            bodies,
-            partial(block_around, work.image),
-            given_by_frame(state),
-            controller.how(work.image),
-            None if corrected is None else curves_by_frame(state),
-            going.results.append,
+
+def _start(
+    controller: Controller,
+    work: Work,
+    bodies: tuple[Body, ...],
+    ways: Sequence[Sequence[int]],
+    corrected: int | None = None,
+) -> None:
+    going = Tracking(controller, work, ways[0], corrected)
+    known = by_frame(work.records)
+    given = {
+        frame: Given(
+            {r.id: r.curve for r in here if _decided(r) and r.usable},
+            whole=all(r.decided for r in here),
         )
-        controller.start(carry, going.over, "Tracking", going.take, going.cancelled, on=work)
+        for frame, here in known.items()
+    }
+    there = {t: {r.id: r.curve for r in here if r.usable} for t, here in known.items()}
+    carry = partial(
+        engine.track,
+        ways,
+        bodies,
+        partial(block_around, work.image),
+        given,
+        controller.how(work.image),
+        None if corrected is None else there,
+        going.results.append,
+    )
+    controller.start(carry, going.over, "Tracking", going.take, going.cancelled, on=work)
 
 
 @dataclass(eq=False)
@@ -267,8 +252,8 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
     there, unless it was deleted.
     """
     ways: dict[int, list[tuple[int, Curve]]] = {}
-    for record in filter(usable, sorted(state.records, key=lambda r: way * r.frame)):
-        if 0 <= way * (frame - record.frame) < PATIENCE:
+    for record in sorted(state.records, key=lambda r: way * r.frame):
+        if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
             ways.setdefault(record.id, []).append((record.frame, record.curve))
     ended = {r.id for r in (*state.deleted, *state.records) if r.frame == frame}
     return tuple(
@@ -284,40 +269,17 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     Of the selected curves, if any of them is in the frame.
     """
     beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
-    mine = [
-        r
-        for r in state.records
-        if r.frame == frame and (r.drawn or r.edited) and usable(r) and r.id in beside
-    ]
-    chosen = [r for r in mine if key_of(r) in selected] or mine
+    here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
+    mine = [record for record in here if record.drawn or record.edited]
+    chosen = [record for record in mine if key_of(record) in selected] or mine
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
-
-
-def curves_by_frame(state: State) -> dict[int, dict[int, Curve]]:
-    """Give all curves that may stay as they are, by frame and number."""
-    return {
-        frame: {r.id: r.curve for r in here if usable(r)}
-        for frame, here in by_frame(state.records).items()
-    }
-
-
-def given_by_frame(state: State) -> dict[int, Given]:
-    """Give what stays as it is: what the user has accepted, locked, drawn or changed."""
-    return {
-        frame: Given(
-            {r.id: r.curve for r in here if _decided(r) and usable(r)},
-            whole=all(r.review == "accepted" or r.locked for r in here),
-        )
-        for frame, here in by_frame(state.records).items()
-    }
 
 
 def taken_in(state: State, tracked: Tracked) -> State:
     """Put a tracked frame into what is known; what was decided meanwhile stays."""
-    view, refinement = tracked.view, tracked.refinement
+    view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
     if view is None or refinement is None:
         return state
-    frame = tracked.frame
     decided = {r.id for r in state.records if r.frame == frame and _decided(r)}
     deleted = {r.id for r in state.deleted if r.frame == frame}
     fresh = [
@@ -325,14 +287,9 @@ def taken_in(state: State, tracked: Tracked) -> State:
         for number, sketch, curve in zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
         if number not in decided | deleted
     ]
-    return state.refined(frame, fresh, engine.refined_of(view, refinement, tracked.curves))
-
-
-def usable(record: Record) -> bool:
-    """Whether a curve can be carried on."""
-    return record.curve.status != "failed" and record.review != "rejected"
+    return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
 
 
 def _decided(record: Record) -> bool:
     """Whether the user has decided on a curve, or made it herself."""
-    return record.review == "accepted" or record.locked or record.drawn or record.edited
+    return record.decided or record.drawn or record.edited

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,29 +16,15 @@ from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin.choices import Changes, Choices, Settings
-from napari_splinesketch.plugin.layers.drawn import (
-    BREATH_MS,
-    MANY,
-    SUFFIX,
-    Drawn,
-    SuggestedLines,
-    drawn_in,
-)
-from napari_splinesketch.plugin.layers.results import ResultLayers
+from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, drawn_in
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import (
-    History,
-    Key,
-    Record,
-    Review,
-    State,
-    bytes_beside,
-    key_of,
-)
+from napari_splinesketch.plugin.model import History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.commands import Commands
+    from napari_splinesketch.plugin.knots import KnotEditing
 
 BACK = "Undo brings them back."
 NOTHING = State()
@@ -52,57 +38,6 @@ class Notice:
     text: str = ""
 
 
-class Work:
-    """The curves of an image, how they came about, and the layers that show them.
-
-    The layers of results come with the first of them; the suggested lines are among the sketches.
-    `selection` are (frame, id) of curves that are selected; some may be gone.
-    """
-
-    def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
-        self.image, self.sketches = image, sketches
-        self.selection: tuple[Key, ...] = ()
-        self.history: History[State] = History(State(), bytes_beside)
-        self.layers, self._layers = ResultLayers(viewer, self), viewer.layers
-        self.suggested = SuggestedLines(viewer, image, sketches)
-
-    @property
-    def name(self) -> str:
-        """What names of layers begin with."""
-        return self.sketches.name.removesuffix(SUFFIX)
-
-    @property
-    def state(self) -> State:
-        """What is known now."""
-        return self.history.value
-
-    @property
-    def records(self) -> tuple[Record, ...]:
-        """The curves of all frames."""
-        return self.state.records
-
-    @property
-    def selected(self) -> tuple[Record, ...]:
-        """The curves that are selected."""
-        known = self.state.by_key
-        return tuple(known[key] for key in self.selection if key in known)
-
-    def layer(self, role: Any) -> Any:
-        """Give the layer of a role, or None where there is none or the user removed it."""
-        return self.sketches if role == "sketches" else self.layers.layer(role)
-
-    def remove(self) -> None:
-        """Remove the layers of results."""
-        for layer in [layer for layer in self._layers if layer.metadata.get(OWNER) is self]:
-            self._layers.remove(layer)
-
-    def show(self) -> Iterator[None]:
-        """Bring the layers in step with what is known, a little at each step."""
-        yield from self.suggested.show(self.state.suggestions)
-        yield from self.layers.show()
-        self.suggested.fade(self.records)
-
-
 class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them.
 
@@ -112,6 +47,7 @@ class Keeper:
     """
 
     actions: Commands
+    knots: KnotEditing | None = None
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
@@ -203,11 +139,11 @@ class Keeper:
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
         chosen = tuple(keys)
+        self._note_selected(chosen)
         if self.work and len(self.work.records) < MANY:
-            self.work.layers.select(chosen)
+            self.work.mark()
         else:
             self._soon_marked()
-        self._note_selected(chosen)
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
@@ -249,12 +185,12 @@ class Keeper:
         self.drawing.start(work, work.show(), shown)
 
     def undo(self) -> None:
-        """Take back the last step."""
-        self._travel("Undone", "undo")
+        """Take back the last step, or the last move of the knots that are shown."""
+        self._travel("Undone", History.undo)
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._travel("Redone", "redo")
+        self._travel("Redone", History.redo)
 
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
@@ -297,7 +233,7 @@ class Keeper:
         self._soon_marked.cancel()
         self.drawing.stop()
         for work in self.works:
-            for signal in work.layers.signals:
+            for signal in work.signals:
                 signal.disconnect()
         self.works.clear()
         for name in self.changes:
@@ -320,7 +256,7 @@ class Keeper:
 
     def _colour(self, work: Work) -> None:
         """Let the colours of curves say what the user wants them to."""
-        if work.layers.colour((self.settings.colour_by, self._ruler_on(work.image))):
+        if work.colour((self.settings.colour_by, self._ruler_on(work.image))):
             self.show(work)
 
     def _change(
@@ -332,18 +268,18 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         """Hear of the user's doings in layers of results."""
-        for signal in work.layers.signals:
+        for signal in work.signals:
             signal.disconnect()
-        work.layers.toggled.connect(self.changes.shown.emit)
+        work.toggled.connect(self.changes.shown.emit)
         # Later: napari is still busy with the edit that it tells of.
-        work.layers.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
-        work.layers.selected.connect(partial(self._on_selected, work))
-        work.layers.clicked.connect(self.changes.clicked.emit)
+        work.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
+        work.marked.connect(partial(self._on_selected, work))
+        work.clicked.connect(self.changes.clicked.emit)
         self._colour(work)
 
     def _adopt(self, work: Work) -> None:
         """Take over what the user deleted among the curves; what she moved goes back."""
-        gone = work.layers.missing() & set(map(key_of, work.records))
+        gone = work.curves.missing() & set(map(key_of, work.records))
         if gone:
             work.history.apply(f"Delete {words.curves(sorted(gone))}", work.state.without(gone))
         elif not self.progress:
@@ -352,8 +288,8 @@ class Keeper:
 
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
-        if work.layers.deleted():
-            work.layers.forget()
+        if work.deleted():
+            work.forget()
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
@@ -361,23 +297,25 @@ class Keeper:
                 self.show(work)
 
     def _on_selected(self, work: Work) -> None:
-        if work is self.work and work.layers.selection() != work.selection:
-            self._note_selected(work.layers.selection())
+        if work is self.work and work.curves.selection() != work.selection:
+            self._note_selected(work.curves.selection())
 
     def _note_selected(self, chosen: tuple[Key, ...]) -> None:
         if self.work and chosen != self.work.selection:
             self.work.selection = chosen
-            for _ in self.work.layers.follow():  # its halo, and its body where that is shown
+            for _ in self.work.follow():  # its halo, and its body where that is shown
                 pass
             self.changes.selection.emit()
 
     def _mark_selected(self) -> None:
         if self.work:
-            self.work.layers.select(self.selection)
+            self.work.mark()
 
-    def _travel(self, said: str, way: Literal["undo", "redo"]) -> None:
-        if self.work and not self.progress:
-            what = getattr(self.work.history, way)()
+    def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
+        if self.knots:
+            self.knots.travel(way)
+        elif self.work and not self.progress:
+            what = way(self.work.history)
             if what:
                 self.tell(Notice("done", f"{said}: {what[0].lower()}{what[1:]}."))
                 self.show(self.work)

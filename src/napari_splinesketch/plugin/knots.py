@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,8 @@ from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.choices import listen
-from napari_splinesketch.plugin.keeper import Notice, Work
+from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Preview, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of
@@ -41,16 +42,17 @@ Knots = Float[np.ndarray, "K 2"]
 class KnotEditing:
     """Shows the knots of a curve, and the curve as they are dragged, until they are kept or not.
 
-    `steps` are the knots, and where they were.
+    `steps` are the knots, and where they were; `number` is that of the curve.
     """
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
         self.steps: History[Knots] = History(record.curve.knots[:, :2])
+        self.number = record.id
         self._controller, self._work, self._record = controller, work, record
         self._slot = Slot(viewer, work.image, "knots", f"{work.name} knots of curve {record.id}")
         self._slot.kind = Points
-        self._preview = Preview(viewer, work.image, "preview", f"{work.name} edited")
+        self._preview = Preview(viewer, work.image, record.frame, f"{work.name} edited")
         self._before = layers.selection.active
         knots = in_stack(work.image, record.frame, self.steps.value)
         layer = self._slot.make(knots, **LOOK)
@@ -77,7 +79,7 @@ class KnotEditing:
         """Put the curve where its knots are, if they were moved."""
         work, record, curve = self._work, self._record, self._curve()
         self.discard()
-        if self.steps.done and work.state.record(key_of(record)) is record:
+        if self.steps.done and work.state.by_key.get(key_of(record)) is record:
             changed = replace(record, curve=curve, edited=True, review="open")
             state = work.state.with_records(changed)
             self._controller.apply(f"Move knots of curve {record.id}", state)
@@ -103,14 +105,9 @@ class KnotEditing:
         controller.tell(Notice())
         controller.changes.mode.emit()
 
-    def undo(self) -> None:
-        """Put the knots back to where they were before the last move."""
-        self.steps.undo()
-        self._put()
-
-    def redo(self) -> None:
-        """Move the knots again."""
-        self.steps.redo()
+    def travel(self, way: Callable[[History[Knots]], object]) -> None:
+        """Go back or on through the moves of the knots."""
+        way(self.steps)
         self._put()
 
     def _put(self) -> None:
@@ -139,7 +136,7 @@ class KnotEditing:
         return moved(self._record.curve, self._value())
 
     def _show(self) -> None:
-        self._preview.show(self._record.frame, [self._curve().points])
+        self._preview.show([self._curve().points])
 
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""

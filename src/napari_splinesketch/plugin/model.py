@@ -54,6 +54,16 @@ class Record:
     drawn: bool = True
     edited: bool = False
 
+    @property
+    def decided(self) -> bool:
+        """Whether the user wants it to stay as it is."""
+        return self.locked or self.review == "accepted"
+
+    @property
+    def usable(self) -> bool:
+        """Whether it says where a body is."""
+        return self.curve.status != "failed" and self.review != "rejected"
+
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
@@ -180,9 +190,10 @@ class State:
     patches: Mapping[int, Patch] = field(default_factory=dict)
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
-    def record(self, key: Key) -> Record | None:
-        """Give a record by frame and id."""
-        return self.by_key.get(key)
+    @property
+    def last(self) -> int:
+        """The highest number that a curve has had."""
+        return max([record.id for record in (*self.records, *self.deleted)], default=0)
 
     @cached_property
     def by_key(self) -> Mapping[Key, Record]:
@@ -201,9 +212,8 @@ class State:
 
     def without(self, keys: Collection[Key]) -> "State":
         """Delete some curves."""
-        gone = self._among(keys)
-        left = set(self.records).difference(gone)
-        kept = tuple([record for record in self.records if record in left])
+        gone = dict.fromkeys(self._among(keys))
+        kept = tuple([record for record in self.records if record not in gone])
         return replace(self, records=kept, deleted=(*self.deleted, *gone))
 
     def restored(self, keys: Collection[Key]) -> "State":
@@ -217,12 +227,11 @@ class State:
 
     def set_aside(self, keys: Collection[Key]) -> "State":
         """Delete curves that are drawn again: under other numbers, as theirs go on."""
-        last = max([record.id for record in (*self.records, *self.deleted)], default=0)
-        aside = [replace(r, id=last + i) for i, r in enumerate(self._among(keys), 1)]
+        aside = [replace(r, id=self.last + i) for i, r in enumerate(self._among(keys), 1)]
         return replace(self, deleted=(*self.deleted, *aside))
 
     def _among(self, keys: Collection[Key]) -> list[Record]:
-        return [record for key in sorted(set(keys)) if (record := self.record(key)) is not None]
+        return [record for key in sorted(set(keys)) if (record := self.by_key.get(key)) is not None]
 
     def suggested(self, frame: int, lines: Collection[Line]) -> "State":
         """Suggest lines in a frame, in the place of those that have not become curves."""
@@ -281,9 +290,7 @@ class History(Generic[T]):
     def apply(self, what: str, value: T) -> None:
         """Put a value in the place of the present one; `what` says why."""
         self._done.append((what, self.value))
-        self._undone.clear()
-        self.value = value
-        self._forget()
+        self.amend(value)
 
     def amend(self, value: T) -> None:
         """Put a value in the place of the present one, as part of the last step."""

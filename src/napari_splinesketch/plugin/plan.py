@@ -108,7 +108,7 @@ def make_plan(
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
         if not (asked or (not chosen and _wanted(scope, known, same[i], number in deleted))):
             continue
-        if known is not None and number not in deleted and _decided(known):
+        if known is not None and number not in deleted and known.decided:
             decided += 1
         elif known is not None and known.edited and same[i]:
             targets.append(Target(number, line, known.curve.points, new=False))
@@ -119,15 +119,14 @@ def make_plan(
     alone = [] if chosen else [record for record in here if record.id not in lined]
     for record in alone:
         asked = scope == "selected" and key_of(record) in selection
-        if (asked or _wanted(scope, record, True, False)) and not _decided(record):
+        if (asked or _wanted(scope, record, True, False)) and not record.decided:
             start = record.curve.points
             targets.append(Target(record.id, record.sketch, start, False, record.drawn))
-        decided += asked and _decided(record)
+        decided += asked and record.decided
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     left = len(lined & deleted - moving)
-    explained = [r for r in here if r.curve.status != "failed" and r.review != "rejected"]
-    fixed = tuple([r.curve for r in explained if r.id not in moving])
+    fixed = tuple([r.curve for r in here if r.usable and r.id not in moving])
     return Plan(scope, tuple(targets), fixed, decided, orphans, left)
 
 
@@ -152,10 +151,6 @@ def _as_known(line: Line, known: Record | None) -> Line:
     return line[::-1] if turned < straight else line
 
 
-def _decided(record: Record) -> bool:
-    return record.locked or record.review == "accepted"
-
-
 def _matched(
     lines: Sequence[Line], here: Sequence[Record], gone: Sequence[Record], state: State
 ) -> tuple[list[int], list[bool]]:
@@ -167,7 +162,7 @@ def _matched(
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right.
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
-    carried = [r for r in here if r.id in elsewhere and not (r.drawn or _decided(r))]
+    carried = [r for r in here if r.id in elsewhere and not (r.drawn or r.decided)]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
     others = identify(rest, left, (*state.records, *state.deleted))
     numbers = iter(others)
@@ -206,7 +201,7 @@ def _apart(line: Line, record: Record) -> float:
     return float(far / max(width, LEAST))
 
 
-def request(c: "Controller", scope: Scope) -> Plan:
+def request(c: "Controller", scope: Scope = "new") -> Plan:
     """Say what Refine would do now; selected lines go before those that are new."""
     image, layer, selection = c.choices.image, c.choices.sketches, c.selection
     problem = plane_problem(c.viewer, image) if image is not None else OPEN

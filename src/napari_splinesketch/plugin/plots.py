@@ -3,20 +3,20 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import pyqtgraph as pg
 from jaxtyping import Float
-from napari.layers import Image
 from napari.utils.theme import get_theme
 from qtpy.QtCore import QRectF, Qt
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.grids import Along, Patch
+from napari_splinesketch.grids import Along
 from napari_splinesketch.plugin.columns import RAMP, half_widths
 from napari_splinesketch.plugin.layers.pictures import residual_along
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph
@@ -29,6 +29,8 @@ ROOM = 0.6
 """Left free above the half-widths, for the legend, as a share of the largest."""
 AFTER_MS = 30
 """Plots are drawn when what they show has stood still for so long: that takes as much again."""
+LINE, OTHER, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"
+"""Colours of lines that can be told apart by everybody, in dark windows and in light ones."""
 SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
 """From negative over zero to positive, in colours that can be told apart by everybody."""
 SHARE = 98.0
@@ -36,23 +38,6 @@ SHARE = 98.0
 EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
 RESIDUAL = "Image − model, across"
 NO_MODEL = "There is no model of this frame to compare with"
-
-
-class Theme(NamedTuple):
-    """Colours that can be told apart by everybody, on the window's background."""
-
-    background: str
-    text: str
-    line: str
-    other: str
-
-
-def theme_of(name: str) -> Theme:
-    """Give the colours that go with one of napari's themes."""
-    theme = get_theme(name)
-    lines = ("#56b4e9", "#e69f00") if theme.type == "dark" else ("#0072b2", "#a34700")
-    background, text = (each.as_hex(format="long") for each in (theme.background, theme.text))
-    return Theme(background, text, *lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +57,17 @@ class Profile:
     residual: Along | None = None
 
 
-def profile_of(
-    image: Image, patch: Patch | None, record: Record, records: tuple[Record, ...], ruler: Ruler
-) -> Profile:
-    """Say what there is to draw of a curve, one of `records`."""
-    curve = record.curve
+def profile_of(work: Work, record: Record, ruler: Ruler) -> Profile:
+    """Say what there is to draw of a curve."""
+    curve, patch = record.curve, work.state.patches.get(record.frame)
     return Profile(
         f"curve {record.id}",
         ruler.unit,
         ruler.along(curve.points),
         half_widths(curve, ruler),
         ruler.across(curve, curve.sd),
-        _mean_half_width(records, ruler),
-        residual_along(image, patch, record) if patch else None,
+        _mean_half_width(work.records, ruler),
+        residual_along(work.image, patch, record) if patch else None,
     )
 
 
@@ -142,11 +125,14 @@ def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
 
 
 class CurvePlots(pg.GraphicsLayoutWidget):
-    """Half-width and residual against arc length, or two pictures over the frames."""
+    """Half-width and residual against arc length, or two pictures over the frames.
 
-    def __init__(self, theme: Theme):
+    `theme` is the name of one of napari's.
+    """
+
+    def __init__(self, theme: str):
         super().__init__()
-        self.theme, self._plots = theme, cast(Any, self.ci)
+        self._plots = cast(Any, self.ci)
         cast(Any, self.sceneObj).contextMenu.clear()  # Export: as SVG it fails with Qt 6.11
         self._font = self.font()
         self._font.setPointSize(8)
@@ -155,11 +141,14 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         self.setAccessibleName("Plots of the selected curve")
         self._soon = qdebounced(self._draw, AFTER_MS)
         self.show_plots()
+        self.show_theme(theme)
 
     def show_theme(self, name: str) -> None:
-        """Take the colours of one of napari's themes."""
-        self.theme = theme_of(name)
-        self.show_plots(self.profile, self.pictures, self._frame, self._empty)
+        """Take the colours of another theme."""
+        theme = get_theme(name)
+        self._text = theme.text.as_hex(format="long")
+        self.setBackground(theme.background.as_hex(format="long"))
+        self._soon()
 
     def show_plots(
         self,
@@ -174,20 +163,12 @@ class CurvePlots(pg.GraphicsLayoutWidget):
 
     def _draw(self) -> None:
         self._plots.clear()
-        self.setBackground(self.theme.background)
-        profile = self.profile
-        if self.pictures:
-            for picture in self.pictures:
-                self._add_picture(picture)
-        elif profile is None:
-            for text in self._empty:
-                self._say(text)
-        else:
-            self._add_half_width(profile)
-            if profile.residual is None:
-                self._say(NO_MODEL)
-            else:
-                self._add_residual(profile, profile.residual)
+        for picture in self.pictures:
+            self._add_picture(picture)
+        if self.profile is not None:
+            self._add_profile(self.profile)
+        for text in () if self.pictures or self.profile else self._empty:
+            self._say(text)
         # Everything has its place before it is painted, not after.
         self._plots.layout.activate()
         for each in self._plots.items:
@@ -195,14 +176,13 @@ class CurvePlots(pg.GraphicsLayoutWidget):
                 each.layout.activate()
 
     def _say(self, text: str) -> None:
-        label = self._plots.addLabel(text, size=SMALL, color=self.theme.text)
+        label = self._plots.addLabel(text, size=SMALL, color=self._text)
         label.item.setTextWidth(self.minimumWidth() / 2)
 
     def _add_plot(self, title: str, unit: str) -> Any:
         """Add empty axes: numbers are written in full, and keys belong to the canvas."""
-        text = self.theme.text
         plot = self._plots.addPlot()
-        plot.setTitle(title, size=SMALL, color=text)
+        plot.setTitle(title, size=SMALL, color=self._text)
         # Over all columns, or a long title would push the other plot out of view.
         plot.layout.addItem(plot.titleLabel, 0, 0, 1, plot.layout.columnCount())
         plot.setLabel("bottom", f"distance along it ({unit})", **{"font-size": SMALL})
@@ -213,40 +193,38 @@ class CurvePlots(pg.GraphicsLayoutWidget):
 
     def _style(self, axis: Any) -> None:
         axis.enableAutoSIPrefix(False)
-        axis.setTextPen(self.theme.text)
+        axis.setTextPen(self._text)
         axis.setStyle(tickFont=self._font, maxTickLevel=0, hideOverlappingLabels=False)
 
-    def _add_half_width(self, profile: Profile) -> None:
-        """Draw the half-widths along a curve, and how far they may be off."""
+    def _add_profile(self, profile: Profile) -> None:
+        """Draw half-widths along a curve, how far they may be off, and what is left unexplained."""
         plot = self._add_plot(f"Half-width ({profile.unit})", profile.unit)
-        named: Any = {"labelTextSize": SMALL, "labelTextColor": self.theme.text}
+        named: Any = {"labelTextSize": SMALL, "labelTextColor": self._text}
         plot.addLegend(offset=(1, 1), verSpacing=-8, **named)
         x, y = profile.distance, profile.half_width
         sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
         known = np.isfinite(y)
         edges = [pg.PlotDataItem(x[known], np.maximum(e, 0)[known]) for e in (y - sd, y + sd)]
-        shade = pg.mkColor(self.theme.line)
-        shade.setAlphaF(0.35)
-        plot.addItem(pg.FillBetweenItem(*edges, brush=shade))
+        plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
         self._add_line(plot, x, y, f"{profile.name} ± sd")
         if profile.mean is not None:
             self._add_line(plot, x, profile.mean, "mean of all", dashed=True)
         shown = np.concatenate([y + sd, [0.0] if profile.mean is None else profile.mean])
         high = float(np.max(shown, where=np.isfinite(shown), initial=0.0)) or 1.0
         plot.setYRange(0, (1 + ROOM) * high)
-
-    def _add_residual(self, profile: Profile, residual: Along) -> None:
-        """Draw what the model leaves unexplained along a curve."""
+        if profile.residual is None:
+            self._say(NO_MODEL)
+            return
         plot = self._add_plot(RESIDUAL, profile.unit)
-        self._add_line(plot, profile.distance, residual)
-        self._add_line(plot, profile.distance, 0 * profile.distance, dashed=True)
+        self._add_line(plot, x, profile.residual)
+        self._add_line(plot, x, 0 * x, dashed=True)
 
     def _add_line(
         self, plot: Any, x: Along, y: Along, name: str | None = None, *, dashed: bool = False
     ) -> None:
         """Draw a line, maybe a dashed one, broken where it is not known."""
         style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        pen = pg.mkPen(self.theme.other if dashed else self.theme.line, width=1.5, style=style)
+        pen = pg.mkPen(OTHER if dashed else LINE, width=1.5, style=style)
         plot.setXRange(x[0], x[-1], padding=0.02)
         if np.isfinite(y).any():
             plot.plot(x, y, pen=pen, name=name, connect="finite")
@@ -268,4 +246,4 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         # Between frames there is nothing.
         plot.getAxis("left").setTickSpacing(max(1, (last - first + 1) // 4), 1)
         for edge in (self._frame - 0.5, self._frame + 0.5):
-            plot.addItem(pg.InfiniteLine(edge, angle=0, pen=pg.mkPen(self.theme.text)))
+            plot.addItem(pg.InfiniteLine(edge, angle=0, pen=pg.mkPen(self._text)))

@@ -3,8 +3,6 @@
 import logging
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
-from html import escape
-from itertools import islice
 from pathlib import Path
 
 from napari.layers import Image
@@ -21,10 +19,11 @@ from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, read
-from napari_splinesketch.plugin.widgets import TextLabel, button, stack
+from napari_splinesketch.plugin.widgets import Button, TextLabel, stack
 
-LISTED = 4
-"""Of several; more would push the rest of the dock out of view."""
+RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
+IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
+LABELS_TIP = "Take these curves up as results, as they were judged"
 Found = tuple[Path, Session, Folder]
 """Where a session was read, the session, and the folder that it goes on in."""
 
@@ -39,12 +38,9 @@ class OfferBox(QFrame):
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
-        tip = "Bring the saved lines and curves back, in a layer of their own"
-        self.resume = button("Resume", tip, lambda: resume(controller, saver))
-        tip = "Do not ask again; the saved work stays on the disk"
-        self.decline = button("Ignore saved work", tip, saver.decline)
-        tip = "Take these curves up as results, as they were judged"
-        self.labels = button("", tip, lambda: take_up(controller))
+        self.resume = Button("Resume", RESUME_TIP, lambda: resume(controller, saver))
+        self.decline = Button("Ignore saved work", IGNORE_TIP, saver.decline)
+        self.labels = Button("", LABELS_TIP, lambda: take_up(controller))
         stack(self, self.said, (self.resume, self.decline), self.labels, self.problem, margin=4)
         changes = controller.changes
         for signal in (saver.found, changes.layers, changes.curves, changes.busy):
@@ -60,10 +56,7 @@ class OfferBox(QFrame):
         for each in (self.resume, self.decline):
             each.setVisible(bool(offers))
         # Once there are results, they need the room.
-        working = bool(self._controller.records())
-        self.said.say("" if working else describe(offers))
-        self.resume.setText("Resume saved work" if working else "Resume")
-        self.decline.setText("Ignore" if working else "Ignore saved work")
+        self.said.say("" if self._controller.records() else describe(offers))
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
         self.labels.setVisible(bool(curves))
         self.problem.say(words.notice("failed", self._saver.problem))
@@ -71,17 +64,16 @@ class OfferBox(QFrame):
 
 
 def describe(offers: Mapping[Path, Head]) -> str:
-    """Say what was saved, and when; rich text."""
-    said = []
-    for held in islice(offers.values(), LISTED):
-        parts = [words.count(held.sketches, "sketch"), words.count(held.curves, "curve")]
-        where = f" in {held.frames} frames" if held.frames > 1 else ""
-        name = f"• {escape(held.layer)}" if len(offers) > 1 else "<b>Saved work</b>"
-        said.append(f"{name} ({_when(held.saved)}): {' and '.join(parts)}{where}")
-    if len(offers) < 2:
-        return "".join(f"{line}." for line in said)
-    more = [f"and {len(offers) - LISTED} more"] if len(offers) > LISTED else []
-    return "<br>".join([f"<b>Saved work</b> in {len(offers)} layers of sketches:", *said, *more])
+    """Say what was saved, and when the latest of it; rich text."""
+    heads = list(offers.values())
+    if not heads:
+        return ""
+    sketches, curves = sum(held.sketches for held in heads), sum(held.curves for held in heads)
+    layers = f" in {len(heads)} layers" if len(heads) > 1 else ""
+    frames = max(held.frames for held in heads)
+    said = f"{words.count(sketches, 'sketch')} and {words.count(curves, 'curve')}"
+    where = f" in {frames} frames" if frames > 1 else ""
+    return f"<b>Saved work</b>{layers} ({_when(heads[0].saved)}): {said}{where}."
 
 
 def _when(saved: datetime) -> str:
@@ -117,31 +109,25 @@ def _read_all(
     """Read what nobody else works on, and say what could not be read."""
     found, problems = list[Found](), list[str]()
     for path in paths:
-        folder = None
+        folder = Folder()
         try:
-            folder = _own(path)
+            try:
+                folder = Folder(path)
+            except OSError as error:  # where it cannot be written to, work goes on in a new one
+                if isinstance(error, BusyError):
+                    raise
             session, said = read(path, frames, size)
         except (OSError, LabelsError) as error:
             session, said = None, (f"{error}.",)
         problems += said
-        if folder and said:
+        if said:
             # What could not be read is not written over: the rest goes on in a new folder.
             folder.release()
             folder = Folder()
-        if folder and session:
+        if session:
             folder.holds(session.state.patches)
             found.append((path, session, folder))
     return found, problems
-
-
-def _own(path: Path) -> Folder:
-    """Give the folder that work goes on in: this one, or a new one where it cannot be written."""
-    try:
-        return Folder(path)
-    except BusyError:
-        raise
-    except OSError:
-        return Folder()
 
 
 def _restore(

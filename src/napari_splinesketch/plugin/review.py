@@ -5,14 +5,13 @@ much a curve needs review, and asks Python for every comparison.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 from typing import Any, Literal
-from weakref import ref
 
 from napari.utils.notifications import show_error
 from qtpy import QtCore
 from qtpy import QtWidgets as qt
+from qtpy.compat import isalive
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt, QTimer
 from qtpy.QtGui import QColor, QKeyEvent
 
@@ -26,8 +25,8 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of
-from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of, theme_of
-from napari_splinesketch.plugin.widgets import NARROW, CommandButtons, button, stack
+from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
+from napari_splinesketch.plugin.widgets import NARROW, Button, CommandButtons, stack
 
 NAME = "Curves"
 LAYOUT_MS = 20
@@ -50,10 +49,7 @@ NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 PADDING = 16
-MOVES = (
-    Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
-    Qt.Key.Key_Home, Qt.Key.Key_End,
-)  # fmt: skip
+MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown", "Home", "End")]
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
@@ -71,8 +67,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
-        record = self._known.get(key) if key else None
-        return next((row for row, one in enumerate(self.records) if one is record), None)
+        return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
     def curve_at(self, key: Key) -> Curve | None:
         """Give a curve by frame and id, whether it is shown or not."""
@@ -222,7 +217,7 @@ class ReviewPanel(qt.QWidget):
     def _build(self) -> None:
         self.model = CurvesModel(self)
         self.table = CurvesTable(self.model)
-        self.plots = CurvePlots(theme_of(self.controller.viewer.theme))
+        self.plots = CurvePlots(self.controller.viewer.theme)
         self.shown = qt.QComboBox()
         self.shown.addItems(list(SHOWN.values()))
         self.shown.setToolTip("Which curves the table shows")
@@ -232,7 +227,7 @@ class ReviewPanel(qt.QWidget):
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
-        self.more = button("Table", "Copy or save the table as it is sorted and filtered")
+        self.more = Button("Table", "Copy or save the table as it is sorted and filtered")
         menu = qt.QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
         menu.addAction("Save as CSV…", self._ask_where)
@@ -283,7 +278,7 @@ class ReviewPanel(qt.QWidget):
         controller = self.controller
         records = controller.records()
         self._show_rows()
-        reviewed = len(records) - [record.review for record in records].count("open")
+        reviewed = sum(record.review != "open" for record in records)
         self.plotted.setVisible(len({record.frame for record in records}) > 1)
         self.count.setText(f"{reviewed} of {len(records)} reviewed")
         self.more.setEnabled(bool(records))
@@ -307,8 +302,7 @@ class ReviewPanel(qt.QWidget):
             return
         (record,), at = chosen, self.plotted.currentIndex()
         if not at:
-            patch = work.state.patches.get(record.frame)
-            self.plots.show_plots(profile_of(work.image, patch, record, work.records, ruler))
+            self.plots.show_plots(profile_of(work, record, ruler))
         elif made := pictures(self.model.body(record.id), ruler):
             self.plots.show_plots(pictures=made[2 * at - 2 : 2 * at], frame=record.frame)
         else:
@@ -350,12 +344,5 @@ def open_panel(controller: Controller) -> ReviewPanel:
     around = window.add_dock_widget(panel, name=NAME, area="bottom").window()
     # It paints once its layout stands: the canvas would be painted at each change.
     around.setUpdatesEnabled(False)
-    QTimer.singleShot(LAYOUT_MS, partial(_paint, ref(around)))
+    QTimer.singleShot(LAYOUT_MS, lambda: isalive(around) and around.setUpdatesEnabled(True))
     return panel
-
-
-def _paint(window: ref[qt.QWidget]) -> None:
-    """Let a window paint, if it is still there."""
-    if (there := window()) is not None:
-        with suppress(RuntimeError):  # Qt has deleted it
-            there.setUpdatesEnabled(True)

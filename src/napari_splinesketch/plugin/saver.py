@@ -67,8 +67,7 @@ class Saver(QObject):
     It ends with its parent.
     """
 
-    found = Signal()
-    """There is work to go on with, or none any more; or it is saved elsewhere."""
+    found = Signal(description="There is work to go on with, or none any more, or elsewhere")
 
     def __init__(self, keeper: Keeper, parent: QObject | None = None):
         super().__init__(parent)
@@ -77,27 +76,28 @@ class Saver(QObject):
         self._folders: dict[Pair, Folder] = {}
         self._writing: Job | None = None
         self._problems = {"look": "", "write": ""}
-        self._choice = keeper.settings.saving
+        self._choice = keeper.settings.save_work, keeper.settings.work_folder
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
-            (changes.layers, self._on_choice),
+            (changes.layers, self._follow),
+            (changes.layers, self.found.emit),
             (changes.curves, self._follow),
             (changes.settings, self._on_settings),
             (layers, self._on_event),
             (layers.removing, self._on_removing),
             (layers.removed, lambda event: self._let_go(event.value)),
         )
-        self._on_choice()
+        self._follow()
 
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         image, sketches = self._keeper.choices.image, self._keeper.choices.sketches
-        if image is None or image not in self._seen:
-            return None
-        folder = self._folders.get((image, sketches)) if sketches else None
-        return folder.path.parent if folder and folder.path else self._seen[image].folder
+        folder = self._folders.get((image, sketches)) if image and sketches else None
+        if folder and folder.path and image in self._seen:
+            return folder.path.parent
+        return self._seen[image].folder if image in self._seen else None
 
     @property
     def problem(self) -> str:
@@ -120,8 +120,11 @@ class Saver(QObject):
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
         for path in self.offers():
+            names = (path.with_name(f"{path.name}{-n or ''}{sessions.OLD}") for n in count())
             try:
-                _put_aside(path)
+                folder = Folder(path)
+                path.rename(next(name for name in names if not name.exists()))
+                folder.release()
             except OSError as error:
                 self._problems["look"] = f"Saved work could not be put aside: {error}."
             self._forget(path)
@@ -168,10 +171,6 @@ class Saver(QObject):
             pairs.add((image, sketches))
         return {pair for pair in pairs if set(pair) <= set(self._keeper.viewer.layers)}
 
-    def _on_choice(self) -> None:
-        self._follow()
-        self.found.emit()
-
     def _on_event(self, event: Any) -> None:
         """Hear of any layer of the user's: one that is not chosen may be written too."""
         if event.type in PLACED and not is_result(event.sources[0]):
@@ -195,7 +194,8 @@ class Saver(QObject):
             job = Job(lambda _: _look(chosen, *about))
             self._seen[image] = Seen(job)
             job.done.connect(partial(self._on_looked, image))
-            job.failed.connect(partial(self._on_not_looked, image))
+            said = f"{image.name} could not be read, and work on it is not saved: "
+            job.failed.connect(lambda why: self._on_looked(image, (None, f"{said}{why}.")))
             job.start()
         self._soon()
 
@@ -205,26 +205,26 @@ class Saver(QObject):
         if isalive(self):
             self.found.emit()
 
-    def _on_looked(self, image: Image, answer: tuple[Seen, str]) -> None:
+    def _on_looked(self, image: Image, answer: tuple[Seen | None, str]) -> None:
+        """Take in what was found; an image that could not be read is tried with the next edit."""
+        seen, problem = answer
         if image in self._seen and image in self._keeper.viewer.layers:
-            self._seen[image], problem = answer
+            del self._seen[image]
+            if seen:
+                self._seen[image] = seen
+                self._soon()
             self._tell("look", problem)
-            self._soon()
-
-    def _on_not_looked(self, image: Image, problem: str) -> None:
-        """The image could not be read: it is tried again with the next edit."""
-        self._seen.pop(image, None)
-        said = f"{image.name} could not be read, and work on it is not saved: {problem}."
-        self._tell("look", said)
 
     def _on_settings(self) -> None:
-        if self._choice != self._keeper.settings.saving:
+        settings = self._keeper.settings
+        if self._choice != (settings.save_work, settings.work_folder):
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self.flush()
-            self._choice = self._keeper.settings.saving
+            self._choice = settings.save_work, settings.work_folder
             self._let_go(*self._keeper.viewer.layers)
             _left.clear()
-            self._on_choice()
+            self._follow()
+            self.found.emit()
 
     def _on_removing(self, event: Any) -> None:
         if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
@@ -250,11 +250,9 @@ class Saver(QObject):
             work = self._keeper.work_on(image, layer)
             state = work.state if work else NOTHING
             drawn: dict[int, list[Shape]] = defaultdict(list)
-            read = shapes_in(self._keeper.viewer, layer, image)
+            read, every = shapes_in(self._keeper.viewer, layer, image), layer.ndim < image.ndim
             for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
-                drawn[sessions.EVERY if layer.ndim < image.ndim else frame].append(
-                    Shape(kind, line)
-                )
+                drawn[sessions.EVERY if every else frame].append(Shape(kind, line))
             if folder.path or drawn or state.records:
                 session = Session(layer.name, seen.about, dict(drawn), state)
                 orders.append((folder, session, seen.folder))
@@ -321,14 +319,6 @@ def _folders(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[
         parents.insert(0, Path(chosen).expanduser())
     found = [folder for parent in parents for folder in sorted(parent.glob(f"*{ending}"))]
     return parents[0] / called, list(dict.fromkeys(filter(Path.is_dir, found)))
-
-
-def _put_aside(path: Path) -> None:
-    """Rename a folder, so that it is not offered again."""
-    folder = Folder(path)
-    names = (path.with_name(f"{path.name}{-n or ''}{sessions.OLD}") for n in count())
-    path.rename(next(name for name in names if not name.exists()))
-    folder.release()
 
 
 def _write(orders: Sequence[Order]) -> str:

@@ -19,7 +19,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pydantic
-from jaxtyping import Float
 from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt
 
 from napari_splinesketch import __version__
@@ -33,17 +32,13 @@ from napari_splinesketch.plugin.model import Record, Review, State, by_frame, on
 FORMAT = 1
 EVERY = -1
 """The frame of sketches that belong to all of them."""
-VERTICES = {"line": (2, 2), "path": (2, None), "polygon": (3, None), "rectangle": (4, 4)}
-VERTICES["ellipse"] = (4, 4)
+VERTICES = {"line": (2, 2), "path": (2, 0), "polygon": (3, 0), "rectangle": (4, 4),
+            "ellipse": (4, 4)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 OLD = ".old"
 """Added to the name of a folder that is not offered again."""
-
-
-def _packed(array: Float[np.ndarray, "..."]) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
 
 
 def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainValidator:
@@ -64,7 +59,9 @@ def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainVa
     return pydantic.PlainValidator(unpack)
 
 
-_written = pydantic.PlainSerializer(_packed)
+_written = pydantic.PlainSerializer(
+    lambda array: base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
+)
 _Places = Annotated[np.ndarray, _rows(2, 2, places=True), _written]
 _Knots = Annotated[np.ndarray, _rows(3, 2, places=True), _written]
 _Numbers = Annotated[np.ndarray, _rows(1, 1), _written]
@@ -288,7 +285,7 @@ class Folder:
         except BusyError as error:
             who = str(error).partition(";")[0]
             raise BusyError(f"{who}: it is open in another window; close it there") from None
-        if self._stamp and self._stamp != _stamp(self.path):
+        if self._stamp and self._stamp != self._written_at():
             self._hold.close()
             raise BusyError(f"{self.path} was changed by another window")
 
@@ -302,10 +299,14 @@ class Folder:
                 self.path = path
                 self.hold()
 
+    def _written_at(self) -> int:
+        head = self.path and self.path / HEAD
+        return head.stat().st_mtime_ns if head and head.exists() else 0
+
     def release(self) -> None:
         """Let others write there; leave no folder behind that holds nothing."""
         if self.path is not None:
-            self._stamp = _stamp(self.path)
+            self._stamp = self._written_at()
             self._hold.close()
             if self.path.is_dir() and not any(self.path.iterdir()):
                 self.path.rmdir()
@@ -388,10 +389,3 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
             problems.append(str(error))
     state = State(tuple(records), (), tuple(deleted), patches, notes)
     return Session(head.layer, head.image, drawn, state), tuple(problems)
-
-
-def _stamp(path: Path) -> int:
-    """Say when a folder was written last, in ns; 0 where nothing is."""
-    with suppress(OSError):
-        return (path / HEAD).stat().st_mtime_ns
-    return 0

@@ -15,17 +15,16 @@ NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
 
 
-def button(
-    text: str = "", tip: str = "", run: Callable[[], object] | None = None
-) -> qt.QPushButton:
-    """Make a button that leaves the keys to the canvas when it is clicked."""
-    made = qt.QPushButton(text)
-    made.setToolTip(tip)
-    made.setMinimumWidth(30)
-    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    if run is not None:
-        made.clicked.connect(lambda: run())
-    return made
+class Button(qt.QPushButton):
+    """A button that leaves the keys to the canvas when it is clicked."""
+
+    def __init__(self, text: str = "", tip: str = "", run: Callable[[], object] | None = None):
+        super().__init__(text)
+        self.setToolTip(tip)
+        self.setMinimumWidth(30)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        if run is not None:
+            self.clicked.connect(lambda: run())
 
 
 def enable(widget: qt.QWidget, problem: str, tip: str) -> None:
@@ -38,28 +37,29 @@ def stack(
     widget: qt.QWidget, *rows: qt.QWidget | Sequence[qt.QWidget], margin: int = 0
 ) -> qt.QVBoxLayout:
     """Lay widgets out below each other in a widget; the first one of a row takes what is left."""
-    column = qt.QVBoxLayout(widget)
-    column.setContentsMargins(margin, margin, margin, margin)
-    column.setSpacing(3)
+    column = _tight(qt.QVBoxLayout(widget), margin)
     for each in rows:
         if isinstance(each, qt.QWidget):
             column.addWidget(each)
             continue
-        row = qt.QHBoxLayout()
-        row.setSpacing(3)
+        row = _tight(qt.QHBoxLayout())
         for i, one in enumerate(each):
             row.addWidget(one, not i)
         column.addLayout(row)
     return column
 
 
+def _tight(layout: Any, margin: int = 0) -> Any:
+    layout.setContentsMargins(margin, margin, margin, margin)
+    layout.setSpacing(3)
+    return layout
+
+
 def grid(
     widget: qt.QWidget, children: Sequence[qt.QWidget], columns: int, *, even: bool = True
 ) -> None:
     """Lay widgets out in columns, equal ones or each as broad as it needs."""
-    layout = qt.QGridLayout(widget)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(3)
+    layout = _tight(qt.QGridLayout(widget))
     for i, child in enumerate(children):
         layout.addWidget(child, i // columns, i % columns)
     for column in range(columns if even else 0):
@@ -69,9 +69,7 @@ def grid(
 def form(*rows: Any) -> qt.QWidget:
     """Lay magicgui's widgets out below each other, with their labels beside or in them."""
     made = qt.QWidget()
-    layout = qt.QFormLayout(made)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(3)
+    layout = _tight(qt.QFormLayout(made))
     layout.setRowWrapPolicy(qt.QFormLayout.RowWrapPolicy.WrapLongRows)
     layout.setFieldGrowthPolicy(qt.QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     for each in rows:
@@ -79,15 +77,12 @@ def form(*rows: Any) -> qt.QWidget:
     return made
 
 
-class CommandButton(qt.QPushButton):
+class CommandButton(Button):
     """A button that carries out a command, and says why it cannot."""
 
     def __init__(self, actions: Commands, name: str):
-        super().__init__()
+        super().__init__(run=lambda: actions.run(name))
         self._actions, self._name = actions, name
-        self.setMinimumWidth(30)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.clicked.connect(lambda: actions.run(name))
         self.show_state()
 
     def show_state(self) -> None:
@@ -101,7 +96,8 @@ class CommandButtons(qt.QWidget):
 
     def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
         super().__init__()
-        self.buttons = {name: CommandButton(actions, name) for name in actions.at(place)}
+        here = [command.id for command in actions if command.place == place]
+        self.buttons = {name: CommandButton(actions, name) for name in here}
         grid(self, list(self.buttons.values()), columns, even=even)
 
     def show_state(self) -> None:
@@ -140,12 +136,10 @@ class Folded(qt.QWidget):
         self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
         stack(self, self.title, content)
-        self.title.toggled.connect(self.unfold)
-        self.unfold(False)
+        self.title.toggled.connect(self._on_toggled)
+        self._on_toggled(False)
 
-    def unfold(self, on: bool) -> None:
-        """Show the content, or fold it away."""
-        self.title.setChecked(on)
+    def _on_toggled(self, on: bool) -> None:
         self.title.setArrowType(Qt.ArrowType.DownArrow if on else Qt.ArrowType.RightArrow)
         self.content.setVisible(on)
 

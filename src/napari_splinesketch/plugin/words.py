@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin.columns import STATUS_WORDS
+from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -128,14 +128,15 @@ def selected(records: Sequence[Record], frame: int) -> str:
     return f"Curve {record.id}{where}{lock}: {STATUS_WORDS[record.curve.status]}{reasons}"
 
 
+def ramp(low: str, high: str, unit: str) -> str:
+    """Say what the ends of the colours stand for; rich text."""
+    blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in RAMP)
+    return f"{low} {blocks} {high}{unit}"
+
+
 def wanted(number: range) -> str:
     """Say how many curves something needs."""
     return "a curve" if len(number) > 1 else {1: "one curve", 2: "two curves"}[number[0]]
-
-
-def done(verb: str, number: int, thing: str, seconds: float) -> str:
-    """Say what was done and how long the user has waited for it."""
-    return f"{verb} {count(number, thing)} in {seconds:.1f} s."
 
 
 def suggested(number: int) -> str:

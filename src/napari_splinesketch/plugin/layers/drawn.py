@@ -1,7 +1,7 @@
-"""What the user draws: the lines of a Shapes layer, in pixels of an image; and lines suggested."""
+"""What the user draws: the lines of a Shapes layer, in pixels of an image."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Layer, Shapes
+from napari.layers import Image, Shapes
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
@@ -55,8 +55,10 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
     read = shapes_in(viewer, layer, image)
     if not read:
         return Drawn()
-    first = np.array([shape[0] for shape in layer.data])
-    seen = _in_view(viewer, layer, image, first)
+    # Sliders of axes that the image does not have.
+    first, extra = np.array([shape[0] for shape in layer.data]), max(layer.ndim - image.ndim, 0)
+    here = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
+    seen = (np.round(first[:, :extra]) == np.round(here[:, :extra])).all(axis=1)
     kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
     lines, numbers, strays, unusable = [], [], 0, Counter[str]()
     for i, (at, line) in enumerate(read):
@@ -83,16 +85,6 @@ def shapes_in(
     pixels = space.to_pixels(viewer, layer, image, np.concatenate(shapes))
     frames = space.frame_numbers(image, pixels[first])
     return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
-
-
-def _in_view(
-    viewer: ViewerModel, layer: Shapes, image: Image, points: Float[np.ndarray, "N D"]
-) -> list[bool]:
-    """Whether shapes are in view as to the axes that the image does not have."""
-    extra = max(layer.ndim - image.ndim, 0)
-    point = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
-    same = np.round(points[:, :extra]) == np.round(point[:, :extra])
-    return same.all(axis=1).tolist()
 
 
 def selected_in(layer: Shapes) -> frozenset[int]:
@@ -139,20 +131,13 @@ def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
 
 
 def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
-    """Whether the last shape is but a click, of which napari makes a short line at 45 degrees."""
-    if not layer.nshapes or layer.shape_type[-1] != "line":
+    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees."""
+    if not drawing(viewer, layer) or not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
     way = np.diff(space.to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
     short = np.linalg.norm(way / space.screen_pixel(viewer, image)) < CLICK
     return bool(short and np.isclose(down, right, rtol=1e-3))
-
-
-def select_curves(viewer: ViewerModel, curves: Layer) -> None:
-    """Let the user select curves by clicking them."""
-    viewer.layers.selection.active = curves
-    if isinstance(curves, Shapes):
-        curves.mode = "pan_zoom"
 
 
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
@@ -188,62 +173,3 @@ def add_shapes(
     finally:
         if veiled:
             layer.visible = True
-
-
-class SuggestedLines:
-    """Brings the user's layer of sketches in step with what is suggested, and with its curves.
-
-    A line that the user has moved, changed or deleted is hers: it is not touched again.
-    """
-
-    def __init__(self, viewer: ViewerModel, image: Image, sketches: Shapes):
-        self._viewer, self._image, self._sketches = viewer, image, sketches
-        self._shown: dict[model.Suggestion, np.ndarray] = {}
-
-    def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
-        """Say where in their layer lines are that were suggested, and are as they were."""
-        shown = [self._shown[one] for one in suggestions if one in self._shown]
-        prints = {vertices.tobytes() for vertices in shown}  # in the layers' single precision
-        data = self._sketches.data if prints else ()
-        return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
-
-    def show(self, wanted: Sequence[model.Suggestion]) -> Iterator[None]:
-        """Add and remove lines, some at each step."""
-        if not {self._image, self._sketches} <= set(self._viewer.layers):
-            return
-        gone = set(self._shown).difference(wanted)
-        old = self.positions(gone)
-        for one in gone:
-            del self._shown[one]
-        if old:
-            self._sketches.selected_data = set()
-            self._sketches.remove(old)
-            yield
-        fresh = [one for one in wanted if one not in self._shown]
-        if fresh:
-            points = [space.in_stack(self._image, one.frame, one.line) for one in fresh]
-            ends = np.cumsum([len(one.line) for one in fresh])[:-1]
-            vertices = space.to_pixels(
-                self._viewer, self._image, self._sketches, np.concatenate(points)
-            )
-            shapes = np.split(vertices.astype(np.float32), ends)
-            self._shown |= dict(zip(fresh, shapes, strict=True))
-            style = line_style(space.size_of(self._image))
-            for _ in add_shapes(self._sketches, shapes, ["path"] * len(shapes), **style):
-                yield
-
-    def fade(self, records: Sequence[model.Record]) -> None:
-        """Let the lines that have become curves step back behind them, and no others."""
-        layer = self._sketches
-        if not {self._image, layer} <= set(self._viewer.layers) or not layer.nshapes:
-            return
-        refined = {(r.frame, model.print_of_sketch(r)) for r in records if r.drawn}
-        frames, lines = zip(*shapes_in(self._viewer, layer, self._image), strict=True)
-        back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
-        colours = np.array(layer.edge_color)
-        # A transparency that the user has chosen stays.
-        ours = np.isin(np.round(colours[:, 3], 3), (1.0, FADED))
-        wanted = np.where(ours, np.where(back, FADED, 1.0), colours[:, 3])
-        if not np.allclose(wanted, colours[:, 3], atol=1e-3):
-            colours[:, 3] = wanted
-            layer.edge_color = colours

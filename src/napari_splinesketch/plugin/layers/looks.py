@@ -1,14 +1,16 @@
-"""How curves are drawn: lines around bodies, colours of a status, few points."""
+"""How curves are drawn: lines around bodies, colours of a status, marks beside those in doubt."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.geometry import edges, thinned
-from napari_splinesketch.plugin.model import once
+from napari_splinesketch.plugin.layers.space import View
+from napari_splinesketch.plugin.model import Record, once
 
 Line = Float[np.ndarray, "_ 2"]
 
@@ -27,6 +29,16 @@ LEAST = 12
 PIECES = 24, 99, 600
 """Vectors of a line at least and at most, and of all lines together, about: napari's thumbnail
 alone takes 20 µs for each."""
+NOTICEABLE_RESIDUAL = 0.25
+NOTICEABLE_SD = 0.5
+"""What weighs the same when the worst curve is looked for: share of the contrast, px."""
+RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
+LETTER, LINE_HEIGHT, BESIDE = 9.0, 16.0, 2.0
+"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
+MOST = 60
+"""Marks at once: more are not read, and napari's time for text grows with their number."""
+PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
+"""Where along a curve a mark may stand, the best first."""
 
 
 @once
@@ -103,3 +115,60 @@ def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
     """Give colours as napari keeps them."""
     values = np.frombuffer(bytes.fromhex("".join([colour[1:] for colour in colours])), np.uint8)
     return np.insert(values.reshape(-1, 3) / np.float32(255), 3, 1.0, axis=1)
+
+
+@once
+def severity(curve: Curve) -> tuple[int, float]:
+    """Say how much a curve needs review: by status, then by residual and sd."""
+    numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
+    return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
+
+
+def readable(
+    records: Sequence[Record], view: View
+) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
+    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
+    frame = [record for record in records if record.frame == view.frame]
+    here = [record for record in frame if MARKS[record.curve.status]]
+    if not here:
+        return
+    ends = np.stack([_stands(r.curve)[0] for r in here])
+    near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
+    here = [here[i] for i in np.flatnonzero(near).tolist()]
+    box = np.array([LINE_HEIGHT, 3 * LETTER]) * view.pixel / 2
+    bodies = KDTree(np.concatenate([r.curve.points[::4] for r in frame]) / box, balanced_tree=False)
+    taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
+    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+        size = np.array([LINE_HEIGHT, LETTER * len(mark_of(record))]) * view.pixel / 2
+        places = _places(record.curve, size, view)
+        free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
+        over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
+        places = places[free & ~over.all(axis=2).any(axis=-1)]
+        if len(places):
+            crowd = bodies.query_ball_point(places / box, 1.0, p=np.inf, return_length=True)
+            taken[count], sizes[count] = places[np.argmin(crowd)], size
+            yield record, taken[count].copy()
+            count += 1
+        if count == MOST:
+            return
+
+
+def mark_of(record: Record) -> str:
+    """Write its number, and the sign of its status."""
+    return f"{record.id} {MARKS[record.curve.status]}"
+
+
+@once
+def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
+    """Points of a curve beside which its mark may stand, and the way there: above it first."""
+    at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
+    across = (edges(curve.points, np.ones(len(curve.points)))[0] - curve.points)[at]
+    return curve.points[at], np.where(across[:, :1] > 0, -across, across)
+
+
+def _places(curve: Curve, size: Float[np.ndarray, "2"], view: View) -> Float[np.ndarray, "_ 2"]:
+    """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
+    points, up = _stands(curve)
+    half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
+    away = (reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
+    return np.stack([points + away, points - away], axis=1).reshape(-1, 2)

@@ -6,32 +6,32 @@ are made when the user asks for them, and follow what is known while they are in
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Integer
+from jaxtyping import Float, Integer, Shaped
 from napari.layers import Image, Labels, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
 
 from napari_splinesketch import palette
-from napari_splinesketch.grids import Along, Grid, Patch, across, alone, mean_across
-from napari_splinesketch.plugin.columns import colours_of
-from napari_splinesketch.plugin.layers.looks import (
-    Line,
-    breadth,
-    coarse,
-    halo,
-    has_outline,
-    outline,
-    rgba,
-    ribbon,
+from napari_splinesketch.grids import (
+    Along,
+    Grid,
+    Patch,
+    across,
+    alone,
+    around_all,
+    mean_across,
+    slices,
 )
-from napari_splinesketch.plugin.layers.pixels import Film, Planes, block_on
+from napari_splinesketch.plugin.columns import colours_of
+from napari_splinesketch.plugin.layers import looks
 from napari_splinesketch.plugin.layers.slot import Made, Maker, in_vectors
 from napari_splinesketch.plugin.layers.space import (
+    block_on,
     frame_count,
     frame_shape,
     placement,
@@ -42,7 +42,7 @@ from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.keeper import Work
+    from napari_splinesketch.plugin.layers.results import Work
 
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
@@ -52,6 +52,69 @@ BODY = "body"
 """Name of the axis along which a stack has its bodies."""
 THIN, GAP = 0.5, 1.2
 """Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
+
+KEPT = 4
+"""Planes that are remembered: the one in view is read again with every change of the look."""
+
+
+class Planes:
+    """Array-like (*leading, H, W) of which `plane` makes (H, W) when napari asks for one.
+
+    Planes are numbered over all leading axes. dask would do the same, at 10 ms for each plane.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: Any, plane: Callable[[int], Shaped[np.ndarray, "H W"]]
+    ):
+        self.shape, self.ndim, self.size = shape, len(shape), int(np.prod(shape))
+        self.dtype = np.dtype(dtype)
+        self._plane = lru_cache(KEPT)(plane)
+
+    def __getitem__(self, key: Any) -> Shaped[np.ndarray, ...]:
+        """Read like a NumPy array, making only the planes asked for."""
+        key = key if isinstance(key, tuple) else (key,)
+        at = key.index(Ellipsis) if Ellipsis in key else len(key)
+        every = [slice(None)] * (self.ndim - len(key) + (at < len(key)))
+        key, leading = (*key[:at], *every, *key[at + 1 :]), self.shape[:-2]
+        numbers = np.arange(int(np.prod(leading))).reshape(leading)[key[:-2]]
+        planes = np.array([self._plane(int(n)) for n in numbers.ravel()], dtype=self.dtype)
+        whole = planes.reshape(*numbers.shape, *self.shape[-2:])
+        return whole[(*[slice(None)] * numbers.ndim, *key[-2:])]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Shaped[np.ndarray, ...]:
+        """Make all planes."""
+        return self[()].astype(dtype or self.dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
+class Film(Planes):
+    """A film of the frames that are known, on one grid; NaN elsewhere.
+
+    Of the `pictures` by frame, those on another step than the last one are left out; `make` gives
+    the pixels that are shown of one. `leading` are the lengths of the axes before (row, col).
+    """
+
+    def __init__(
+        self,
+        pictures: Mapping[int, Patch],
+        leading: tuple[int, ...],
+        make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+    ):
+        step = list(pictures.values())[-1].grid.step
+        same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
+        self.grid, first, ends = around_all(list(same.values()))
+        places = dict(zip(same, map(slices, first, ends), strict=True))
+        shape = (*leading, *np.max(ends, axis=0).tolist())
+
+        def plane(number: int) -> Float[np.ndarray, "H W"]:
+            frame = np.full(shape[-2:], np.nan, dtype=np.float32)
+            if number in same:
+                frame[places[number]] = make(number, same[number])
+            return frame
+
+        super().__init__(shape, np.float32, plane)
 
 
 def _patches(work: Work) -> list[Any]:
@@ -82,19 +145,22 @@ def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | 
     return Made(film, placement_on(work.image, film.grid.origin, film.grid.step), look)
 
 
+def _rest(
+    image: Image, frame: int, grid: Grid, model: Float[np.ndarray, "H W"]
+) -> Float[np.ndarray, "H W"]:
+    """Image minus reconstruction; NaN where the image has other pixels by now."""
+    block = block_on(image, frame, grid, model.shape)
+    return np.full(model.shape, np.nan) if block is None else block.read() - model
+
+
 def _residual(work: Work) -> Made | None:
     def rest(frame: int, patch: Patch) -> Float[np.ndarray, "H W"]:
-        """Image minus reconstruction; NaN where the image has other pixels by now."""
-        shape = patch.pixels.shape
-        block = block_on(work.image, frame, patch.grid, shape)
-        return np.full(shape, np.nan) if block is None else block.read() - patch.pixels
+        return _rest(work.image, frame, patch.grid, patch.pixels)
 
-    most = 0.0
-    for frame, patch in list(work.state.patches.items())[-1:]:
-        last = np.abs(rest(frame, patch))
-        last = last[np.isfinite(last)]
-        most = float(np.quantile(last, TYPICAL)) if last.size else 0.0
-    look = {"colormap": DIVERGING, "contrast_limits": (-(most or 1.0), most or 1.0)}
+    last = np.array([np.abs(rest(*known)) for known in list(work.state.patches.items())[-1:]])
+    last = last[np.isfinite(last)]
+    most = (float(np.quantile(last, TYPICAL)) if last.size else 0.0) or 1.0
+    look = {"colormap": DIVERGING, "contrast_limits": (-most, most)}
     return _film(work, work.state.patches, look, rest)
 
 
@@ -105,102 +171,89 @@ def _background(work: Work) -> Made | None:
 
 def _body(work: Work) -> Made | None:
     chosen = work.selected[0] if len(work.selected) == 1 else None
-    patch = work.state.patches.get(chosen.frame) if chosen else None
-    if chosen is None or patch is None:
+    if chosen is None or chosen.frame not in work.state.patches:
         return None
     others = [r.curve for r in work.records if r.frame == chosen.frame and r is not chosen]
-    return _film(
-        work,
-        {chosen.frame: patch},
-        _like(work.image),
-        lambda frame, patch: alone(patch, chosen.curve, others),
-    )
+    draw = partial(alone, curve=chosen.curve, others=others)
+    known = {chosen.frame: work.state.patches[chosen.frame]}
+    return _film(work, known, _like(work.image), lambda frame, patch: draw(patch))
 
 
 def _ribbon(work: Work) -> Made | None:
-    drawn = [(record.frame, ribbon(record.curve)) for record in work.records]
+    drawn = [(record.frame, looks.ribbon(record.curve)) for record in work.records]
     lines = [(frame, line) for frame, line in drawn if line is not None]
     if not lines:
         return None
-    width = 0.4 * breadth(_curves(work))
-    look = {"edge_color": palette.UNCERTAIN, "edge_width": width}
+    look = {"edge_color": palette.UNCERTAIN, "edge_width": 0.4 * looks.breadth(_curves(work))}
     return Made(in_vectors(work.image, lines)[0], {}, look)
 
 
 def _wide(work: Work) -> list[Record]:
-    return [record for record in work.records if has_outline(record.curve)]
+    return [record for record in work.records if looks.has_outline(record.curve)]
 
 
 def _outlines(work: Work) -> Made:
     known = _wide(work)
-    lines = [outline(record.curve) for record in known]
-    return _around(work, known, lines, colours_of(known, work.layers.look))
+    lines = [looks.outline(record.curve) for record in known]
+    return _around(work, known, lines, colours_of(known, work.look))
 
 
 def _halos(work: Work) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
-    lines = coarse([halo(curve, GAP * breadth(curves)) for curve in curves])
+    lines = looks.coarse([looks.halo(curve, GAP * looks.breadth(curves)) for curve in curves])
     return _around(work, work.selected, lines, [palette.MOVING] * len(curves))
 
 
 def _around(
-    work: Work, records: Sequence[Record], lines: Sequence[Line], colours: Sequence[str]
+    work: Work, records: Sequence[Record], lines: Sequence[looks.Line], colours: Sequence[str]
 ) -> Made:
     """Show lines around bodies, each in the frame of its curve and in its colour."""
-    data, counts = in_vectors(
-        work.image, [(record.frame, line) for record, line in zip(records, lines, strict=True)]
-    )
+    frames = [record.frame for record in records]
+    data, counts = in_vectors(work.image, list(zip(frames, lines, strict=True)))
     if not records:
         return Made(data)
-    width = THIN * breadth([record.curve for record in records])
-    look = {"edge_width": width, "edge_color": np.repeat(rgba(colours), counts, axis=0)}
+    width = THIN * looks.breadth([record.curve for record in records])
+    look = {"edge_width": width, "edge_color": np.repeat(looks.rgba(colours), counts, axis=0)}
     return Made(data, look)
 
 
-def _masks(work: Work) -> Made | None:
+def _masks(work: Work) -> Made:
     """Label image of each frame: a pixel's value is the number of its curve."""
-    size, leading = size_of(work.image), frame_shape(work.image)
-    plane = partial(_mask, by_frame(work.records), size)
-    return Made(Planes((*leading, *size), np.int32, plane), placement(work.image))
+    return Made(_planes(work, (), by_frame(work.records)), placement(work.image))
 
 
 def _stack(work: Work) -> Made | None:
-    """One mask for each curve, along an axis of their own: overlaps are kept."""
-    size, leading, count = size_of(work.image), frame_shape(work.image), frame_count(work.image)
-    numbers = sorted({record.id for record in work.records})
+    """One mask for each curve, along an axis of their own in front: overlaps are kept."""
+    image, numbers = work.image, sorted({record.id for record in work.records})
     if not numbers:
         return None
-    records = {numbers.index(r.id) * count + r.frame: [r] for r in work.records}
-    planes = Planes((len(numbers), *leading, *size), np.int32, partial(_mask, records, size))
-    return Made(planes, _placement_of_stack(work.image))
-
-
-def _mask(
-    records: Mapping[int, list[Record]], size: tuple[int, int], plane: int
-) -> Integer[np.ndarray, "H W"]:
-    here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(plane, ())]
-    return label_image(here, size, np.int32)
-
-
-def _placement_of_stack(image: Image) -> dict[str, Any]:
-    """Lie on the image, with one more axis in front."""
+    records = {numbers.index(r.id) * frame_count(image) + r.frame: [r] for r in work.records}
     own = Affine(
         scale=image.scale, translate=image.translate, rotate=image.rotate, shear=image.shear
     ).expand_dims([0])
-    return {
-        **{name: getattr(own, name) for name in ("scale", "translate", "rotate", "shear")},
-        "affine": image.affine.expand_dims([0]),
-        "units": ("pixel", *image.units),
-        "axis_labels": (BODY, *image.axis_labels),
-    }
+    place = {name: getattr(own, name) for name in ("scale", "translate", "rotate", "shear")}
+    place |= {"affine": image.affine.expand_dims([0]), "units": ("pixel", *image.units)}
+    place |= {"axis_labels": (BODY, *image.axis_labels)}
+    return Made(_planes(work, (len(numbers),), records), place)
+
+
+def _planes(work: Work, more: tuple[int, ...], records: Mapping[int, list[Record]]) -> Planes:
+    """Draw the masks of some curves, plane by plane, with more axes in front."""
+    size = size_of(work.image)
+
+    def mask(plane: int) -> Integer[np.ndarray, "H W"]:
+        here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(plane, ())]
+        return label_image(here, size, np.int32)
+
+    return Planes((*more, *frame_shape(work.image), *size), np.int32, mask)
 
 
 MAKERS: dict[str, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches,
                             lambda work: _film(work, work.state.patches, _like(work.image))),
     "outlines": Maker(Vectors, "outlines",
-                      lambda work: [work.layers.look, *[r.curve for r in _wide(work)]], _outlines),
+                      lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
                       lambda work: [record.curve for record in work.selected], _halos),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
@@ -233,8 +286,5 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
     if (high <= low).any():
         return None
     grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    block = block_on(image, record.frame, grid, tuple(high - low))
-    if block is None:
-        return None
-    rest = block.read() - patch.pixels[low[0] : high[0], low[1] : high[1]]
-    return mean_across(rest, points - low, half_width)
+    rest = _rest(image, record.frame, grid, patch.pixels[slices(low, high)])
+    return None if np.isnan(rest).all() else mean_across(rest, points - low, half_width)

@@ -1,32 +1,24 @@
-"""The layers that show curves: their lines, outlines, marks and the halo of those selected."""
+"""The curves of an image, and the layers that show them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Integer
 from napari.components import ViewerModel
-from napari.layers import Points, Shapes
+from napari.layers import Image, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal, SignalInstance
-from superqt.utils import qthrottled
 
-from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import edges
-from napari_splinesketch.plugin import columns
-from napari_splinesketch.plugin.layers import looks
-from napari_splinesketch.plugin.layers.drawn import CLICK
+from napari_splinesketch.plugin import columns, model
+from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.slot import CurveLines, Following, Slot, undisturbed
-from napari_splinesketch.plugin.layers.space import Ruler, View, in_stack, view_of
-from napari_splinesketch.plugin.model import Key, Record
-
-if TYPE_CHECKING:
-    from napari_splinesketch.plugin.keeper import Work
+from napari_splinesketch.plugin.layers.slot import OWNER, Following, Marks, Slot, undisturbed
+from napari_splinesketch.plugin.layers.space import Ruler, in_stack, size_of, to_pixels
+from napari_splinesketch.plugin.model import History, Key, Record, State, bytes_beside, key_of
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
@@ -34,170 +26,160 @@ own: to change one shape, napari draws a whole layer of shapes anew."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
-LETTER, LINE_HEIGHT, BESIDE = 9.0, 16.0, 2.0
-"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
-CELL = 2
-"""Size of the cells in which points of curves are counted, px of the screen."""
-MOST = 60
-"""Marks at once: more are not read, and napari's time for text grows with their number."""
-PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
-"""Where along a curve a mark may stand, the best first."""
-AFTER_MS = 120
-"""Marks follow the camera when it has stood still for so long."""
 
 
-def readable(
-    records: Sequence[Record], view: View
-) -> Iterator[tuple[Record, Float[np.ndarray, 2]]]:
-    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
-    here = [r for r in records if r.frame == view.frame and looks.MARKS[r.curve.status]]
-    if not here:
-        return
-    ends = np.stack([_stands(r.curve)[0] for r in here])
-    near = ((ends > view.low) & (ends < view.high)).all(axis=2).any(axis=-1)
-    here = [here[i] for i in np.flatnonzero(near).tolist()]
-    taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
-    crowd = _crowd(records, view)
-    for record in sorted(here, key=lambda r: columns.severity(r.curve), reverse=True):
-        size = np.array([LINE_HEIGHT, LETTER * len(_text(record))]) * view.pixel / 2
-        places = _places(record.curve, size, view)
-        free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
-        over = np.abs(places[:, None] - taken[:count]) < size + sizes[:count]
-        free &= ~over.all(axis=2).any(axis=-1)
-        if free.any():
-            best = places[np.where(free, crowd(places, size), np.inf).argmin()]
-            taken[count], sizes[count] = best, size
-            yield record, best
-            count += 1
-        if count == MOST:
-            return
+class CurveLines(Slot):
+    """A line for each curve, brought in step with what is known: some go, some come."""
 
-
-def _crowd(records: Sequence[Record], view: View) -> Callable[..., Integer[np.ndarray, " N"]]:
-    """Make what counts the points of curves in boxes around places: marks lie over few of them.
-
-    What lies above and to the left of each cell is added up once, for thousands of boxes.
-    """
-    cell = CELL * view.pixel
-    shape = np.ceil((view.high - view.low) / cell).astype(int)
-    points = np.concatenate([r.curve.points for r in records if r.frame == view.frame])
-    at = np.floor((points - view.low) / cell).astype(int)
-    at = at[((at >= 0) & (at < shape)).all(axis=1)]
-    sums = np.zeros(shape + 1, dtype=int)
-    np.add.at(sums, tuple(at.T + 1), 1)
-    sums = sums.cumsum(axis=0).cumsum(axis=1)
-
-    def count(places: Float[np.ndarray, "N 2"], half: Float[np.ndarray, 2]) -> Any:
-        low = np.clip(np.floor((places - half - view.low) / cell).astype(int), 0, shape).T
-        high = np.clip(np.ceil((places + half - view.low) / cell).astype(int), 0, shape).T
-        return sums[*high] - sums[low[0], high[1]] - sums[high[0], low[1]] + sums[*low]
-
-    return count
-
-
-def _text(record: Record) -> str:
-    return f"{record.id} {looks.MARKS[record.curve.status]}"
-
-
-@looks.once
-def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
-    """Points of a curve beside which its mark may stand, and the way there: above it first."""
-    at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
-    across = (edges(curve.points, np.ones(len(curve.points)))[0] - curve.points)[at]
-    return curve.points[at], np.where(across[:, :1] > 0, -across, across)
-
-
-def _places(curve: Curve, size: Float[np.ndarray, 2], view: View) -> Float[np.ndarray, "_ 2"]:
-    """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
-    points, up = _stands(curve)
-    half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
-    away = (looks.reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
-    return np.stack([points + away, points - away], axis=1).reshape(-1, 2)
-
-
-class Marks(Slot):
-    """Numbers and signs beside the curves that need review, as many as can be read.
-
-    They follow camera and frame.
-    """
-
-    kind = Points
-    style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
-    _shown: tuple[Any, ...] = ()
-
-    def __init__(self, viewer: ViewerModel, work: Work):
-        super().__init__(viewer, work.image, "marks", f"{work.name} marks", work)
-        self._work = work
-        self._soon = qthrottled(self.update, AFTER_MS, leading=False)
+    kind = Shapes
+    _shown: Sequence[Record] = ()
+    """In the order of the layer."""
+    _described: Sequence[Record] = ()
+    """Those that its features speak of."""
+    _colours: Mapping[int, str] = {}
+    """By the identity of the curve."""
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it, and follow what is in view."""
-        self._shown = ()
-        made = super().make(*data, **how)
-        moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
-        for moved in (*moves, made.events.visible):
-            moved.connect(self._on_move)
-        return made
+        """Add the layer, with nothing in it."""
+        self._shown, self._described, self._colours = (), (), {}
+        return super().make(*data, **how)
 
-    def _on_move(self, event: object) -> None:
-        if self._work.records:
-            self._soon()
+    def keys(self) -> list[Key]:
+        """(frame, id) of the curves that are there."""
+        known = {} if self.layer is None else self.layer.features
+        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
 
-    def update(self) -> None:
-        """Mark the curves in view, and no others."""
+    def missing(self) -> set[Key]:
+        """(frame, id) of the curves that the user has deleted."""
+        written = map(key_of, self._described)
+        return set(written).difference(self.keys()) if self.layer is not None else set()
+
+    def selection(self) -> tuple[Key, ...]:
+        """(frame, id) of the curves that are selected."""
+        keys = self.keys()
+        chosen = sorted(self.layer.selected_data) if keys else ()
+        return tuple(keys[i] for i in chosen if i < len(keys))
+
+    def show(self, records: Sequence[Record], look: columns.Look) -> Iterator[None]:
+        """Show these curves, and no others; some come at each step."""
         layer = self.layer
-        if layer is None or not layer.visible or self.image not in self.viewer.layers:
-            return
-        view = view_of(self.viewer, self.image)
-        found = list(readable(self._work.records, view))
-        shown = tuple((id(record), *place) for record, place in found)
-        if shown == self._shown:
-            return
-        self._shown = shown
-        places = np.array([place for _, place in found]).reshape(-1, 2)
-        with undisturbed(self.viewer):
+        wanted = {id(record.curve): record for record in records}
+        if layer.nshapes != len(self._shown):
+            gone, self._shown = list(range(layer.nshapes)), ()
+        else:
+            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
+        if gone:
             layer.selected_data = set()
-            layer.text = {"string": {"constant": ""}}
-            layer.data = in_stack(self.image, view.frame, places)
-            layer.text = {
-                "string": [_text(record) for record, _ in found],
-                "color": [looks.COLOURS[record.curve.status] for record, _ in found],
-                "size": 10,
-                "anchor": "center",
-            }
+            layer.remove(gone)
+            self._shown = [r for r in self._shown if id(r.curve) in wanted]
+        there = {id(record.curve) for record in self._shown}
+        fresh = [record for record in records if id(record.curve) not in there]
+        curves = [record.curve for record in fresh]
+        colours, unit = columns.colours_of(fresh, look), looks.breadth(curves)
+        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
+        for done in drawn.add_shapes(
+            layer,
+            self._lines(fresh),
+            ["path"] * len(fresh),
+            edge_color=colours,
+            face_color="transparent",
+            edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
+        ):
+            self._shown = [*self._shown, *fresh[done]]
+            columns.features(fresh[done])  # a few are measured at a time: below, all are asked for
+            yield
+        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
+        if gone:
+            yield
+
+    def follow(self, *, removed: bool) -> None:
+        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
+        left = set(self.keys())
+        less = removed and len(left) < len(self._shown)
+        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
+
+    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
+        """Draw curves, some at a time when they are needed."""
+        for start in range(0, len(records), drawn.CHUNK):
+            some = records[start : start + drawn.CHUNK]
+            lines = looks.thinned([record.curve.points for record in some])
+            for record, line in zip(some, lines, strict=True):
+                yield in_stack(self.image, record.frame, line)
+
+    def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
+        """Let features and colours say what is known now."""
+        layer: Any = self._layer
+        if changed or records != self._described or layer.features.empty:
+            layer.features = columns.features(records)
+            self._shown = self._described = records
+        colours = columns.colours_of(records, look)
+        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
+        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
+            layer.edge_color = colours
+        self._colours = painted
 
 
-class ResultLayers:
-    """Shows the curves of a work in layers, whose names begin with its name."""
+class Work:
+    """The curves of an image, how they came about, and the layers that show them.
 
-    edited = Signal()
-    """The user has changed the layer of curves."""
-    toggled = Signal()
-    """A layer was shown or hidden."""
-    selected = Signal()
-    """The user has selected other curves in their layer."""
-    clicked = Signal(bool)
-    """The user has clicked into the layer of curves while moving the camera; with Shift, or not."""
+    The layers of results come with the first of them; the suggested lines are among the sketches.
+    `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
+    colours of curves say, `made` are the layers that are made of what is known.
+    """
 
-    def __init__(self, viewer: ViewerModel, work: Work):
-        self._viewer, self._image, self._work = viewer, work.image, work
+    edited = Signal(description="The user has changed the layer of curves")
+    toggled = Signal(description="A layer was shown or hidden")
+    marked = Signal(description="The user has selected other curves in their layer")
+    clicked = Signal(bool, description="A click into it while the camera may move; with Shift?")
+
+    def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
+        self.image, self.sketches, self._viewer = image, sketches, viewer
+        self.selection: tuple[Key, ...] = ()
+        self.history: History[State] = History(State(), bytes_beside)
         self.look: columns.Look = ("status", Ruler())
+        self._suggested: dict[model.Suggestion, np.ndarray] = {}
+        self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
+        self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", self)
+        self._marks = Marks(viewer, self)
+        slots: dict[str, Any] = {**self.made, "curves": self.curves, "marks": self._marks}
+        self._slots, self._over = slots, {role: slots[role] for role in OVER}
         self._busy = False
-        self.made = {role: Following(viewer, role, work, MAKERS) for role in MAKERS}
-        self._curves = CurveLines(viewer, work.image, "curves", f"{work.name} curves", work)
-        self._marks = Marks(viewer, work)
-        over = self.made["outlines"], self._curves, self.made["selected"], self._marks
-        self._over: dict[str, Any] = dict(zip(OVER, over, strict=True))
-        self.missing, self.selection = self._curves.missing, self._curves.selection
 
     @property
     def signals(self) -> tuple[SignalInstance, ...]:
         """What tells of the user's doings: one keeper listens."""
-        return self.toggled, self.edited, self.selected, self.clicked
+        return self.toggled, self.edited, self.marked, self.clicked
+
+    @property
+    def name(self) -> str:
+        """What names of layers begin with."""
+        return self.sketches.name.removesuffix(drawn.SUFFIX)
+
+    @property
+    def state(self) -> State:
+        """What is known now."""
+        return self.history.value
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The curves of all frames."""
+        return self.state.records
+
+    @property
+    def selected(self) -> tuple[Record, ...]:
+        """The curves that are selected."""
+        known = self.state.by_key
+        return tuple(known[key] for key in self.selection if key in known)
 
     def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
-        return {**self.made, **self._over}[role].layer
+        return self.sketches if role == "sketches" else self._slots[role].layer
+
+    def remove(self) -> None:
+        """Remove the layers of results."""
+        layers = self._viewer.layers
+        for layer in [layer for layer in layers if layer.metadata.get(OWNER) is self]:
+            layers.remove(layer)
 
     def ask(self, role: str, on: bool) -> bool:
         """Show or hide what the model says; False if there is nothing to show."""
@@ -208,6 +190,22 @@ class ResultLayers:
             self._update(picture)
         self.toggled.emit()
         return picture.layer is not None or not on
+
+    def show(self) -> Iterator[None]:
+        """Bring the layers in step with what is known by then, a little at each step.
+
+        napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
+        full ones: the window may live in between, and layers are added before any is filled.
+        """
+        yield from self._suggest()
+        for step in (self._prepare(), self._add(), self.follow(), self._fill()):
+            while self.image in self._viewer.layers:
+                with self._by_us():
+                    if next(step, step) is step:
+                        break
+                yield
+            yield
+        self._fade()
 
     def follow(self) -> Iterator[None]:
         """Let what is made of the work follow it, where it is in view or always there."""
@@ -220,25 +218,11 @@ class ResultLayers:
     def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
         before, self.look = self.look, look
-        return self._curves.made and before != look
-
-    def show(self) -> Iterator[None]:
-        """Show what is known by then, in the layers that exist or in new ones, layer by layer.
-
-        napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
-        full ones: the window may live in between, and layers are added before any is filled.
-        """
-        for step in (self._prepare(), self._add(), self.follow(), self._fill()):
-            while self._image in self._viewer.layers:
-                with self._by_us():
-                    if next(step, step) is step:
-                        break
-                yield
-            yield
+        return self.curves.made and before != look
 
     def deleted(self) -> bool:
         """Whether the user has removed the layer of curves, and so the results."""
-        return self._curves.made and self._curves.layer is None
+        return self.curves.made and self.curves.layer is None
 
     def forget(self) -> None:
         """Make all lines anew when there is something to show again."""
@@ -246,27 +230,27 @@ class ResultLayers:
             for slot in self._over.values():
                 slot.remove()
 
-    def select(self, keys: Collection[Key]) -> None:
-        """Select curves in their layer."""
-        layer, chosen = self._curves.layer, set(keys)
-        if layer is not None and chosen != set(self.selection()):
+    def mark(self) -> None:
+        """Select in the layer of curves those that are selected."""
+        layer, chosen = self.curves.layer, set(self.selection)
+        if layer is not None and chosen != set(self.curves.selection()):
             # napari takes a selection for an edit of its look and writes all text anew: 0.2 s
             # with 1,000 curves.
             with self._by_us(), layer.events.edge_width.blocker():
-                there = self._curves.keys()
+                there = self.curves.keys()
                 layer.selected_data = {i for i, key in enumerate(there) if key in chosen}
             layer.events.highlight()
 
     def _update(self, picture: Following) -> None:
         before = picture.layer
-        if self._image in self._viewer.layers:
+        if self.image in self._viewer.layers:
             picture.update()
         if picture.layer is not None and picture.layer is not before:
             picture.layer.events.visible.connect(self._on_visible)
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
-        for role, slot in self._over.items() if self._work.records else ():
+        for role, slot in self._over.items() if self.records else ():
             if slot.layer is None:
                 layer = slot.make(visible=False)
                 if role in ("outlines", "curves"):
@@ -280,10 +264,58 @@ class ResultLayers:
                     layer.visible = True
                     yield
 
+    def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
+        """Say where among the sketches lines are that were suggested, and are as they were.
+
+        A line that the user has moved, changed or deleted is hers: it is not touched again.
+        """
+        prints = {self._suggested[one].tobytes() for one in suggestions if one in self._suggested}
+        data = self.sketches.data if prints else ()
+        return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
+
+    def _suggest(self) -> Iterator[None]:
+        """Add and remove suggested lines, some at each step."""
+        layer, wanted = self.sketches, self.state.suggestions
+        if not {self.image, layer} <= set(self._viewer.layers):
+            return
+        gone = set(self._suggested).difference(wanted)
+        old = self.positions(gone)
+        for one in gone:
+            del self._suggested[one]
+        if old:
+            layer.selected_data = set()
+            layer.remove(old)
+            yield
+        if fresh := [one for one in wanted if one not in self._suggested]:
+            points = np.concatenate([in_stack(self.image, one.frame, one.line) for one in fresh])
+            vertices = to_pixels(self._viewer, self.image, layer, points).astype(np.float32)
+            shapes = np.split(vertices, np.cumsum([len(one.line) for one in fresh])[:-1])
+            self._suggested |= dict(zip(fresh, shapes, strict=True))
+            style = drawn.line_style(size_of(self.image))
+            for _ in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
+                yield
+
+    def _fade(self) -> None:
+        """Let the lines that have become curves step back behind them, and no others."""
+        layer = self.sketches
+        if not {self.image, layer} <= set(self._viewer.layers) or not layer.nshapes:
+            return
+        refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
+        frames, lines = zip(*drawn.shapes_in(self._viewer, layer, self.image), strict=True)
+        back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
+        colours = np.array(layer.edge_color)
+        before = np.round(colours[:, 3], 3)
+        # A transparency that the user has chosen stays.
+        ours = np.isin(before, (1.0, drawn.FADED))
+        wanted = np.where(ours, np.where(back, drawn.FADED, 1.0), before)
+        if (wanted != before).any():
+            colours[:, 3] = wanted
+            layer.edge_color = colours
+
     def _prepare(self) -> Iterator[None]:
         """Work out, once, what takes long for many curves."""
         began = perf_counter()
-        for record in self._work.records:
+        for record in self.records:
             if looks.has_outline(record.curve):
                 looks.outline(record.curve)
             if perf_counter() - began > AT_ONCE:
@@ -291,8 +323,8 @@ class ResultLayers:
                 began = perf_counter()
 
     def _fill(self) -> Iterator[None]:
-        if self._curves.layer is not None:
-            yield from self._curves.show(self._work.records, self.look)
+        if self.curves.layer is not None:
+            yield from self.curves.show(self.records, self.look)
             self._marks.update()
 
     @contextmanager
@@ -309,7 +341,7 @@ class ResultLayers:
         if self._busy:
             return
         for mark in (self.layer("selected"), self.layer("marks")):
-            if event.source is self._curves.layer and mark is not None:
+            if event.source is self.curves.layer and mark is not None:
                 mark.visible = event.source.visible
         for _ in self.follow():
             pass
@@ -317,7 +349,7 @@ class ResultLayers:
 
     def _on_data(self, event: Any) -> None:
         if not self._busy and event.action in EDITS:
-            self._curves.follow(removed=event.action == ActionType.REMOVED)
+            self.curves.follow(removed=event.action == ActionType.REMOVED)
             self.edited.emit()
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
@@ -328,9 +360,9 @@ class ResultLayers:
         while event.type == "mouse_move":
             far = max(far, float(np.linalg.norm(np.array(event.pos) - begin)))
             yield
-        if layer.mode == "pan_zoom" and far < CLICK:
+        if layer.mode == "pan_zoom" and far < drawn.CLICK:
             self.clicked.emit(shift)
 
     def _on_selected(self) -> None:
         if not self._busy:
-            self.selected.emit()
+            self.marked.emit()

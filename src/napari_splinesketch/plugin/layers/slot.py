@@ -13,18 +13,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Labels, Layer, Shapes, Vectors
+from napari.layers import Image, Labels, Layer, Points, Vectors
 from qtpy.QtCore import QTimer
+from superqt.utils import qthrottled
 
 from napari_splinesketch import palette
-from napari_splinesketch.plugin import columns
 from napari_splinesketch.plugin.layers import looks
-from napari_splinesketch.plugin.layers.drawn import CHUNK, add_shapes
-from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of
-from napari_splinesketch.plugin.model import Key, Record, key_of
+from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of, view_of
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.keeper import Work
+    from napari_splinesketch.plugin.layers.results import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
@@ -32,6 +30,8 @@ STEP_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
 FIRST_MS = 5
 """Before the first one: what has changed the state is still to be seen in the dock."""
+AFTER_MS = 120
+"""Marks follow the camera when it has stood still for so long."""
 _log = logging.getLogger(__name__)
 
 
@@ -162,16 +162,10 @@ class Maker:
 class Following(Slot):
     """A layer that shows of a work what its maker makes."""
 
-    def __init__(self, viewer: ViewerModel, role: str, work: Work, makers: Mapping[Any, Maker]):
-        self._role, self._work, self._makers = role, work, makers
+    def __init__(self, viewer: ViewerModel, role: str, maker: Maker, work: Work):
+        super().__init__(viewer, work.image, role, f"{work.name} {maker.name}", work)
+        self.kind, self.maker, self._work = maker.kind, maker, work
         self._source: list[Any] | None = None
-        self.kind = self.maker.kind
-        super().__init__(viewer, work.image, role, f"{work.name} {self.maker.name}", work)
-
-    @property
-    def maker(self) -> Maker:
-        """What makes it."""
-        return self._makers[self._role]
 
     def update(self) -> None:
         """Bring it in step with what is known, if that is not what it shows."""
@@ -181,8 +175,12 @@ class Following(Slot):
         made = self.maker.make(self._work)
         if made is None:
             self.remove()
-        elif layer is None or (self.kind is not Vectors and layer.data.shape != made.data.shape):
-            self._add(made, layer)
+        elif layer is None:
+            # Over the image, lines over all.
+            how: dict[str, Any] = {**made.always, **made.look, "visible": self.maker.title > ""}
+            if self.kind is not Vectors:
+                how |= {"at": self.viewer.layers.index(self.image) + 1, "multiscale": False}
+            self.make(made.data, **how).editable = self.kind is not Labels
         else:
             layer.data = made.data
             for name, value in made.always.items():
@@ -196,27 +194,17 @@ class Following(Slot):
         self._source = None
         return super().make(*data, **how)
 
-    def _add(self, made: Made, old: Layer | None) -> None:
-        """Put the layer over the image, lines over all, or in the place of an old one."""
-        layers = self.viewer.layers
-        at = layers.index(old or self.image) + (old is None)
-        visible = old.visible if old else bool(self.maker.title)
-        self.remove()
-        how: dict[str, Any] = {**made.always, **made.look, "visible": visible}
-        if self.kind is Vectors:
-            at = at if old else None
-        else:
-            how["multiscale"] = False
-        layer = self.make(made.data, at=at, **how)
-        layer.editable = self.kind is not Labels
-
 
 class Preview(Slot):
     """Lines of one frame that are still on their way."""
 
     _filled = False
 
-    def show(self, frame: int, lines: Sequence[looks.Line]) -> None:
+    def __init__(self, viewer: ViewerModel, image: Image, frame: int, name: str):
+        super().__init__(viewer, image, "preview", name)
+        self._frame = frame
+
+    def show(self, lines: Sequence[looks.Line]) -> None:
         """Show lines, px; nothing if the user has removed the layer.
 
         The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
@@ -225,101 +213,59 @@ class Preview(Slot):
             width = looks.line_width(size_of(self.image))
             self.make(visible=False, edge_width=width, edge_color=palette.MOVING)
         elif (layer := self.layer) is not None:
-            some = [(frame, line) for line in looks.coarse(lines)]
+            some = [(self._frame, line) for line in looks.coarse(lines)]
             layer.data, _ = in_vectors(self.image, some)
             if not self._filled:
                 self._filled = layer.visible = True
 
 
-class CurveLines(Slot):
-    """A line for each curve, brought in step with what is known: some go, some come."""
+class Marks(Slot):
+    """The layer of marks; it follows camera and frame."""
 
-    kind = Shapes
-    _shown: Sequence[Record] = ()
-    """In the order of the layer."""
-    _described: Sequence[Record] = ()
-    """Those that its features speak of."""
-    _colours: Mapping[int, str] = {}
-    """By the identity of the curve."""
+    kind = Points
+    style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
+    _shown: tuple[Any, ...] = ()
+
+    def __init__(self, viewer: ViewerModel, work: Work):
+        super().__init__(viewer, work.image, "marks", f"{work.name} marks", work)
+        self._work = work
+        self._soon = qthrottled(self.update, AFTER_MS, leading=False)
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._shown, self._described, self._colours = (), (), {}
-        return super().make(*data, **how)
+        """Add the layer, with nothing in it, and follow what is in view."""
+        self._shown = ()
+        made = super().make(*data, **how)
+        moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
+        for moved in (*moves, made.events.visible):
+            moved.connect(self._on_move)
+        return made
 
-    def keys(self) -> list[Key]:
-        """(frame, id) of the curves that are there."""
-        known = {} if self.layer is None else self.layer.features
-        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
+    def _on_move(self, event: object) -> None:
+        if self._work.records:
+            self._soon()
 
-    def missing(self) -> set[Key]:
-        """(frame, id) of the curves that the user has deleted."""
-        written = map(key_of, self._described)
-        return set(written).difference(self.keys()) if self.layer is not None else set()
-
-    def selection(self) -> tuple[Key, ...]:
-        """(frame, id) of the curves that are selected."""
-        keys, layer = self.keys(), self.layer
-        return tuple(keys[i] for i in sorted(layer.selected_data) if i < len(keys)) if keys else ()
-
-    def show(self, records: Sequence[Record], look: columns.Look) -> Iterator[None]:
-        """Show these curves, and no others; some come at each step."""
+    def update(self) -> None:
+        """Mark the curves in view, and no others."""
         layer = self.layer
-        wanted = {id(record.curve): record for record in records}
-        if layer.nshapes != len(self._shown):
-            gone, self._shown = list(range(layer.nshapes)), ()
-        else:
-            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
-        if gone:
+        if layer is None or not layer.visible or self.image not in self.viewer.layers:
+            return
+        view = view_of(self.viewer, self.image)
+        found = list(looks.readable(self._work.records, view))
+        shown = tuple((id(record), *place) for record, place in found)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        places = np.array([place for _, place in found]).reshape(-1, 2)
+        with undisturbed(self.viewer):
             layer.selected_data = set()
-            layer.remove(gone)
-            self._shown = [r for r in self._shown if id(r.curve) in wanted]
-        there = {id(record.curve) for record in self._shown}
-        fresh = [record for record in records if id(record.curve) not in there]
-        curves = [record.curve for record in fresh]
-        colours, unit = columns.colours_of(fresh, look), looks.breadth(curves)
-        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
-        for done in add_shapes(
-            layer,
-            self._lines(fresh),
-            ["path"] * len(fresh),
-            edge_color=colours,
-            face_color="transparent",
-            edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
-        ):
-            self._shown = [*self._shown, *fresh[done]]
-            for record in fresh[done]:
-                columns.in_pixels(record)  # a few at a time: all are asked for at once below
-            yield
-        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
-        if gone:
-            yield
-
-    def follow(self, *, removed: bool) -> None:
-        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
-        left = set(self.keys())
-        less = removed and len(left) < len(self._shown)
-        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
-
-    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
-        """Draw curves, some at a time when they are needed."""
-        for start in range(0, len(records), CHUNK):
-            some = records[start : start + CHUNK]
-            lines = looks.thinned([record.curve.points for record in some])
-            for record, line in zip(some, lines, strict=True):
-                yield in_stack(self.image, record.frame, line)
-
-    def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
-        """Let features and colours say what is known now."""
-        layer: Any = self._layer
-        if changed or records != self._described or layer.features.empty:
-            layer.features = columns.features(records)
-            self._shown = self._described = records
-        colours = columns.colours_of(records, look)
-        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
-        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
-            layer.edge_color = colours
-        self._colours = painted
+            layer.text = {"string": {"constant": ""}}
+            layer.data = in_stack(self.image, view.frame, places)
+            layer.text = {
+                "string": [looks.mark_of(record) for record, _ in found],
+                "color": [looks.COLOURS[record.curve.status] for record, _ in found],
+                "size": 10,
+                "anchor": "center",
+            }
 
 
 class Drawing:
@@ -330,40 +276,35 @@ class Drawing:
 
     def __init__(self, failed: Callable[[Exception], None]):
         self._failed = failed
-        self._steps: dict[Hashable, Iterator[object]] = {}
-        self._last: dict[Hashable, list[Callable[[], None]]] = {}
+        self._runs: dict[Hashable, tuple[Iterator[object], list[Callable[[], None]]]] = {}
 
     def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
         """Take steps, in the place of others of the same key; then call `last`, also of those."""
-        running = key in self._steps
-        self._steps[key] = steps
-        self._last.setdefault(key, []).append(last)
-        if not running:
+        before = self._runs.get(key)
+        self._runs[key] = steps, [*(before[1] if before else ()), last]
+        if not before:
             QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
 
     @property
     def busy(self) -> bool:
         """Whether anything is still to be shown."""
-        return bool(self._steps)
+        return bool(self._runs)
 
     def drop(self, key: Hashable) -> bool:
         """Take no more steps; say whether there were some left."""
-        self._last.pop(key, None)
-        return self._steps.pop(key, None) is not None
+        return self._runs.pop(key, None) is not None
 
     def stop(self) -> None:
         """Show nothing more."""
-        self._steps.clear()
-        self._last.clear()
+        self._runs.clear()
 
     def _go_on(self, key: Hashable) -> None:
-        if key not in self._steps:
+        if key not in self._runs:
             return
         try:
-            next(self._steps[key])
+            next(self._runs[key][0])
         except StopIteration:
-            del self._steps[key]
-            for last in self._last.pop(key):
+            for last in self._runs.pop(key)[1]:
                 last()
         except Exception as error:
             _log.exception("The results could not be shown")

@@ -1,26 +1,36 @@
-"""Where things are: layers' coordinates, units and frames, seen from the image.
+"""Where things are: layers' coordinates, units, frames and pixels, seen from the image.
 
 napari keeps units apart from transforms: a layer's `data_to_world` speaks the layer's own unit,
 the window draws every layer in the smallest unit of all of them, and in none where they do not
 match. What lies where is decided here as the window draws it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pint
-from jaxtyping import Float
+from jaxtyping import Float, Int, Real
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
+from napari_splinesketch.grids import Grid, slices
+from napari_splinesketch.plugin.model import lengths_of
 
 Points = Float[np.ndarray, "N D"]
 PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")
 """What says where a layer lies."""
+WHOLE_FRAME = 2**22
+"""Frames in memory of up to this many pixels are given whole."""
+LARGEST_BLOCK = 2**24
+"""A coarser level of a multiscale image is read where a block would have more pixels."""
+MARGIN = 64
+"""Kept around the sketches beside the length of the longest, px."""
+LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
+"""Rec. 709."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,7 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
     They are (N, layer.ndim), at full resolution, frame axes first. The viewer's units decide, and
     its sliders for axes that `layer` lacks.
     """
-    linear, offset = _affine(layer.data_to_world, layer.ndim)
+    linear, offset = _affine(layer)
     world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
     missing = image.ndim - layer.ndim
     if missing > 0:
@@ -64,7 +74,7 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
 
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
     """Take (N, D) points of the window's world to a layer's data."""
-    linear, offset = _affine(layer.data_to_world, layer.ndim)
+    linear, offset = _affine(layer)
     own = world / unit_factors(viewer, layer) - offset
     return np.linalg.solve(linear, own.T).T
 
@@ -84,12 +94,10 @@ def _ratio(unit: pint.Unit, other: pint.Unit) -> float:
     return float(base(unit)[0] / base(other)[0])
 
 
-def _affine(
-    transform: Callable[[Any], Sequence[float]], ndim: int
-) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
-    """Matrix and offset of an affine map, found by mapping the corner and the unit vectors."""
-    offset = np.array(transform(np.zeros(ndim)))
-    columns = [np.array(transform(unit)) - offset for unit in np.eye(ndim)]
+def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
+    """Matrix and offset of a layer's place, found by mapping the corner and the unit vectors."""
+    offset = np.array(layer.data_to_world(np.zeros(layer.ndim)))
+    columns = [np.array(layer.data_to_world(unit)) - offset for unit in np.eye(layer.ndim)]
     return np.column_stack(columns), offset
 
 
@@ -233,3 +241,85 @@ def pixel_size(
     if str(unit_y) == "pixel":
         return (None if size_y == size_x == 1 else (size_y, size_x)), None
     return (size_y, size_x * _ratio(unit_x, unit_y)), f"{unit_y:~P}"
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Part of one frame, the `key` of an array-like `level`; to be read in a thread."""
+
+    grid: Grid
+    level: Any
+    key: tuple[int | slice, ...]
+    rgb: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is all of the frame."""
+        first = len(self.key) - 2
+        height, width = self.level.shape[first : first + 2]
+        return self.key[first:] == (slice(0, int(height)), slice(0, int(width)))
+
+    def read(self) -> Real[np.ndarray, "H W"]:
+        """Read the pixels, a colour image as luminance; the array is the caller's own."""
+        pixels = np.array(self.level[self.key])
+        return pixels[..., :3].astype(np.float32) @ LUMINANCE if self.rgb else pixels
+
+
+def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> Block:
+    """Choose what to read of a frame for some sketches, px, at least one.
+
+    Of a multiscale image, the finest level that is not too large is taken.
+    """
+    shapes = _shapes(image)
+    points = np.clip(np.concatenate(lines), 0, shapes[0] - 1)
+    margin = MARGIN + lengths_of(lines).max()
+    low, high = np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shapes[0])
+    sizes = [np.prod((high - low) * shape / shapes[0]) for shape in shapes]
+    fine = next((i for i, size in enumerate(sizes) if size <= LARGEST_BLOCK), len(sizes) - 1)
+    level, shape = _level(image, fine), shapes[fine]
+    step = shapes[0] / shape
+    start = np.floor(low / step).astype(int)
+    stop = np.minimum(np.ceil(high / step), shape).astype(int)
+    if isinstance(level, np.ndarray) and np.prod(shape) <= WHOLE_FRAME:
+        start, stop = np.zeros(2, int), shape
+    return _block(image, frame, fine, start, stop)
+
+
+def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Block | None:
+    """Find the pixels of an image that (H, W) places on a grid stand for.
+
+    None where the image has no such pixels any more: its data may have been replaced.
+    """
+    shapes = _shapes(image)
+    steps = shapes[0] / shapes
+    level = next((i for i, step in enumerate(steps) if np.allclose(step, grid.step)), None)
+    if level is None:
+        return None
+    start = np.rint((grid.origin - (grid.step - 1) / 2) / grid.step).astype(int)
+    stop = start + shape
+    if (start < 0).any() or (stop > shapes[level]).any():
+        return None
+    return _block(image, frame, level, start, stop)
+
+
+def _level(image: Image, number: int) -> Any:
+    return image.data[number] if image.multiscale else image.data  # pyright: ignore
+
+
+def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
+    return image.level_shapes[:, image.ndim - 2 : image.ndim]
+
+
+def _block(
+    image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
+) -> Block:
+    """The pixels from `start` to `stop` of a level."""
+    level, shapes = _level(image, number), _shapes(image)
+    step = shapes[0] / shapes[number]
+    # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
+    grid = Grid(step * start + (step - 1) / 2, step)
+    index = frame_index(image, frame)
+    if image.multiscale:
+        depth = np.array(level.shape[: len(index)])
+        index = (np.array(index) * depth // image.level_shapes[0][: len(index)]).tolist()
+    return Block(grid, level, (*index, *slices(start, stop)), image.rgb)
