@@ -1,8 +1,12 @@
 """Which way through the image a sketch means: paths, their cost, and the choice for all of them."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import ndimage
+from skimage import io
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import spline
@@ -30,8 +34,8 @@ def drawn(lines: list[np.ndarray], half_width=HALF_WIDTH, noise=0.03) -> np.ndar
     return image + noise * np.random.default_rng(0).normal(size=SHAPE)
 
 
-def found(image, sketches, fixed=()) -> finding.Found:
-    ((_, seen),) = scene.read_scenes(image, sketches, "auto", None)
+def found(image, sketches, fixed=(), polarity="auto") -> finding.Found:
+    ((_, seen),) = scene.read_scenes(image, sketches, polarity, None)
     return finding.find(seen, sketches, list(fixed), SETTINGS["balanced"], lambda share: None)
 
 
@@ -246,3 +250,43 @@ def test_a_sketch_that_is_right_already_keeps_its_body():
     (start,) = found(image, [sketch]).starts
     assert away(start.line, line) < 2
     assert away(line, start.line) < 2
+
+
+@pytest.mark.parametrize("off", [0.0, 1.5])
+def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(off):
+    line = cross(0.0)[0]
+    rims = drawn([np.add(line, [side, 0.0]) for side in (-4.0, 4.0)], half_width=1.0)
+    inside = drawn([line], half_width=4.0, noise=0.0)
+    sketch = np.add(line[::16], [off, 0.0])
+    (curve,) = refine(np.maximum(rims, 0.5 * inside), [sketch]).curves
+    assert away(curve.points[10:-10], line) < 1.5
+    assert np.median(curve.half_width) > 2
+
+
+def test_a_line_of_one_stroke_or_of_two_points_is_not_taken_at_its_word():
+    line = cross(0.0)[0]
+    assert scoring.clicked(line[::10])
+    assert not scoring.clicked(line)
+    assert not scoring.clicked(line[::80])
+
+
+def test_a_sketch_between_two_bodies_may_mean_either_and_one_beside_a_body_means_that():
+    bodies = [np.add(cross(0.0)[0], [side, 0.0]) for side in (-9.0, 9.0)]
+    sketch = cross(0.0)[0][::80]
+    (between,), (beside,) = (found(drawn(b), [sketch], polarity="bright").starts
+                             for b in (bodies, bodies[:1]))  # fmt: skip
+    assert between.margin < 2 < beside.margin
+
+
+@pytest.mark.parametrize("name", ["flower_stems", "retina_rim"])
+def test_no_curve_folds_over_itself(name):
+    """A body turns by less than 1 rad within its half-width, also where others branch off."""
+    folder = Path(__file__).parents[1] / "data" / "real" / name
+    image = io.imread(next(folder.glob("image.*"))).astype(float)
+    image = image.mean(2) if image.ndim == 3 else image
+    ((_, sketches),) = json.loads((folder / "sketches.json").read_text()).items()
+    for curve in refine(image, [np.array(line) for line in sketches]).curves:
+        count = round(curve.length / np.median(curve.half_width))
+        step = np.diff(spline.resample(curve.points, count), axis=0)
+        turn = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
+        assert np.abs(turn[1:-1]).max() < 1

@@ -24,6 +24,9 @@ HELD, HOLDING = 0.05, 2
 LEFT, LEFT_PX, MOSTLY = 1.3, 0.5, 0.9
 """A curve of which less than this share lies within so many half-widths and px of its path was
 drawn off its body, by a neighbour or by texture: it is fitted again, and stays on the path."""
+FOLDS, UNFOLDED = 1.0, 0.25
+"""No body turns by so much (rad) within its half-width: a curve that does has folded over itself,
+and is fitted again, within so many half-widths of its path."""
 GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
@@ -161,7 +164,8 @@ def _fit_group(
 
     The solver gives all of them as many knots as the one that needs most; the others are held to
     their `own` numbers. A second fit holds the ends beyond which a curve grew though nothing is
-    seen there, and the curves that left their paths; the rows of these are returned, too.
+    seen there, the curves that folded, and those that left their paths; where it makes others do
+    so, a third one puts these on their paths. The rows of all that are put there are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
@@ -175,19 +179,29 @@ def _fit_group(
         if not start.found:
             hold[row] += fully / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    left, again = set(), {}
-    for row in (row for row, start in enumerate(starts) if start.found and not holds):
-        line = _ended(found[row], starts[row])
-        if _left(found[row].points(100) if line is None else line, starts[row]):
-            left.add(row)
-            hold[row], again[row] = fully / bands.PIN**2, theta[row]
-        elif line is not None:
-            at, _ = bands.stiff(line, own[row], knots)
-            hold[row, ends, ends] += HELD**-2.0
-            again[row] = np.concatenate([at, found[row].parameters])
-    if again:
-        now = np.array([again.get(row, body.theta) for row, body in enumerate(found)])
-        found = fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
+    left: set[int] = set()
+    for first in (True, False):
+        again = {}
+        for row in (row for row, start in enumerate(starts) if start.found and not holds):
+            line = _ended(found[row], starts[row]) if first else None
+            folded = _folded(found[row].points(SAMPLES), starts[row].half_width)
+            if first:
+                leaves = _left(found[row].points(100) if line is None else line, starts[row])
+            else:
+                leaves = folded and row not in left
+            if leaves:
+                left.add(row)
+                hold[row], again[row] = fully / bands.PIN**2, theta[row]
+            elif folded:
+                hold[row] += fully / (UNFOLDED * starts[row].half_width) ** 2
+                again[row] = theta[row]
+            elif line is not None:
+                at, _ = bands.stiff(line, own[row], knots)
+                hold[row, ends, ends] += HELD**-2.0
+                again[row] = np.concatenate([at, found[row].parameters])
+        if again:
+            now = np.array([again.get(row, body.theta) for row, body in enumerate(found)])
+            found = fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
     numbers = [*own, *[knots] * len(still)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], left
 
@@ -196,6 +210,14 @@ def _left(line: Line, start: Start) -> bool:
     """Whether a curve has left the path that it was to follow."""
     apart = spline.apart(line, spline.resample(start.line, SAMPLES))
     return float(np.quantile(apart, MOSTLY)) > LEFT * start.half_width + LEFT_PX
+
+
+def _folded(line: Line, half_width: float) -> bool:
+    """Whether a curve turns more sharply between its tips than a body of this half-width can."""
+    count = max(8, round(spline.arc_length(line)[-1] / half_width))
+    step = np.diff(spline.resample(line, count), axis=0)
+    turn = np.diff(np.arctan2(step[:, 1], step[:, 0]))
+    return bool(np.abs((turn[1:-1] + np.pi) % (2 * np.pi) - np.pi).max() > FOLDS)
 
 
 def _ended(body: Body, start: Start) -> Line | None:

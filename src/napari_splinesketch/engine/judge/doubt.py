@@ -21,7 +21,7 @@ WEIGHTS = np.array([0.9, 1.7, 1.4, 1.6])
 USUAL = np.array([-2.6, 0.3, 1.5, 0.0])
 """Weights of the signs, and their values in curves that are right: fitted to real images and
 generated ones by tests/benchmarks/doubt_weights.py, which prints what each threshold marks."""
-THRESHOLD = 3.0
+THRESHOLD = 3.2
 """Of the weighted sum, above which a curve needs review."""
 ADRIFT = 2.0
 """A curve that may be so far off, in the unit of its standard error, needs review anyway."""
