@@ -14,6 +14,7 @@ from napari_splinesketch.engine.find import finding, paths, scoring, strip, trac
 from napari_splinesketch.engine.fit import fit_scene
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.engine.types import Polarity
 
 HALF_WIDTH = 3.0
 CENTRE = np.array([45.0, 60.0])
@@ -34,7 +35,7 @@ def drawn(lines: list[np.ndarray], half_width=HALF_WIDTH, noise=0.03) -> np.ndar
     return image + noise * np.random.default_rng(0).normal(size=SHAPE)
 
 
-def found(image, sketches, fixed=(), polarity="auto") -> finding.Found:
+def found(image, sketches, fixed=(), polarity: Polarity = "auto") -> finding.Found:
     ((_, seen),) = scene.read_scenes(image, sketches, polarity, None)
     return finding.find(seen, sketches, list(fixed), SETTINGS["balanced"], lambda share: None)
 
