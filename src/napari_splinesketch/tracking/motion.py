@@ -173,10 +173,7 @@ def _directions(line: Points) -> Float[np.ndarray, " P-1"]:
 def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Points:
     """Points of a line at arc lengths `at`, straight on beyond its ends."""
     inside = np.stack([np.interp(at, s, x) for x in line.T], 1)
-    ends = (
-        line[0] - line[min(END, len(line) - 1)],
-        line[-1] - line[-1 - min(END, len(line) - 1)],
-    )
+    ends = line[0] - line[: END + 1][-1], line[-1] - line[-1 - END :][0]
     head, tail = (e / (np.linalg.norm(e) + 1e-9) for e in ends)
     beyond = np.maximum(at - s[-1], 0.0)[:, None] * tail
     return inside + beyond + np.maximum(-at, 0.0)[:, None] * head
