@@ -1,6 +1,6 @@
 """What each mechanism of the engine is for: the same bodies refined without it.
 
-    python tests/benchmarks/ablation.py [--without NAME ...] [--frames 2] [--page]
+    python tests/benchmarks/ablation.py [--without NAME ...] [--frames 2] [--jobs N] [--page]
 
 Every row runs in a process of its own, since compiled programs hold what they were compiled with.
 Frames of two and three generated bodies, one trial of each stability case, and the images of
@@ -10,10 +10,14 @@ row without a loss means that the mechanism should go.
 
 import argparse
 import csv
+import fcntl
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -119,7 +123,11 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
     "fits that left their paths are undone": _set(fit_scene, LEFT=1e6),
-    "a clicked sketch is a path itself": _set(scoring, CLICKED=range(0)),
+    "clicked vertices are taken at their word": _set(scoring, clicked=lambda _: False),
+    "clicked vertices count by their number": _set(scoring, CAREFUL=(6.0, 6.0)),
+    "a clicked sketch without a body stays": _set(finding, NOTHING=np.inf),
+    "hollow bodies": _set(finding, _between_rims=lambda *_: False),
+    "folded curves are fitted again": _set(fit_scene, FOLDS=9.0),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),
     "outliers count linearly": _set(solver, HUBER=1e6),
     "bodies resist bending": _set(bands, BEND=0.0),
@@ -197,18 +205,28 @@ def main() -> None:
     parser = argparse.ArgumentParser("python tests/benchmarks/ablation.py", description=__doc__)
     parser.add_argument("--without", nargs="+", default=list(MECHANISMS), choices=list(MECHANISMS))
     parser.add_argument("--frames", type=int, default=2, help="in each of the six cells")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--page", action="store_true", help="only write the table into the page")
     options = parser.parse_args()
     if options.page:
         insert("ablation", table() + "\n", PAGE)
         return
     if len(options.without) > 1:
-        for name in options.without:
-            again = ["--without", name, "--frames", str(options.frames)]
-            subprocess.run([sys.executable, __file__, *again], check=True)
+        run = partial(subprocess.run, check=True)
+        with ThreadPoolExecutor(options.jobs) as pool:
+            for name in options.without:
+                again = ["--without", name, "--frames", str(options.frames)]
+                pool.submit(run, [sys.executable, __file__, *again])
         return
     (name,) = options.without
-    rows = [row for row in read() if row.without != name] + list(measure(name, options.frames))
+    new = list(measure(name, options.frames))
+    with Path(__file__).open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        write([row for row in read() if row.without != name] + new)
+
+
+def write(rows: list[Row]) -> None:
+    """Replace what has been measured."""
     with PATH.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([field.name for field in fields(Row)])
