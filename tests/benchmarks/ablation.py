@@ -122,7 +122,6 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
-    "fits that left their paths are undone": _set(fit_scene, LEFT=1e6),
     "clicked vertices are taken at their word": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(scoring, CAREFUL=(6.0, 6.0)),
     "a clicked sketch without a body stays": _set(finding, NOTHING=np.inf),

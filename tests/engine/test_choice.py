@@ -164,13 +164,13 @@ def test_the_middle_of_a_body_that_goes_on_is_marked():
     assert "go on beyond its ends" in " ".join(curve.reasons)
 
 
-def test_a_curve_whose_fit_left_its_path_stays_on_it_and_says_so(monkeypatch):
-    """The sketch is a px aside, and here that is too far to go."""
+def test_a_curve_that_folds_twice_stays_on_its_path_and_says_so(monkeypatch):
+    """The sketch is a px aside; here any curve counts as folded, or none."""
     line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
     sketch = np.column_stack([np.full(5, 46.2), np.linspace(17, 103, 5)])
     monkeypatch.setattr(finding.strip, "ordered_path", lambda _, sketch, *__: sketch)
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
-    free, held = (_refined_with(monkeypatch, px, drawn([line]), sketch) for px in (2.0, 0.5))
+    free, held = (_refined_with(monkeypatch, rad, drawn([line]), sketch) for rad in (4.0, -1.0))
     assert abs(free.points[10:-10, 0] - 45).max() < 0.3
     assert not any("stays on the path" in reason for reason in free.reasons)
     assert abs(held.points[10:-10, 0] - 46.2).max() < 0.3
@@ -178,9 +178,8 @@ def test_a_curve_whose_fit_left_its_path_stays_on_it_and_says_so(monkeypatch):
     assert held.sd.min() > HALF_WIDTH / 2
 
 
-def _refined_with(monkeypatch, px: float, image, sketch):
-    monkeypatch.setattr(fit_scene, "LEFT", 0.0)
-    monkeypatch.setattr(fit_scene, "LEFT_PX", px)
+def _refined_with(monkeypatch, rad: float, image, sketch):
+    monkeypatch.setattr(fit_scene, "FOLDS", rad)
     return refine(image, [sketch]).curves[0]
 
 

@@ -21,12 +21,9 @@ Centrelines = Callable[[], list[Line]]
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """Ends beyond which a body goes on are held within so many px, for so many more sweeps."""
-LEFT, LEFT_PX, MOSTLY = 1.3, 0.5, 0.9
-"""A curve of which less than this share lies within so many half-widths and px of its path was
-drawn off its body, by a neighbour or by texture: it is fitted again, and stays on the path."""
 FOLDS, UNFOLDED = 1.0, 0.25
 """No body turns by so much (rad) within its half-width: a curve that does has folded over itself,
-and is fitted again, within so many half-widths of its path."""
+and is fitted again, within so many half-widths of its path; if it does so again, it stays there."""
 GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
@@ -61,7 +58,7 @@ class SceneFit:
     starts
         Where the fit of each sketch began.
     held
-        Numbers of the curves that stay on their paths, which their fits had left.
+        Numbers of the curves that stay on their paths, because they folded over themselves.
     """
 
     seen: Scene
@@ -123,8 +120,8 @@ def fit_scene(
         mine = [starts[i] for i in members]
         holds = [settings.hold[i] for i in members] if settings.hold else []
         own = [needs[i] for i in members]
-        fitted, left = _fit_group(seen, mine, still, own, settings.sweeps, holds, on_fit)
-        held |= {members[row] for row in left}
+        fitted, kept = _fit_group(seen, mine, still, own, settings.sweeps, holds, on_fit)
+        held |= {members[row] for row in kept}
         done.update(zip(members, fitted, strict=False))
         others = fitted[len(members) :]
     bodies = [done[i] for i in range(len(starts))]
@@ -164,8 +161,8 @@ def _fit_group(
 
     The solver gives all of them as many knots as the one that needs most; the others are held to
     their `own` numbers. A second fit holds the ends beyond which a curve grew though nothing is
-    seen there, the curves that folded, and those that left their paths; where it makes others do
-    so, a third one puts these on their paths. The rows of all that are put there are returned, too.
+    seen there, and the curves that folded; a third one keeps those that fold nevertheless on their
+    paths. The rows of these are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
@@ -179,22 +176,17 @@ def _fit_group(
         if not start.found:
             hold[row] += fully / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    left: set[int] = set()
+    kept: set[int] = set()
     for first in (True, False):
         again = {}
         for row in (row for row, start in enumerate(starts) if start.found and not holds):
             line = _ended(found[row], starts[row]) if first else None
-            folded = _folded(found[row].points(SAMPLES), starts[row].half_width)
-            if first:
-                leaves = _left(found[row].points(100) if line is None else line, starts[row])
-            else:
-                leaves = folded and row not in left
-            if leaves:
-                left.add(row)
-                hold[row], again[row] = fully / bands.PIN**2, theta[row]
-            elif folded:
-                hold[row] += fully / (UNFOLDED * starts[row].half_width) ** 2
+            if _folded(found[row].points(SAMPLES), starts[row].half_width):
+                within = UNFOLDED * starts[row].half_width if first else bands.PIN
+                hold[row] += fully / within**2
                 again[row] = theta[row]
+                if not first:
+                    kept.add(row)
             elif line is not None:
                 at, _ = bands.stiff(line, own[row], knots)
                 hold[row, ends, ends] += HELD**-2.0
@@ -203,13 +195,7 @@ def _fit_group(
             now = np.array([again.get(row, body.theta) for row, body in enumerate(found)])
             found = fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
     numbers = [*own, *[knots] * len(still)]
-    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], left
-
-
-def _left(line: Line, start: Start) -> bool:
-    """Whether a curve has left the path that it was to follow."""
-    apart = spline.apart(line, spline.resample(start.line, SAMPLES))
-    return float(np.quantile(apart, MOSTLY)) > LEFT * start.half_width + LEFT_PX
+    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], kept
 
 
 def _folded(line: Line, half_width: float) -> bool:

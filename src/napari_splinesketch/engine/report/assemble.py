@@ -134,7 +134,7 @@ def _curves(
             near = np.isfinite(spline.apart(points, lines, BESIDE * widths[i]))
         sd = standard_error(body, u, misfit, near)
         if i in fit.held:
-            reasons.append("its fit left the path that was found, so it stays on the path")
+            reasons.append("its fit folded over itself, so it stays on the path that was found")
             sd = np.maximum(sd, widths[i])
         reasons += doubt.reasons(doubt.collect(points, sd, sketch, widths[i], fit.starts[i]))
         yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
