@@ -211,11 +211,10 @@ def main() -> None:
         insert("ablation", table() + "\n", PAGE)
         return
     if len(options.without) > 1:
-        run = partial(subprocess.run, check=True)
+        frames = ["--frames", str(options.frames)]
+        calls = [[sys.executable, __file__, "--without", name, *frames] for name in options.without]
         with ThreadPoolExecutor(options.jobs) as pool:
-            for name in options.without:
-                again = ["--without", name, "--frames", str(options.frames)]
-                pool.submit(run, [sys.executable, __file__, *again])
+            list(pool.map(partial(subprocess.run, check=True), calls))
         return
     (name,) = options.without
     new = list(measure(name, options.frames))

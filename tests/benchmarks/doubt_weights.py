@@ -104,17 +104,13 @@ def _clicked(line, hand: str, random: np.random.Generator) -> Float[np.ndarray, 
 
 def _of_case(case: Case, source: str) -> list[Example]:
     def wrong(i, curve):
-        return min(shares(curve.points, case.references[i], _width(curve))) < MOST
+        width = float(np.median(curve.half_width))
+        return min(shares(curve.points, case.references[i], width)) < MOST
 
-    def each():
-        for sketches in case.sketches.values():
-            yield from _of(grey(case), sketches, wrong, source, case.name)
-
-    return list(each())
-
-
-def _width(curve) -> float:
-    return float(np.median(curve.half_width))
+    found: list[Example] = []
+    for sketches in case.sketches.values():
+        found += _of(grey(case), sketches, wrong, source, case.name)
+    return found
 
 
 def _done(task: Task) -> list[Example]:

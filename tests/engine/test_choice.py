@@ -253,14 +253,19 @@ def test_a_sketch_that_is_right_already_keeps_its_body():
 
 
 @pytest.mark.parametrize("off", [0.0, 1.5])
-def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(off):
+@pytest.mark.parametrize("aside", [5.0, 6.0])
+def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside, off):
+    """Without the search between rims its curve lies on one of them."""
     line = cross(0.0)[0]
-    rims = drawn([np.add(line, [side, 0.0]) for side in (-4.0, 4.0)], half_width=1.0)
-    inside = drawn([line], half_width=4.0, noise=0.0)
+    rims = drawn([np.add(line, [side, 0.0]) for side in (-aside, aside)], half_width=1.0)
+    image = np.maximum(rims, 0.15 * drawn([line], half_width=aside, noise=0.0))
     sketch = np.add(line[::16], [off, 0.0])
-    (curve,) = refine(np.maximum(rims, 0.5 * inside), [sketch]).curves
+    (curve,) = refine(image, [sketch]).curves
     assert away(curve.points[10:-10], line) < 1.5
-    assert np.median(curve.half_width) > 2
+    assert np.median(curve.half_width) > 0.6 * aside
+    monkeypatch.setattr(finding, "_between_rims", lambda *_: False)
+    (curve,) = refine(image, [sketch]).curves
+    assert away(curve.points[10:-10], line) > 3
 
 
 def test_a_line_of_one_stroke_or_of_two_points_is_not_taken_at_its_word():

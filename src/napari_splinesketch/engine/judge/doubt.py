@@ -19,8 +19,9 @@ CLEAR = 3.0
 SIGNS = ("sd", "astray", "cost", "rival")
 WEIGHTS = np.array([0.9, 1.7, 1.4, 1.6])
 USUAL = np.array([-2.6, 0.3, 1.5, 0.0])
-"""Weights of the signs, and their values in curves that are right: fitted to real images and
-generated ones by tests/benchmarks/doubt_weights.py, which prints what each threshold marks."""
+"""Weights of the signs, and their values in curves that are right, from a fit to real images and
+generated ones. tests/benchmarks/doubt_weights.py prints what a fit would be now, which moves by
+half with the few curves that are wrong, and what these weights and each threshold mark."""
 THRESHOLD = 3.2
 """Of the weighted sum, above which a curve needs review."""
 ADRIFT = 2.0
