@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from napari.layers import Shapes
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import QPoint, Qt, QTimer
 from qtpy.QtWidgets import QApplication, QFileDialog
 
 from napari_splinesketch.plugin.commands import go_to
@@ -159,6 +159,25 @@ def test_the_table_goes_elsewhere(
     assert menu is not None
     menu.actions()[1].trigger()
     assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,,failed,open,40.0")
+
+
+@pytest.mark.window
+def test_what_is_still_to_come_lets_a_closed_window_go(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """napari's fixture fails when something still holds the window after it was closed."""
+    opened(viewer, dock, fake)
+    later = QTimer.singleShot
+    monkeypatch.setattr(QTimer, "singleShot", lambda ms, run: later(5000 + ms, run))
+    click(dock.review)
+    click(dock.review)
+    until(lambda: dock.panel is not None)
+    viewer.layers["cells sketches"].add([[100, 20], [100, 90]], shape_type="line")
+    dock.controller.selected = 0, 1
+    dock.controller.toggle_knots()
+    fake.go.clear()
+    click(dock.refine)
+    until(lambda: len(fake.calls) == 2)
 
 
 @pytest.mark.window(shown=True)

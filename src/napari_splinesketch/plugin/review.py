@@ -11,8 +11,7 @@ from typing import Any, Literal
 from napari.utils.notifications import show_error
 from qtpy import QtCore
 from qtpy import QtWidgets as qt
-from qtpy.compat import isalive
-from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt, QTimer
+from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.engine.types import Curve
@@ -29,8 +28,6 @@ from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
 from napari_splinesketch.plugin.widgets import NARROW, Button, CommandButtons, stack
 
 NAME = "Curves"
-LAYOUT_MS = 20
-"""In which Qt finds a place for everything in a window."""
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
@@ -341,8 +338,5 @@ def open_panel(controller: Controller) -> ReviewPanel:
     # The docks at the right keep their height: the panel goes below the canvas alone.
     corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
     window._qt_window.setCorner(corner, area)
-    around = window.add_dock_widget(panel, name=NAME, area="bottom").window()
-    # It paints once its layout stands: the canvas would be painted at each change.
-    around.setUpdatesEnabled(False)
-    QTimer.singleShot(LAYOUT_MS, lambda: isalive(around) and around.setUpdatesEnabled(True))
+    window.add_dock_widget(panel, name=NAME, area="bottom")
     return panel
