@@ -88,8 +88,8 @@ def _held(*names: str) -> Callable[[], None]:
         def without(*given: Any):
             theta, priors = begin(*given)
             sd = priors.sd.copy()
-            sd[:, [INDEX[name] for name in names]] = 1e-4
-            return theta, replace(priors, sd=sd)
+            sd[[INDEX[name] for name in names]] = 1e-4
+            return theta, priors._replace(sd=sd)
 
         bands.begin = without
 

@@ -4,7 +4,7 @@ import csv
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import methods
@@ -41,7 +41,7 @@ def _of_priors(factor: float):
 
     def scaled(*given, **options):
         made = make(*given, **options)
-        return replace(made, sd=made.sd / np.sqrt(factor))
+        return made._replace(sd=made.sd / np.sqrt(factor))
 
     return _changed(bands, "default_priors", scaled)
 

@@ -1,7 +1,5 @@
 """The solver: padding changes nothing, cost never rises, bodies that cross see each other."""
 
-from dataclasses import replace
-
 import jax
 import numpy as np
 import pytest
@@ -38,7 +36,7 @@ class Problem:
 
     def bands(self, count: int = 2):
         theta = self.theta[:count]
-        priors = replace(self.priors, mean=self.priors.mean[:count], sd=self.priors.sd[:count])
+        priors = self.priors._replace(mean=self.priors.mean[:count])
         free = np.zeros((count, 2 * KNOTS, 2 * KNOTS))
         return bands.make_bands(self.seen.normal, self.pixels[:count], theta, 3.0, priors, free)
 
@@ -313,7 +311,7 @@ def test_bodies_begin_as_they_are_told(problem):
 
 def test_a_parameter_at_its_bound_does_not_stop_the_others(problem):
     """A step that is only clipped need not go downhill."""
-    at_bound = replace(problem.priors, high=problem.priors.high.copy())
+    at_bound = problem.priors._replace(high=problem.priors.high.copy())
     at_bound.high[INDEX["shade"]] = 0.05
     theta = problem.theta.copy()
     theta[:, 2 * KNOTS + INDEX["shade"]] = 0.05

@@ -1,15 +1,23 @@
 """Between NumPy and the solver: bands of pixels, priors and start values, padded to few sizes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.solver import TILE, Bands, Level
-from napari_splinesketch.engine.fit.tube import FINER, GLOBALS, INDEX, Basis
+from napari_splinesketch.engine.fit.tube import (
+    FINER,
+    GLOBALS,
+    INDEX,
+    SHADE_MODES,
+    WIDTH_MODES,
+    Basis,
+)
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Hold
@@ -47,20 +55,11 @@ def spline_basis(knots: int) -> Basis:
     return Basis(*(spline.basis(knots, u, d).astype(np.float32) for d in range(3)))
 
 
-@dataclass(frozen=True, eq=False)
-class Priors:
-    """Mean, standard deviation and bounds of the parameters that are not coordinates.
-
-    Attributes
-    ----------
-    mean, sd
-        (n, G) for each curve, in the order of `tube.GLOBALS`.
-    low, high
-        (G,) bounds.
-    """
+class Priors(NamedTuple):
+    """Means of n curves, standard deviation and bounds of the parameters in `tube.GLOBALS`."""
 
     mean: Float[Array, "n G"]
-    sd: Float[Array, "n G"]
+    sd: Float[Array, " G"]
     low: Float[Array, " G"]
     high: Float[Array, " G"]
 
@@ -70,6 +69,8 @@ def default_priors(count: int, half_width: float) -> Priors:
     w = np.log(half_width)
     table = {
         "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
+        **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, WIDTH_MODES)},
+        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, SHADE_MODES + 1)},
         "contrast": (1.0, 0.3, 0.1, 5.0),
         "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
         "shade": (0.3, 0.3, -0.5, 0.95),
@@ -80,13 +81,8 @@ def default_priors(count: int, half_width: float) -> Priors:
         "slope_row": (0.0, 0.1, -1.0, 1.0),
         "slope_col": (0.0, 0.1, -1.0, 1.0),
     }
-    modes = {
-        name: (0.0, 0.12, -0.7, 0.7) if "width" in name else (0.0, 0.1, -0.5, 0.5)
-        for name in GLOBALS
-    }
-    columns = np.array([{**modes, **table}[name] for name in GLOBALS]).T
-    mean, sd = (np.repeat(c[None], count, 0) for c in columns[:2])
-    return Priors(mean, sd, columns[2], columns[3])
+    mean, *same = np.array([table[name] for name in GLOBALS]).T
+    return Priors(np.tile(mean, (count, 1)), *same)
 
 
 def level(seen: Scene, priors: Priors, knots: int) -> Level:
@@ -102,7 +98,7 @@ def begin(
     """Parameters to start from, and priors, of bodies: their lines, half-widths and contrasts."""
     priors = default_priors(len(bodies), seen.half_width)
     if seen.background_kind != "textured":
-        priors.sd[:, [INDEX[name] for name in FLAT_BACKGROUND]] = list(FLAT_BACKGROUND.values())
+        priors.sd[[INDEX[name] for name in FLAT_BACKGROUND]] = list(FLAT_BACKGROUND.values())
     for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
         mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
     lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]
@@ -165,31 +161,42 @@ def make_bands(
     k = (d - len(GLOBALS)) // 2
     n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
     n *= -(-count // n)  # beyond the largest size, multiples of it
-    index, there = np.zeros((n, m), dtype=np.int64), np.zeros((n, m), dtype=bool)
-    for i, own in enumerate(pixels):
-        index[i, : len(own)], there[i, : len(own)] = own, True
     slots = np.full((n, m), n * m - 1, dtype=np.int32)
-    slots[there] = np.unique(index[there], return_inverse=True)[1]
+    position = np.full((n, 2, m), FAR, dtype=np.float32)
+    values, weight = np.zeros((2, n, m), np.float32)
+    centre = theta[:, : 2 * k].reshape(count, 2, k).mean(2)
+    for i, (own, slot) in enumerate(zip(pixels, _numbered(pixels), strict=True)):
+        here = slice(len(own))
+        slots[i, here], values[i, here], weight[i, here] = slot, image.ravel()[own], 1.0
+        position[i, :, here] = np.stack(np.divmod(own, image.shape[1])) - centre[i, :, None]
+    tiles = -(-weight.sum(1).astype(np.int32) // TILE)
 
-    xy = theta[:, : 2 * k].reshape(count, 2, k)
-    centre = xy.mean(2)
     shift, begin = np.zeros((count, d)), np.zeros((n, d), np.float32)
     shift[:, : 2 * k] = np.repeat(centre, k, axis=1)
     begin[:count] = theta - shift
-    position = np.full((n, 2, m), FAR, dtype=np.float32)
-    away = np.stack(np.divmod(index[:count], image.shape[1]), 1) - centre[:, :, None]
-    position[:count] = np.where(there[:count, None], away, FAR)
-
-    stiff = _stiffness(xy, half_width)
+    stiff = _stiffness(theta[:, : 2 * k].reshape(count, 2, k), half_width)
     mean, slope = begin.copy(), np.zeros((n, d), np.float32)
     mean[:count, 2 * k :] = priors.mean
-    slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
     precision = np.zeros((n, d, d), np.float32)
+    slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
     precision[:count, : 2 * k, : 2 * k] = hold + stiff
-    precision[:count, 2 * k :, 2 * k :] = priors.sd[:, :, None] ** -2.0 * np.eye(len(GLOBALS))
-    values, weight = image.ravel()[index].astype(np.float32), there.astype(np.float32)
-    tiles = -(-there.sum(1) // TILE).astype(np.int32)
+    precision[:count, 2 * k :, 2 * k :] = np.diag(priors.sd**-2.0)
     return Bands(position, values, weight, slots, tiles, mean, precision, slope), shift, begin
+
+
+def _numbered(pixels: list[Int[Array, " m"]]) -> list[Int[Array, " m"]]:
+    """The pixels of some bands with numbers from 0 up, without gaps."""
+    number = np.unique(np.concatenate(pixels), return_inverse=True)[1]
+    return np.split(number, np.cumsum([len(own) for own in pixels])[:-1])
+
+
+def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
+    """Which bands share pixels with which others."""
+    number, ends = np.concatenate(_numbered(pixels)), np.cumsum([0, *map(len, pixels)])
+    there = csr_array((np.ones(len(number), np.float32), number, ends))
+    shared = (there @ there.T).toarray() > 0
+    np.fill_diagonal(shared, False)
+    return shared
 
 
 def _stiffness(xy: Float[Array, "n 2 K"], half_width: float) -> Float[Array, "n 2K 2K"]:

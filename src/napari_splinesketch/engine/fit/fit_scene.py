@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
@@ -160,9 +161,9 @@ def _fit_group(
     """Fit bodies together, and the look of those that stay still.
 
     The solver gives all of them as many knots as the one that needs most; the others are held to
-    their `own` numbers. A second fit holds the ends beyond which a curve grew though nothing is
-    seen there, and the curves that folded; a third one keeps those that fold nevertheless on their
-    paths. The rows of these are returned, too.
+    their `own` numbers. Curves whose ends grew though nothing is seen there, and those that folded,
+    are fitted again, and held; those that fold nevertheless are put back on their paths. The rows
+    of these are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
@@ -176,30 +177,46 @@ def _fit_group(
         if not start.found:
             hold[row] += fully / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    kept: set[int] = set()
+    near, folded = components(bands.touching([body.pixels for body in found])), []
+    free = [row for row, start in enumerate(starts) if start.found and not holds]
     for first in (True, False):
         again = {}
-        for row in (row for row, start in enumerate(starts) if start.found and not holds):
-            line = _ended(found[row], starts[row]) if first else None
-            if _folded(found[row].points(SAMPLES), starts[row].half_width):
-                within = UNFOLDED * starts[row].half_width if first else bands.PIN
-                hold[row] += fully / within**2
-                again[row] = theta[row]
-                if not first:
-                    kept.add(row)
-            elif line is not None:
-                at, _ = bands.stiff(line, own[row], knots)
+        folded = [row for row in free if _folded(found[row], starts[row].half_width)]
+        for row in folded:
+            again[row] = theta[row]
+            hold[row] += fully / (UNFOLDED * starts[row].half_width if first else bands.PIN) ** 2
+        for row in set(free).difference(folded) if first else ():
+            line = _ended(found[row], starts[row])
+            if line is not None:
                 hold[row, ends, ends] += HELD**-2.0
+                at, _ = bands.stiff(line, own[row], knots)
                 again[row] = np.concatenate([at, found[row].parameters])
-        if again:
-            now = np.array([again.get(row, body.theta) for row, body in enumerate(found)])
-            found = fitting.fit_curves(seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold)
+        if not again:
+            break
+        rows = np.flatnonzero(np.isin(near, near[list(again)]))
+        fitted = fitting.fit_curves(
+            seen,
+            np.array([again.get(row, found[row].theta) for row in rows]),
+            priors._replace(mean=priors.mean[rows]),
+            sweeps[:HOLDING],
+            moving=int((rows < count).sum()),
+            hold=hold[rows],
+            first=np.isin(rows, list(again)),
+        )
+        for row, body in zip(rows, fitted, strict=True):
+            found[row] = body
     numbers = [*own, *[knots] * len(still)]
-    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], kept
+    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], set(folded)
 
 
-def _folded(line: Line, half_width: float) -> bool:
+def components(joined: Bool[Array, "n n"]) -> Int[Array, " n"]:
+    """Number of the connected part that each belongs to."""
+    return connected_components(joined, directed=False)[1]
+
+
+def _folded(body: Body, half_width: float) -> bool:
     """Whether a curve turns more sharply between its tips than a body of this half-width can."""
+    line = body.points(SAMPLES)
     count = max(8, round(spline.arc_length(line)[-1] / half_width))
     step = np.diff(spline.resample(line, count), axis=0)
     turn = np.diff(np.arctan2(step[:, 1], step[:, 0]))

@@ -99,6 +99,7 @@ def fit_curves(
     *,
     moving: int | None = None,
     hold: Float[Array, "n 2K 2K"] | None = None,
+    first: Bool[Array, " n"] | None = None,
     report: Report | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves.
@@ -110,7 +111,7 @@ def fit_curves(
     theta
         (n, D) where to start.
     priors
-        Of the n curves.
+        Of the curves' look.
     sweeps
         Evaluations of each curve in each sweep.
     moving
@@ -118,22 +119,21 @@ def fit_curves(
     hold
         (n, 2K, 2K) inverse covariance of the knots around where they start, px⁻²; None for no
         hold.
+    first
+        (n,) which curves are fitted in any case, the others only where what they touch has moved;
+        None for all.
     report
         See `Report`.
     """
-    n = len(theta)
+    n, knots = len(theta), (theta.shape[1] - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)
-    hold = np.zeros((n, *2 * (theta.shape[1] - len(GLOBALS),))) if hold is None else hold.copy()
-    hold[pinned] = pad.PIN**-2.0 * np.eye(hold.shape[1])
-    margin = max(MARGIN * seen.half_width, MARGIN_PX)
+    hold = np.zeros((n, 2 * knots, 2 * knots)) if hold is None else hold.copy()
+    hold[pinned] = pad.PIN**-2.0 * np.eye(2 * knots)
     widths = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
     widths = np.clip(widths, 0.5 * seen.half_width, 2 * seen.half_width)
-    pixels = [
-        pad.band_pixels(line, width + margin, seen.valid)
-        for line, width in zip(lines_of(theta), widths, strict=True)
-    ]
+    pixels = [around(seen, *one) for one in zip(lines_of(theta), widths, strict=True)]
+    meets = pad.touching(pixels)
     bands, shift, begin = pad.make_bands(seen.normal, pixels, theta, seen.half_width, priors, hold)
-    knots = hold.shape[1] // 2
     fit = solver.start(begin, bands.values.shape[1])
     bands, fit, level, basis = jax.device_put(
         (bands, fit, pad.level(seen, priors, knots), pad.spline_basis(knots))
@@ -143,11 +143,11 @@ def fit_curves(
         found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
         own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
         return [
-            Body(found[i], p, own[i, : len(p)], float(cost[i]), hessian[i])
+            Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
             for i, p in enumerate(pixels)
         ]
 
-    meets = _meeting(pixels, seen.valid.shape[1])
+    first = np.ones(n, dtype=bool) if first is None else first
     free = ~pinned | (meets & ~pinned).any(1)
     pending = meets.any(1)
     for turn, steps in enumerate((1, *sweeps)):
@@ -162,10 +162,16 @@ def fit_curves(
             if report:
                 report((turn + visited / pending.sum()) / (1 + len(sweeps)), bodies)
         moved = pending & (np.asarray(fit.gain)[:n] > GAIN)
-        pending = (moved | (meets & moved).any(1)) & free if turn else np.ones(n, dtype=bool)
+        pending = (moved | (meets & moved).any(1)) & free if turn else first
         if not pending.any():
             break
     return bodies()
+
+
+def around(seen: Scene, line: Float[Array, "P 2"], half_width: float) -> Int[Array, " m"]:
+    """Flat indices of the pixels of a body and of the background beside it."""
+    margin = max(MARGIN * seen.half_width, MARGIN_PX)
+    return pad.band_pixels(line, half_width + margin, seen.valid)
 
 
 def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
@@ -184,28 +190,20 @@ def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list
         yield from (turn[first : first + CHUNK] for first in range(0, len(turn), CHUNK))
 
 
-def _meeting(pixels: list[Int[Array, " m"]], width: int) -> Bool[Array, "n n"]:
-    """Which curves' bands touch, by their bounding boxes."""
-    low = np.array([(p.min() // width, (p % width).min()) if len(p) else (0, 0) for p in pixels])
-    high = np.array([(p.max() // width, (p % width).max()) if len(p) else (-1, -1) for p in pixels])
-    meets = np.all((low[:, None] <= high[None]) & (high[:, None] >= low[None]), axis=2)
-    np.fill_diagonal(meets, False)
-    return meets
-
-
 def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2"]:
     """Points of the centrelines of many parameter vectors, uniform in the spline's parameter."""
     k = (theta.shape[1] - len(GLOBALS)) // 2
     return spline.even_basis(k, count) @ theta[:, : 2 * k].reshape(-1, 2, k).transpose(0, 2, 1)
 
 
-def drawn(
-    bodies: Sequence[Body], size: int, at: Int[Array, " P"] | slice = slice(None)
-) -> Float[Array, " P"]:
-    """Bodies in an image of so many pixels, at some of its flat indices, in contrasts."""
-    total, most = np.zeros(size), np.zeros(size)
+def drawn(bodies: Sequence[Body], at: Int[Array, " P"]) -> Float[Array, " P"]:
+    """Bodies at some of the image's flat indices, which rise, in contrasts."""
+    total, most = np.zeros((2, len(at)))
     for body in bodies:
-        total[body.pixels] += body.own
-        most[body.pixels] = np.maximum(most[body.pixels], body.own)
+        here = np.searchsorted(at, body.pixels)
+        there = at.take(here, mode="clip") == body.pixels
+        here, own = here[there], body.own[there]
+        total[here] += own
+        most[here] = np.maximum(most[here], own)
     overlap = float(np.median([body["overlap"] for body in bodies]))
-    return blend(overlap, 0.0, total[at], most[at], np)
+    return blend(overlap, 0.0, total, most, np)

@@ -18,15 +18,8 @@ NEXT_TO = 3.0
 """Two curves that stay closer than this many half-widths ..."""
 ALONGSIDE = 0.6
 """... over this share of one of them may be two bodies that touch."""
-UNEXPLAINED = 1.4
-"""Squared residual, noise² = 1, from which a second look is worth its time."""
-CLEARLY = 0.85
-"""Two thin bodies take the place of a thick one where they leave less than this share of its
-squared residual ..."""
 ASIDE = 0.85
-"""... and lie further apart than this share of what their half-widths come to."""
-ONE_BODY = 0.3
-"""Curves this much of which runs along one another lie on one body."""
+"""Two bodies side by side lie further apart than this share of what their half-widths come to."""
 PIXELS = 8.0
 """Unexplained pixels that weigh as much as one unit of a path's cost."""
 ACROSS = 5.0
@@ -57,17 +50,18 @@ def settle_pairs(
     """
     lines = [b.points(100) for b in bodies]
     next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
-    found = list(bodies)
-    for i, j in sorted({(min(i, j), max(i, j)) for i, j in next_to.items()}):
+    pairs = sorted({(min(i, j), max(i, j)) for i, j in next_to.items()})
+    found = [*bodies, *others]
+    meets = bands.touching([b.pixels for b in found]) if pairs else np.zeros((0, 0))
+    for i, j in pairs:
         one, drawn = [found[i], found[j]], [sketches[i], sketches[j]]
-        rest = [b for k, b in enumerate(found) if k not in (i, j)] + others
-        rest = [b for b in rest if _meet(b, *one)]
-        if _misfit(seen, one, one, rest) > UNEXPLAINED or _cross(*one):
-            pair = _fit_beside(seen, one, rest, sweeps)
-            if _likelier(seen, pair, one, rest, drawn):
-                one = pair
-        found[i], found[j] = _each_its_side(one, drawn)
-    return found
+        near = set(np.flatnonzero(meets[[i, j]].any(0)).tolist()) - {i, j}
+        rest = [found[k] for k in sorted(near)]
+        pair = _fit_beside(seen, one, rest, sweeps)
+        found[i], found[j] = _each_its_side(
+            pair if _likelier(seen, pair, one, rest, drawn) else one, drawn
+        )
+    return found[: len(bodies)]
 
 
 def _fit_beside(
@@ -88,32 +82,14 @@ def _likelier(
     seen: Scene, pair: list[Body], one: list[Body], rest: list[Body], sketches: list[Line]
 ) -> bool:
     """Whether two bodies side by side are likelier than what was found."""
-    new, old = _misfit(seen, pair, one, rest), _misfit(seen, one, pair, rest)
-    if _aside(*pair) < ASIDE:
-        return False
-    if assess.doubles([b.points(100) for b in one], assess.ON_TOP * seen.half_width, ONE_BODY):
-        return new < CLEARLY * old
     pixels = sum(len(b.pixels) for b in one)
 
-    def score(misfit: float, bodies: list[Body]) -> float:
+    def score(bodies: list[Body], rivals: list[Body]) -> float:
         costs = zip(_each_its_side(bodies, sketches), sketches, strict=True)
         own = sum(scoring.sketch_cost(b.points(), s, seen.half_width) for b, s in costs)
-        own *= PIXELS
-        return misfit * seen.noise**2 * pixels + own
+        return _misfit(seen, bodies, rivals, rest) * seen.noise**2 * pixels + PIXELS * own
 
-    return score(new, pair) < score(old, one)
-
-
-def _meet(body: Body, *pair: Body) -> bool:
-    """Whether the band of a body overlaps with those of a pair."""
-    return any(
-        len(body.pixels)
-        and len(one.pixels)
-        and body.pixels[0] <= one.pixels[-1]
-        and one.pixels[0] <= body.pixels[-1]
-        and np.isin(one.pixels, body.pixels, assume_unique=True).any()
-        for one in pair
-    )
+    return _aside(*pair) >= ASIDE and score(pair, one) < score(one, pair)
 
 
 def _matched(a: Line, b: Line) -> tuple[Line, Line]:
@@ -127,13 +103,6 @@ def _normals(line: Line) -> Line:
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     return np.column_stack([-along[:, 1], along[:, 0]])
-
-
-def _cross(a: Body, b: Body) -> bool:
-    """Whether one curve changes sides."""
-    first, second = _matched(a.points(64), b.points(64))
-    side = ((second - first) * _normals(first + second)).sum(1)[6:-6]
-    return bool(side.min() < 0 < side.max())
 
 
 def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
@@ -175,5 +144,5 @@ def _aside(a: Body, b: Body) -> float:
 def _misfit(seen: Scene, bodies: list[Body], rivals: list[Body], rest: list[Body]) -> float:
     """Mean squared residual in the bands of the bodies and of their rivals, noise² = 1."""
     near = np.unique(np.concatenate([b.pixels for b in (*bodies, *rivals)]))
-    drawn = fitting.drawn([*bodies, *rest], seen.normal.size, near)
+    drawn = fitting.drawn([*bodies, *rest], near)
     return float(np.mean(((seen.normal.ravel()[near] - drawn) / seen.noise) ** 2))

@@ -142,7 +142,8 @@ def _curves(
 
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
     """All bodies, as a share of the contrast; guessed where the image has no value."""
-    drawn = fitting.drawn(bodies, valid.size).reshape(valid.shape)
+    drawn, at = np.zeros(valid.shape), np.unique(np.concatenate([b.pixels for b in bodies]))
+    drawn.flat[at] = fitting.drawn(bodies, at)
     return drawn if valid.all() else scene.filled(drawn, valid)
 
 
