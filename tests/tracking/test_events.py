@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, Tracked, View, follow
 from napari_splinesketch.tracking.events import border, parts
@@ -38,17 +39,20 @@ def test_nothing_divides_where_something_lies_on_a_body() -> None:
 def test_parts_are_longer_with_their_gap_and_show_nothing_in_between() -> None:
     body = Body(7, ((0, curve(LINE)),))
 
-    def found(*shown: tuple[float, float]) -> bool:
+    def found(*shown: tuple[float, float], others: tuple[Curve, ...] = ()) -> bool:
         def seen(line: np.ndarray) -> np.ndarray:
             return np.any([(line[:, 1] > a) & (line[:, 1] < b) for a, b in shown], axis=0)
 
-        return parts(body, curve(LINE), seen) is not None
+        return parts(body, curve(LINE), others, seen) is not None
 
     assert found((7, 22), (29, 44))
     assert not found((7, 44)), "there is no gap"
     assert not found((10, 22), (29, 40)), "no longer than before: something covers it"
     assert not found((10, 36), (42, 46)), "a part is too short"
     assert not found((7, 24), (26, 44)), "no wider than what looks empty by noise"
+    across = curve(np.array([[8.0, 30], [12, 44]]))
+    assert not found((7, 22), (29, 44), others=(across,)), "a part is another body"
+    assert found((7, 22), (29, 44), others=(curve(np.array([[0.0, 36], [30, 36]])),)), "crossed"
 
 
 def test_a_body_that_comes_in_over_the_border_is_reported_once() -> None:

@@ -93,7 +93,7 @@ def distance(a: Line, b: Line) -> float:
 def seeing(
     view: View, refinement: Refinement, usual: float | None
 ) -> Callable[[Line], Bool[np.ndarray, " P"]]:
-    """Give what says at which points of a line, px of the view, the image shows a body.
+    """Give what says at which points of a line, px of the image, the image shows a body.
 
     `usual` is the contrast of the frames before: one that differs much from it is of nothing.
     """
@@ -104,8 +104,13 @@ def seeing(
     if usual:
         contrast = float(np.clip(contrast, usual / UNLIKE, usual * UNLIKE))
     sign = 1.0 if refinement.model.polarity == "bright" else -1.0
-    scale = sign * max(contrast, 1e-30)
-    return lambda line: ndimage.map_coordinates(smooth, line.T, order=1) / scale >= FAINT
+    least = FAINT * max(contrast, 1e-30)
+
+    def shows(line: Line) -> Bool[np.ndarray, " P"]:
+        at = view.place.to_block(line).T
+        return sign * ndimage.map_coordinates(smooth, at, order=1) >= least
+
+    return shows
 
 
 def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
@@ -143,15 +148,15 @@ def along_any(curve: Curve, others: Sequence[Curve]) -> float:
     return _share(curve.points, np.concatenate(near), reach) if near else 0.0
 
 
-def apart_from(curve: Curve, others: Sequence[Curve]) -> Bool[np.ndarray, " P"]:
-    """At which of its points no other curve comes near."""
-    apart = np.ones(len(curve.points), dtype=bool)
+def apart_from(line: Line, others: Sequence[Curve]) -> Bool[np.ndarray, " P"]:
+    """At which points of a line no other curve comes near."""
+    apart = np.ones(len(line), dtype=bool)
     for other in others:
         reach = BESIDE * _half_width(other)
         low, high = other.points.min(0) - reach, other.points.max(0) + reach
-        near = np.flatnonzero(((curve.points >= low) & (curve.points <= high)).all(1))
+        near = np.flatnonzero(((line >= low) & (line <= high)).all(1))
         if len(near):
-            apart[near] &= cdist(curve.points[near], other.points[::2]).min(1) > reach
+            apart[near] &= cdist(line[near], other.points[::2]).min(1) > reach
     return apart
 
 

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_closing
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve, Polarity
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import distance, mostly_on
+from napari_splinesketch.tracking.drift import apart_from, distance, mostly_on
 from napari_splinesketch.tracking.motion import of_length
 from napari_splinesketch.tracking.types import Line, View
 
@@ -28,6 +28,8 @@ PART, TOGETHER, LONGER = 0.2, (0.75, 1.25), 1.06
 together, and with the gap between them at least: what covers a body makes it no longer."""
 GAP, HOLE = 1.5, 0.5
 """Half-widths between the parts, at least; and that may look empty inside one."""
+ALONE = 0.5
+"""Share of a part that must be away from all other curves."""
 BEYOND = 1.6
 """By which a curve is looked at beyond its ends, where the parts may have gone."""
 DEEP = 1.5
@@ -38,16 +40,19 @@ Parts = tuple[float, float, float]
 """Lengths of the parts of a divided body, and of the gap between them, px."""
 
 
-def parts(body: Body, curve: Curve, seen: Callable[[Line], Shown]) -> Parts | None:
+def parts(
+    body: Body, curve: Curve, others: Sequence[Curve], seen: Callable[[Line], Shown]
+) -> Parts | None:
     """Two parts that a body has divided into, if the image shows such where its curve is.
 
-    The curve, and what says where the image shows a body, are in px of the view.
+    What shows others may show nothing of it.
     """
     line = of_length(curve.points, BEYOND * curve.length)
     step = BEYOND * curve.length / (len(line) - 1)
     shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], shows, [False]]))).reshape(-1, 2)
-    runs = [(first * step, last * step) for first, last in edges.tolist()]
+    alone = apart_from(line, others)
+    runs = [(i * step, k * step) for i, k in edges.tolist() if alone[i:k].mean() > ALONE]
     usual = body.length
     for (begin, end), (start, stop) in pairwise(r for r in runs if r[1] - r[0] > PART * usual):
         one, other, gap = end - begin, stop - start, start - end

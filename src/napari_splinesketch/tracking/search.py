@@ -150,7 +150,7 @@ class Search:
 
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
         """Where the image does not show a body for its width, or for half of that at an end."""
-        seen = np.asarray(binary_closing(self._seen(self._view.place.to_block(line))), bool)
+        seen = np.asarray(binary_closing(self._seen(line)), bool)
         width = _points(body, line)
         beyond = np.pad(~seen, width, constant_values=True)
         return np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
@@ -218,23 +218,23 @@ class Search:
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id])
-            there = float(seen(refinement.curves[i].points).mean())
+            there = float(seen(curve.points).mean())
+            rest = [other for other in everyone if other is not curve]
             if self._smooth:
-                alone = apart_from(curve, [o for o in everyone if o is not curve])
+                alone = apart_from(curve.points, rest)
                 if not alone.all() and explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
-                if slid(refinement.curves[i].points, alone, body.half_width, seen):
+                if slid(curve.points, alone, body.half_width, seen):
                     said.append("it slid along its path onto another body")
-            torn = self._smooth and there < MOST and parts(body, refinement.curves[i], seen)
-            if torn:
-                self.parts[body.id] = torn
+                if there < MOST and (torn := parts(body, curve, rest, seen)):
+                    self.parts[body.id] = torn
             partly = held and LEAST < there < MOST
             if partly or (body.id in hidden and self._unseen(body, curve.points).mean() > UNSEEN):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
             if i in shared and not (held and runs_along(lines[body.id], everyone[shared[i]])):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
-            if not held and self._strays(body, curve, [o for o in everyone if o is not curve]):
+            if not held and self._strays(body, curve, rest):
                 said.append("it lies on other curves, away from where it was expected")
             failed = curve.status == "failed"
             empty = failed or there <= LEAST
