@@ -199,8 +199,17 @@ MODES = {"frame by frame": False, "frames around": True}
 
 
 def there_and_back(mode: str) -> str:
-    """What comes of a film without truth that is tracked forwards, and backwards from its end."""
+    """What comes of a film without truth, as it is, reversed and turned."""
     movie = tifffile.imread(SAMPLE)
+    ways = movie, movie[::-1], np.rot90(movie, axes=(1, 2))
+    return _cells(mode, *np.sum([_returned(way, mode) for way in ways], axis=0))
+
+
+def _returned(movie: np.ndarray, mode: str) -> tuple[int, ...]:
+    """How many bodies there are, arrive in the last frame, come back, come back to another one.
+
+    And how many curves are inferred on the way there.
+    """
     first = refine(movie[0], suggest(movie[0]))
     start = {i: c for i, c in enumerate(first.curves) if c.status == "good"}
 
@@ -217,7 +226,7 @@ def there_and_back(mode: str) -> str:
     near = {i: average_dtw(back[i].points, start[j].points) < SAME for i, j in nearest.items()}
     same = sum(near[i] for i, j in nearest.items() if i == j)
     inferred = sum(_inferred(c) for result in ahead for c in result.curves)
-    return _cells(mode, len(start), len(ahead[-1].ids), same, sum(near.values()) - same, inferred)
+    return len(start), len(ahead[-1].ids), same, sum(near.values()) - same, inferred
 
 
 def many(bodies: int, frames: int, cores: str) -> str:

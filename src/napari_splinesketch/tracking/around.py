@@ -8,6 +8,7 @@ import numpy as np
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import apart_either_way
 from napari_splinesketch.tracking.follow import follow
 from napari_splinesketch.tracking.types import Given, Read, Tracked
 
@@ -72,8 +73,4 @@ def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool
 
 
 def _close(one: Curve, other: Curve) -> bool:
-    apart = (
-        np.linalg.norm(one.points - way, axis=1).mean()
-        for way in (other.points, other.points[::-1])
-    )
-    return bool(min(apart) < SAME * np.median(other.half_width))
+    return apart_either_way(one.points, other.points) < SAME * float(np.median(other.half_width))

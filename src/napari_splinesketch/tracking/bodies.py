@@ -1,5 +1,6 @@
 """What is known of one body, and where it is expected next."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
@@ -25,6 +26,11 @@ INFERRED = "inferred from the frames around it"
 def curve_inferred(curve: Curve) -> bool:
     """Whether the image does not show some of a curve, or all of it."""
     return any(INFERRED in reason for reason in curve.reasons)
+
+
+def lines_of(seen: Sequence[tuple[int, Curve]]) -> list[motion.Known]:
+    """The points of curves, by frame."""
+    return [(float(frame), curve.points) for frame, curve in seen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,7 @@ class Body:
 
     def foretold(self, frame: int) -> motion.Foretold:
         """Where it is in a frame."""
-        found = motion.ahead([(float(t), curve.points) for t, curve in self.seen], frame)
+        found = motion.ahead(lines_of(self.seen), frame)
         return found._replace(line=motion.of_length(found.line, self.length))
 
     def with_curve(self, frame: int, curve: Curve) -> "Body":

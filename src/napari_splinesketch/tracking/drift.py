@@ -90,6 +90,11 @@ def distance(a: Line, b: Line) -> float:
     return float(np.linalg.norm(resample(a, count) - resample(b, count), axis=1).mean())
 
 
+def apart_either_way(a: Line, b: Line) -> float:
+    """Mean distance of two lines, whichever way they run, px."""
+    return min(distance(a, way) for way in (b, b[::-1]))
+
+
 def seeing(
     view: View, refinement: Refinement, usual: float | None
 ) -> Callable[[Line], Bool[np.ndarray, " P"]]:
@@ -135,29 +140,23 @@ def mostly_on(line: Line, other: Line, reach: float) -> bool:
     return _share(resample(line, 64), resample(other, 128), reach) > ALONG
 
 
-def runs_along(line: Line, other: Curve) -> bool:
-    """Whether most of a line lies on another body."""
-    return mostly_on(line, other.points, SAME * _half_width(other))
-
-
-def along_any(curve: Curve, others: Sequence[Curve]) -> float:
-    """Share of a curve that lies on any of others."""
-    reach = SAME * _half_width(curve)
-    low, high = curve.points.min(0) - reach, curve.points.max(0) + reach
-    near = [o.points for o in others if ((o.points >= low) & (o.points <= high)).all(1).any()]
-    return _share(curve.points, np.concatenate(near), reach) if near else 0.0
-
-
-def apart_from(line: Line, others: Sequence[Curve]) -> Bool[np.ndarray, " P"]:
-    """At which points of a line no other curve comes near."""
+def apart_from(
+    line: Line, others: Sequence[Curve], reach: float = BESIDE
+) -> Bool[np.ndarray, " P"]:
+    """At which points of a line no other curve comes so near, in half-widths of that."""
     apart = np.ones(len(line), dtype=bool)
     for other in others:
-        reach = BESIDE * _half_width(other)
-        low, high = other.points.min(0) - reach, other.points.max(0) + reach
+        far = reach * _half_width(other)
+        low, high = other.points.min(0) - far, other.points.max(0) + far
         near = np.flatnonzero(((line >= low) & (line <= high)).all(1))
         if len(near):
-            apart[near] &= cdist(line[near], other.points[::2]).min(1) > reach
+            apart[near] &= cdist(line[near], other.points[::2]).min(1) > far
     return apart
+
+
+def on_others(line: Line, others: Sequence[Curve]) -> bool:
+    """Whether most of a line lies on other curves."""
+    return float(apart_from(line, others, SAME).mean()) < 1 - ALONG
 
 
 def slid(

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_closing
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve, Polarity
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import apart_from, distance, mostly_on
+from napari_splinesketch.tracking.drift import apart_either_way, apart_from, mostly_on
 from napari_splinesketch.tracking.motion import of_length
 from napari_splinesketch.tracking.types import Line, View
 
@@ -102,7 +102,7 @@ class Entering:
             for line in free
             if arc_length(line)[-1] > SHORTEST * usual
             and min(line.min(), (size - line).min()) < EDGE * half_width
-            and not any(_apart(line, other) < MOVED * usual for other in before)
+            and not any(apart_either_way(line, other) < MOVED * usual for other in before)
         )
 
 
@@ -113,7 +113,3 @@ def border(shape: tuple[int, ...], depth: int) -> list[tuple[slice, slice]]:
         return [(rows, columns)]
     (top, bottom), (left, right) = ((slice(0, depth), slice(n - depth, n)) for n in shape)
     return [(top, columns), (bottom, columns), (rows, left), (rows, right)]
-
-
-def _apart(line: Line, other: Line) -> float:
-    return min(distance(line, way) for way in (other, other[::-1]))

@@ -11,7 +11,7 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.events import Entering, Parts
-from napari_splinesketch.tracking.search import Cancelled, Found, Search
+from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
 from napari_splinesketch.tracking.types import (
     NOTHING_GIVEN,
     Given,
@@ -27,9 +27,7 @@ NOTHING = "nothing like it is there"
 LEFT, DIVIDED = "it left the image", "it divided into parts"
 """Why a body ends, other than that it is not found any more."""
 PATIENCE = 10
-"""Frames for which a body that cannot be trusted is looked for ..."""
-AT_ONCE = 2
-"""... and those without the frames around them."""
+"""Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""
 

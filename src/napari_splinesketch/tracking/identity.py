@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,7 +11,7 @@ from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import distance, mostly_on
+from napari_splinesketch.tracking.drift import distance, mostly_on, on_others
 from napari_splinesketch.tracking.motion import Foretold, Known, Points
 from napari_splinesketch.tracking.types import Line
 
@@ -60,35 +61,36 @@ def _apart(line: Points, foretold: Foretold) -> float:
     return float(np.sqrt(((line - foretold.line) ** 2).sum(1).mean() / 2)) / foretold.sd
 
 
-def matched(
+def kept(
     foretold: Mapping[int, Foretold],
     there: Mapping[int, Curve],
     bodies: Mapping[int, Body],
-) -> dict[int, int]:
-    """Which curves of a frame are where which bodies are expected."""
-    names, curves = list(foretold), list(there)
-    cost = np.array(
-        [
-            [_apart(run_like(there[j], foretold[i].line).points, foretold[i]) for j in curves]
-            for i in names
-        ]
-    ).reshape(len(names), len(curves))
-    rows, columns = linear_sum_assignment(np.minimum(cost, 1e3))
-    pairs = ((names[r], curves[c]) for r, c in zip(rows.tolist(), columns.tolist(), strict=True))
-    return {
-        i: j
-        for i, j in pairs
-        if agrees(run_like(there[j], foretold[i].line).points, foretold[i], bodies[i].half_width)
-    }
+    others: Sequence[Curve],
+) -> dict[int, Curve]:
+    """The curves of a frame by body: where that is expected, or its own if that is on no other."""
+    pairs = list(product(foretold, there))
+    lines = {(i, j): run_like(there[j], foretold[i].line).points for i, j in pairs}
+    cost = np.array([min(_apart(lines[i, j], foretold[i]), 1e3) for i, j in pairs])
+    rows, columns = linear_sum_assignment(cost.reshape(len(foretold), len(there)))
+    found = [pairs[k] for k in (rows * len(there) + columns).tolist()]
+    taken = {i: j for i, j in found if agrees(lines[i, j], foretold[i], bodies[i].half_width)}
+    rest = [*others, *(there[j] for j in taken.values())]
+    for i in sorted(set(there) - set(taken) - set(taken.values())):
+        if not on_others(there[i].points, rest):
+            taken[i] = i
+    return {i: run_like(there[j], foretold[i].line) for i, j in taken.items()}
 
 
 def cost_of(curve: Curve, foretold: Foretold, noise: float) -> float:
-    """-2 log likelihood of a curve: what it leaves of the image, and that it is where it is."""
+    """-2 log likelihood of a curve: what it leaves of the image, and that it is where it is.
+
+    What foretells it may be wrong altogether, and counts no more than `AGREE`.
+    """
     width = float(np.median(curve.half_width))
     pixels = curve.length * 2 * (width + BAND)
     return (
         pixels * (curve.residual / max(noise, 1e-6)) ** 2
-        + FREE * _apart(curve.points, foretold) ** 2
+        + FREE * min(_apart(curve.points, foretold), AGREE) ** 2
     )
 
 
@@ -105,23 +107,17 @@ def place(
     free = [
         line for line in suggestions if not any(mostly_on(line, other, TAKEN) for other in placed)
     ]
-    if not (free and bodies):
-        return {}
-    turned = [[_turned(line, expected[body.id]) for line in free] for body in bodies]
-    cost = np.array(
-        [
-            [
-                distance(line, expected[body.id])
-                + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
-                for line in row
-            ]
-            for body, row in zip(bodies, turned, strict=True)
-        ]
-    )
-    reach = REACH * np.array([[body.length] for body in bodies])
+    pairs = list(product(bodies, free))
+    lines = [_turned(line, expected[body.id]) for body, line in pairs]
+    far = [
+        distance(line, expected[body.id]) + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
+        for (body, _), line in zip(pairs, lines, strict=True)
+    ]
+    cost = np.array(far).reshape(len(bodies), len(free))
+    reach = REACH * np.array([body.length for body in bodies]).reshape(-1, 1)
     rows, columns = linear_sum_assignment(np.minimum(cost, reach))
-    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-    return {bodies[i].id: turned[i][k] for i, k in pairs if cost[i, k] < reach[i, 0]}
+    found = zip(rows.tolist(), columns.tolist(), strict=True)
+    return {bodies[i].id: lines[i * len(free) + k] for i, k in found if cost[i, k] < reach[i, 0]}
 
 
 def _turned(line: Line, like: Line) -> Line:

@@ -21,12 +21,11 @@ from napari_splinesketch.engine.types import (
 )
 from napari_splinesketch.tracking.bodies import INFERRED, Body
 from napari_splinesketch.tracking.drift import (
-    along_any,
     apart_from,
     doubts,
     explains_less,
     on_one_body,
-    runs_along,
+    on_others,
     seeing,
     slid,
 )
@@ -48,12 +47,13 @@ curve that is free to leave its body does, or where something hides a part of it
 COVERED = 1.0
 """Half-widths around the stretches that something hides in which the image is not asked, beside
 those of the body itself."""
-ON_OTHERS = 0.5
-"""Share of a curve that may lie on others where it is not foretold."""
 LEAST, MOST = 0.5, 0.8
 """Share of a curve that the image must show, and below which the rest is said to be inferred ..."""
 UNSEEN = 0.04
 """... or, where something seems to hide it, the share that is not shown above which it is."""
+AT_ONCE = 2
+"""Frames in which a body is missed after which only what stands out in the image is tried again: of
+103 other attempts one found its body."""
 SHARES = (0.0, 0.6, 0.75, 0.9)
 """Progress at which each attempt begins."""
 
@@ -121,7 +121,11 @@ class Search:
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)
         for number, preset in enumerate((self._preset, LOCAL, self._preset), start=1):
-            doubted = [body for body in bodies if not found[body.id].trusted]
+            doubted = [
+                b
+                for b in bodies
+                if not found[b.id].trusted and (number == 3 or b.misses <= AT_ONCE)
+            ]
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or len(doubted) < len(bodies)):
                 lines = self._as_suggested(doubted, found) if number == 3 else self._expected
@@ -232,9 +236,10 @@ class Search:
             if partly or (body.id in hidden and self._unseen(body, curve.points).mean() > UNSEEN):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
-            if i in shared and not (held and runs_along(lines[body.id], everyone[shared[i]])):
+            if i in shared and not (held and on_others(lines[body.id], [everyone[shared[i]]])):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
-            if not held and self._strays(body, curve, rest):
+            near = agrees(curve.points, self._foretold[body.id], body.half_width)
+            if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")
             failed = curve.status == "failed"
             empty = failed or there <= LEAST
@@ -246,11 +251,6 @@ class Search:
             before = self.refinement
             corner = self._view.place.to_block(view.place.origin)
             self.refinement = _pasted(before, refinement, corner) if before else refinement
-
-    def _strays(self, body: Body, curve: Curve, others: Sequence[Curve]) -> bool:
-        """Whether a curve that was searched for is on others and not where it is foretold."""
-        there = agrees(curve.points, self._foretold[body.id], body.half_width)
-        return not there and along_any(curve, others) > ON_OTHERS
 
     def _refined(
         self,

@@ -16,10 +16,10 @@ from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, surface
-from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import folds, near_others
-from napari_splinesketch.tracking.motion import Foretold, Known
-from napari_splinesketch.tracking.search import INFERRED, Search
+from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
+from napari_splinesketch.tracking.drift import distance, folds, near_others
+from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
 from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
 
@@ -35,6 +35,8 @@ SIDE = 5
 """Frames after one that foretell a body there."""
 FEWEST_SEEN = 4
 """Frames of a body that must be known before others tell anything."""
+SURE = 1.0
+"""Half-widths from where it is foretold within which a curve is not fitted again."""
 FEWEST = 8
 """Knots of an inferred curve."""
 
@@ -46,6 +48,8 @@ class _Stretch:
     anchor: Body
     first: int
     """Number of the first frame of the stretch, in the order of their coming."""
+    doubted: tuple[Body, int]
+    """The same for the last time that doubts began."""
     partners: set[int] = field(default_factory=set)
     """Bodies that it may have been taken for."""
     trusted: int = 0
@@ -106,7 +110,9 @@ class Window:
             if back:
                 known = self._decided({i: self._open[i] for i in back})
             for i in group:
-                del self._open[i]
+                stretch = self._open.pop(i)
+                if i not in back and stretch.doubted[1] > stretch.first:
+                    self._open[i] = _Stretch(*stretch.doubted, stretch.doubted)
             return known
         for i in sorted(back):
             if self._open[i].apart and self._beyond_doubt(i, self._open[i]):
@@ -117,9 +123,9 @@ class Window:
         """Whether a body that is back can be no other, by what was known of it before."""
         result = self._held[-1]
         curves = result.by_id
-        before = [_known(t, c) for t, c in stretch.anchor.seen]
+        before = lines_of(stretch.anchor.seen)
         cost = {
-            j: identity.unlikely(before, _known(result.frame, curves[j]), j != name)
+            j: identity.unlikely(before, (result.frame, curves[j].points), j != name)
             for j in {name, *stretch.partners}
             if j in curves
         }
@@ -181,12 +187,14 @@ class Window:
         opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
         for i in opening - set(self._open) - set(given):
             if before[i].seen:
-                self._open[i] = _Stretch(before[i], number)
+                self._open[i] = _Stretch(before[i], number, (before[i], number))
         for i in set(given) | result.lost:
             self._open.pop(i, None)
         for i, stretch in self._open.items():
             stretch.partners |= near.get(i, set())
             trusted = i in curves and i not in doubted
+            if stretch.trusted and not trusted:
+                stretch.doubted = before[i], number
             stretch.trusted = stretch.trusted + 1 if trusted else 0
             stretch.apart = not along.get(i)
             stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
@@ -207,55 +215,63 @@ class Window:
         first = min(s.first for s in stretches.values()) - self._begin
         end = len(self._held) - CLEAR
         names = sorted(stretches)
-        before = {i: [_known(*seen) for seen in stretches[i].anchor.seen] for i in names}
+        anchors = {i: stretches[i].anchor for i in names}
         found = {i: [(r.frame, r.by_id[i]) for r in self._held[end:]] for i in names}
         for k in range(end - 1, first - 1, -1):
-            begun = [i for i in names if stretches[i].first <= self._begin + k]
-            here = {i: stretches[i].anchor for i in begun}
-            after = {i: [_known(*seen) for seen in found[i][:SIDE][::-1]] for i in here}
+            result = self._held[k]
+            here = {i: b for i, b in anchors.items() if stretches[i].first <= self._begin + k}
+            foretold = {
+                i: motion.between(
+                    lines_of(body.seen), lines_of(found[i][:SIDE][::-1]), result.frame
+                )
+                for i, body in here.items()
+            }
             views = [self._views[k][i] for i in here if i in self._views[k]]
-            self._held[k] = self._again(self._held[k], views, here, before, after)
+            self._held[k] = self._again(result, views, here, foretold)
             for i in here:
                 if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
-                    found[i].insert(0, (self._held[k].frame, curve))
-        bodies = {i: stretches[i].anchor for i in names}
+                    found[i].insert(0, (result.frame, curve))
         for i in names:
             for seen in found[i]:
-                bodies[i] = bodies[i].with_curve(*seen)
-        return bodies
+                anchors[i] = anchors[i].with_curve(*seen)
+        return anchors
 
     def _again(
         self,
         result: Tracked,
         views: Sequence[View],
         bodies: Mapping[int, Body],
-        before: Mapping[int, list[Known]],
-        after: Mapping[int, list[Known]],
+        foretold: Mapping[int, Foretold],
     ) -> Tracked:
-        """One frame in the light of those around it."""
-        foretold = {i: motion.between(before[i], after[i], result.frame) for i in bodies}
+        """One frame in the light of those around it: its own curves stay if none is better."""
         there = {i: c for i, c in result.by_id.items() if i in bodies and i not in result.drifting}
         others = {i: c for i, c in result.by_id.items() if i not in bodies}
-        taken = identity.matched(foretold, there, bodies)
-        chosen = {i: identity.run_like(there[j], foretold[i].line) for i, j in taken.items()}
-        if views and result.refinement:
+        chosen = identity.kept(foretold, there, bodies, list(others.values()))
+        sure = {
+            i: c
+            for i, c in chosen.items()
+            if distance(c.points, foretold[i].line) < SURE * bodies[i].half_width
+            and not bodies[i].lacks(c)
+        }
+        rest = [body for i, body in bodies.items() if i not in sure]
+        if rest and views and result.refinement:
             contrast = abs(result.refinement.model.contrast)
             noise = result.refinement.model.noise / max(contrast, 1e-30)
-            near = joined(views).around([f.line for f in foretold.values()])
+            near = joined(views).around([foretold[body.id].line for body in rest])
             search = Search(
-                near, foretold, others, self._refine, self._preset, lambda progress: None, contrast
+                near, foretold, others | sure, self._refine, self._preset, lambda p: None, contrast
             )
-            for i, one in search.held(list(bodies.values())).items():
+            for i, one in search.held(rest).items():
                 likely = identity.agrees(one.curve.points, foretold[i], bodies[i].half_width)
                 if one.empty or not likely or folds(bodies[i], one.curve):
                     continue
-                old = chosen.get(i)
-                costs = [identity.cost_of(c, foretold[i], noise) for c in (one.curve, old) if c]
-                if not old or costs[0] < costs[1]:
+                costs = [
+                    identity.cost_of(c, foretold[i], noise) for c in (one.curve, chosen.get(i)) if c
+                ]
+                if costs[0] < min(costs[1:], default=np.inf):
                     chosen[i] = one.curve
-        for i, body in bodies.items():
-            if i not in chosen:
-                chosen[i] = inferred(body.seen[-1][1], foretold[i])
+        for i in set(bodies) - set(chosen):
+            chosen[i] = inferred(bodies[i].seen[-1][1], foretold[i])
         lines = {i: f.line for i, f in foretold.items()}
         decided = result.with_curves({**others, **chosen}, lines)
         missing = {i: why for i, why in result.missing.items() if i not in foretold}
@@ -279,7 +295,3 @@ def inferred(like: Curve, foretold: Foretold) -> Curve:
         reasons=(INFERRED,),
         residual=float("nan"),
     )
-
-
-def _known(frame: int, curve: Curve) -> Known:
-    return float(frame), curve.points
