@@ -16,6 +16,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ SIZE = 1024
 WORM = 30.0
 BEND = 1.5
 """How far a worm turns from end to end, rad."""
+PLOTS = "napari_splinesketch.plugin.plots"
 CORNERS = 6
 """Points of a sketch."""
 
@@ -76,7 +78,8 @@ def with_us(count: int) -> dict[str, Gap]:
     fake = FakeEngine(curve=smooth)
     fake.go.set()
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
-    engine.refine, engine.warm_up = fake.refine, lambda report: None
+    # The dock imports the plots, too, before anybody presses Review.
+    engine.refine, engine.warm_up = fake.refine, lambda report: import_module(PLOTS)
     engine.suggest = lambda *task: (None, tuple(made))
 
     def steps(viewer: Any, act: Act) -> None:

@@ -1,7 +1,9 @@
 """The dock in a real window, worked with mouse and keys."""
 
+import gc
 import threading
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from napari_splinesketch.plugin.widgets import Column
 from .fakes import FakeEngine
 from .hand import (
     QTest,
+    add_dock,
     assert_drawn,
     click,
     draw,
@@ -460,3 +463,19 @@ def test_text_can_be_read_in_both_themes(viewer: Any, dock: SplinesketchDock, th
     picture = dock.results.grab().toImage()
     grey = [picture.pixelColor(x, 8).lightness() for x in range(picture.width())]
     assert max(grey) - min(grey) > 100
+
+
+def test_garbage_is_looked_for_among_what_is_new_until_a_layer_goes(
+    viewer: Any, fake: FakeEngine
+) -> None:
+    image = ref(viewer.add_image(np.zeros((64, 64))))
+    viewer.add_image(np.zeros((64, 64)))
+    gc.unfreeze()
+    dock = add_dock(viewer)
+    until(gc.get_freeze_count, 5)
+    del viewer.layers[0]
+    assert not gc.get_freeze_count()
+    until(lambda: gc.collect() >= 0 and image() is None, 5)
+    gc.freeze()
+    dock.hide()
+    assert not gc.get_freeze_count()

@@ -5,6 +5,7 @@ choice of layers would list results as well, and keeps the first one where work 
 latest: so the choice is made here, and its combo boxes show it.
 """
 
+import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar, get_args
@@ -134,6 +135,8 @@ class Choices:
             self._changes.layers.emit()
 
     def _on_removed(self, event: Any) -> None:
+        if not is_result(event.value):
+            gc.unfreeze()  # its pixels may be garbage among what the dock leaves out of the search
         for kind in self._chosen:
             if event.value is self._chosen[kind]:
                 self._set(kind, next(iter(self.layers(kind)), None))

@@ -162,13 +162,20 @@ class SplinesketchDock(QWidget):
 
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
-        # Python looks through all that there is whenever there is a quarter more: once all is
-        # imported, to do it puts it off for long, where it would fall into the first refinement.
-        job.done.connect(lambda _: gc.collect())
+        job.done.connect(self._settle)
         timer = QTimer(self)
         timer.setSingleShot(True)
         timer.timeout.connect(job.start)
         timer.start(WARM_UP_AFTER_MS)
+
+    def _settle(self) -> None:
+        """Leave what there is by now out of Python's search for garbage, while the dock is seen.
+
+        That takes 0.2 s, amid a refinement and whenever a layer goes: napari asks for it.
+        """
+        gc.collect()
+        if self.isVisible():
+            gc.freeze()
 
     def changeEvent(self, a0: QEvent | None) -> None:
         """End what runs when the dock is closed: napari then takes the widget out of it."""
@@ -219,6 +226,7 @@ class SplinesketchDock(QWidget):
     def hideEvent(self, a0: QHideEvent | None) -> None:
         """Write down what is still to be written: the window may be closing."""
         super().hideEvent(a0)
+        gc.unfreeze()
         self.saver.flush()
 
     def _show_layers(self) -> None:

@@ -55,8 +55,7 @@ class OfferBox(QFrame):
             each.setEnabled(self._controller.progress is None)
         for each in (self.resume, self.decline):
             each.setVisible(bool(offers))
-        # Once there are results, they need the room.
-        self.said.say("" if self._controller.records() else describe(offers))
+        self.said.say(describe(offers))
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
         self.labels.setVisible(bool(curves))
         self.problem.say(words.notice("failed", self._saver.problem))

@@ -33,7 +33,7 @@ NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
 RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
-LETTER, LINE_HEIGHT, BESIDE = 9.0, 16.0, 2.0
+LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 2.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
