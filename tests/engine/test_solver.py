@@ -143,6 +143,19 @@ def test_two_crossing_bodies_are_both_recovered(problem):
         assert 0 <= body["overlap"] <= 1
 
 
+def test_curves_that_wait_stay_where_they_are_until_one_beside_them_moves(problem):
+    alone = problem.theta.copy()
+    alone[1, : 2 * KNOTS] += np.repeat([0.0, 60.0], KNOTS)
+    for theta, moves in ((problem.theta, True), (alone, False)):
+        first = np.array([True, False])
+        bodies = fitting.fit_curves(problem.seen, theta, problem.priors, SWEEPS, first=first)
+        moved = [np.abs(b.knots - _knots(t)).max() for b, t in zip(bodies, theta, strict=True)]
+        assert moved[0] > 0.5
+        assert (moved[1] > 0.5) == moves
+        assert all(body.own.max() > 0.5 and body.cost > 0 for body in bodies)
+        assert all(np.isfinite(body.covariance).all() for body in bodies)
+
+
 def _knots(theta):
     return theta[: 2 * KNOTS].reshape(2, KNOTS).T
 

@@ -149,7 +149,7 @@ def fit_curves(
 
     first = np.ones(n, dtype=bool) if first is None else first
     free = ~pinned | (meets & ~pinned).any(1)
-    pending = meets.any(1)
+    pending = meets.any(1) | ~first
     for turn, steps in enumerate((1, *sweeps)):
         visited = 0
         for chunk in _turns(np.flatnonzero(pending), meets & (turn > 0)):
