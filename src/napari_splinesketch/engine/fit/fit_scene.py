@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
@@ -177,41 +177,50 @@ def _fit_group(
         if not start.found:
             hold[row] += fully / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    near, folded = components(bands.touching([body.pixels for body in found])), []
     free = [row for row, start in enumerate(starts) if start.found and not holds]
-    for first in (True, False):
-        again = {}
-        folded = [row for row in free if _folded(found[row], starts[row].half_width)]
-        for row in folded:
+    again: dict[int, Array] = {}
+    for row in free:
+        line = _ended(found[row], starts[row])
+        if _folded(found[row], starts[row].half_width):
+            hold[row] += fully / (UNFOLDED * starts[row].half_width) ** 2
             again[row] = theta[row]
-            hold[row] += fully / (UNFOLDED * starts[row].half_width if first else bands.PIN) ** 2
-        for row in set(free).difference(folded) if first else ():
-            line = _ended(found[row], starts[row])
-            if line is not None:
-                hold[row, ends, ends] += HELD**-2.0
-                at, _ = bands.stiff(line, own[row], knots)
-                again[row] = np.concatenate([at, found[row].parameters])
-        if not again:
-            break
-        rows = np.flatnonzero(np.isin(near, near[list(again)]))
-        fitted = fitting.fit_curves(
-            seen,
-            np.array([again.get(row, found[row].theta) for row in rows]),
-            priors._replace(mean=priors.mean[rows]),
-            sweeps[:HOLDING],
-            moving=int((rows < count).sum()),
-            hold=hold[rows],
-            first=np.isin(rows, list(again)),
-        )
-        for row, body in zip(rows, fitted, strict=True):
-            found[row] = body
+        elif line is not None:
+            hold[row, ends, ends] += HELD**-2.0
+            at, _ = bands.stiff(line, own[row], knots)
+            again[row] = np.concatenate([at, found[row].parameters])
+    found = _fit_again(seen, found, again, priors, sweeps, count, hold)
+    folded = {row for row in free if _folded(found[row], starts[row].half_width)}
+    hold[list(folded)] += fully / bands.PIN**2
+    found = _fit_again(seen, found, {r: theta[r] for r in folded}, priors, sweeps, count, hold)
     numbers = [*own, *[knots] * len(still)]
-    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], set(folded)
+    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], folded
 
 
-def components(joined: Bool[Array, "n n"]) -> Int[Array, " n"]:
-    """Number of the connected part that each belongs to."""
-    return connected_components(joined, directed=False)[1]
+def _fit_again(
+    seen: Scene,
+    found: list[Body],
+    again: dict[int, Float[Array, " D"]],
+    priors: bands.Priors,
+    sweeps: tuple[int, ...],
+    moving: int,
+    hold: Float[Array, "n 2K 2K"],
+) -> list[Body]:
+    """The same with some rows fitted from other parameters, and what they touch along with them."""
+    if not again:
+        return found
+    near = connected_components(bands.touching([b.pixels for b in found]), directed=False)[1]
+    rows = np.flatnonzero(np.isin(near, near[list(again)])).tolist()
+    fitted = fitting.fit_curves(
+        seen,
+        np.array([again.get(row, found[row].theta) for row in rows]),
+        priors._replace(mean=priors.mean[rows]),
+        sweeps[:HOLDING],
+        moving=sum(row < moving for row in rows),
+        hold=hold[rows],
+        first=np.isin(rows, list(again)),
+    )
+    new = dict(zip(rows, fitted, strict=True))
+    return [new.get(row, body) for row, body in enumerate(found)]
 
 
 def _folded(body: Body, half_width: float) -> bool:
