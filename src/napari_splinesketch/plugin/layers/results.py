@@ -260,6 +260,9 @@ class Work:
                     layer.selected_data.events.items_changed.connect(self._on_selected)
                     layer.mouse_drag_callbacks.append(self._on_press)
                 yield
+                if role == "marks":
+                    self._marks.update()  # to write text and to draw it first takes 0.1 s each
+                    yield
                 if slot.layer is layer:
                     layer.visible = True
                     yield

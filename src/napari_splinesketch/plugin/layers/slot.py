@@ -236,13 +236,13 @@ class Marks(Slot):
         return made
 
     def _on_move(self, event: object) -> None:
-        if self._work.records:
+        if self._work.records and self.shown:
             self._soon()
 
     def update(self) -> None:
         """Mark the curves in view, and no others."""
         layer = self.layer
-        if layer is None or not layer.visible or self.image not in self.viewer.layers:
+        if layer is None or self.image not in self.viewer.layers:
             return
         view = view_of(self.viewer, self.image)
         found = list(looks.readable(self._work.records, view))
