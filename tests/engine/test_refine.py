@@ -405,3 +405,17 @@ def test_a_worm_does_not_leave_its_body_for_one_that_has_a_sketch():
     sketches = suggest(image)
     for curve, sketch in zip(refine(image, sketches).curves, sketches, strict=True):
         assert np.linalg.norm(curve.points.mean(0) - np.mean(sketch, axis=0)) < 6
+
+
+@pytest.mark.parametrize("half_width", [3.0, 5.0])
+def test_a_blunt_body_is_followed_to_the_tips_that_its_sketch_reaches(half_width: float) -> None:
+    rows, columns = np.mgrid[:80, :120].astype(float)
+    beside = np.hypot(rows - 40, np.clip(np.abs(columns - 60) - 30, 0, None))
+    image = 1 / (1 + np.exp((beside - half_width) / 0.4))
+    image += np.random.default_rng(0).normal(0, 0.05, image.shape)
+    tips = np.array([30 - half_width, 90 + half_width])
+    sketch = np.column_stack([np.full(5, 40.0), np.linspace(tips[0], tips[1], 5)])
+    curve = refine(image, [sketch]).curves[0]
+    np.testing.assert_allclose(curve.points[[0, -1], 1], tips, atol=0.7)
+    np.testing.assert_allclose(curve.knots[[0, -1], 1], tips, atol=0.7)
+    assert (curve.half_width > 0).all()

@@ -152,3 +152,15 @@ def test_jax_is_not_needed() -> None:
         "sys.exit('jax' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_bright_and_dark_bodies_are_both_found_where_both_are_clear() -> None:
+    rows, columns = np.mgrid[:160, :160].astype(float)
+    image = np.random.default_rng(0).normal(0, 0.05, rows.shape)
+    lines = [np.array([[r, 30.0], [r, 130.0]]) for r in (30, 65, 100, 135)]
+    for line, sign in zip(lines, (1, -1, 1, -1), strict=True):
+        beside = np.hypot(rows - line[0, 0], np.clip(np.abs(columns - 80) - 50, 0, None))
+        image += sign * np.exp(-0.5 * (beside / 2) ** 2)
+    found = {p: on(suggest(image, polarity=p), lines, FOUND) for p in ("auto", "bright", "dark")}
+    bodies = {p: {body for _, body in pairs} for p, pairs in found.items()}
+    assert bodies == {"auto": {0, 1, 2, 3}, "bright": {0, 2}, "dark": {1, 3}}

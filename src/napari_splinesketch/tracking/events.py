@@ -66,7 +66,7 @@ class Entering:
     """Looks for bodies that come into view at the image's border, every few frames."""
 
     def __init__(self) -> None:
-        self._before: list[Line] | None = None
+        self._before: list[list[Line]] = []
         self._count = 0
 
     def __call__(
@@ -93,8 +93,9 @@ class Entering:
                 there = view.place.to_image(line + corner)
                 if not any(mostly_on(there, other, TAKEN) for other in (*taken, *free)):
                     free.append(there)
-        before, self._before = self._before, free
-        if before is None:
+        # Two searches back: one that passes may have covered a body in the last one.
+        before, self._before = self._before, [free, *self._before[:1]]
+        if not before:
             return ()
         size = view.place.to_image(np.array([view.pixels.shape]) - 1.0)[0]
         return tuple(
@@ -102,7 +103,11 @@ class Entering:
             for line in free
             if arc_length(line)[-1] > SHORTEST * usual
             and min(line.min(), (size - line).min()) < EDGE * half_width
-            and not any(apart_either_way(line, other) < MOVED * usual for other in before)
+            and not any(
+                apart_either_way(line, other) < MOVED * usual
+                for others in before
+                for other in others
+            )
         )
 
 

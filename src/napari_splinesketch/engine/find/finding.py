@@ -83,6 +83,7 @@ class Start:
     known: Float[Array, " F"]
     margin: float = np.inf
     goes_on: tuple[bool, bool] = (False, False)
+    tips: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,8 +346,9 @@ def _start(
     widest = WIDTHS[max(own, rung)]
     half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, scoring.SAMPLES)
-    goes_on = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0]
-    return Start(line, True, half_width, contrast, known, goes_on=tuple(goes_on.tolist()))
+    first, last = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0].tolist()
+    ends = (first, last), (not first, not last)
+    return Start(line, True, half_width, contrast, known, np.inf, *ends)
 
 
 def _rescaled(found: Found) -> Found:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Bool, Float, Real
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import remove_small_objects
 
@@ -20,7 +20,10 @@ from napari_splinesketch.engine.types import Array, Polarity
 CLEAR = (0.55, 0.45, 0.15)
 """Lines are chosen that are at least so strong against the usual body, at sensitivity 0, 0.5, 1."""
 HIGHEST = 0.99
-"""Quantile of an image's ridges that tells the polarity of its bodies."""
+"""Quantile of an image's ridges that tells how high those of its bodies are."""
+BOTH = 0.6
+"""Bodies are bright as well as dark where the lines of one polarity, their strengths times their
+lengths together, are at least this share of the other's."""
 WIDEST = 0.06
 """A half-width is at most so much of the image's shorter side."""
 EVERY = 2
@@ -95,6 +98,11 @@ class Traced:
     half_width: float
     strength: float
 
+    @property
+    def length(self) -> float:
+        """Px."""
+        return float(arc_length(self.line)[-1])
+
 
 def suggest(
     image: Real[Array, "H W"],
@@ -147,22 +155,32 @@ def prepare(
     rungs = range(0, most, EVERY)
     if half_width is not None:
         rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
-    heights = np.array([[np.quantile(h, HIGHEST) for h in ridges.heights(k)] for k in rungs])
-    side = {"bright": 0, "dark": 1}.get(polarity, int(heights.max(0).argmax()))
-    found = []
-    for rung in rungs:
-        evidence = ridges.alone(rung, 1 - 2 * side, float(heights[:, side].max()))
-        evidence[~valid] = 0
-        near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
-        found += _traced(ridges, evidence, side, rung, near)
-    best = _apart(found, image.shape)
+    sides = {"bright": (0,), "dark": (1,)}.get(polarity, (0, 1))
+    found = [_apart(_traced_at(ridges, valid, side, rungs), image.shape) for side in sides]
+    total = [sum(one.strength * one.length for one in lines) for lines in found]
+    likely = [lines for lines, of in zip(found, total, strict=True) if of >= BOTH * max(total)]
+    best = _apart([one for lines in likely for one in lines], image.shape)
     if not best:
         return Suggestions((), np.zeros(0))
     strength = np.array([one.strength for one in best])
-    length = np.cumsum([arc_length(one.line)[-1] for one in best])
+    length = np.cumsum([one.length for one in best])
     usual = strength[np.searchsorted(length, USUAL * length[-1])]
     lines = tuple(_sketch(one.line, one.half_width) for one in best)
     return Suggestions(lines, strength / usual)
+
+
+def _traced_at(
+    ridges: Ridges, valid: Bool[Array, "H W"], side: int, rungs: Sequence[int]
+) -> list[Traced]:
+    """Lines along bodies of one polarity, at several half-widths."""
+    height = max(float(np.quantile(ridges.heights(k)[side], HIGHEST)) for k in rungs)
+    found = []
+    for rung in rungs:
+        evidence = ridges.alone(rung, 1 - 2 * side, height)
+        evidence[~valid] = 0
+        near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
+        found += _traced(ridges, evidence, side, rung, near)
+    return found
 
 
 def _traced(

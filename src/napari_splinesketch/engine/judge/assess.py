@@ -1,23 +1,86 @@
 """From fitted parameters to curves: points, widths, standard errors, and what looks wrong."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import INDEX, WIDTH_MODES, modes, tapered_width
+from napari_splinesketch.engine.fit.tube import FLOOR, INDEX, WIDTH_MODES, modes, tapered_width
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
+ENDS = np.array([0.0, 1.0])
 SAME_BODY = 0.5
 ON_TOP = 0.6
 """Two curves are on the same body where they run along each other, closer than so many half-widths,
 for this share of their length."""
 
 
-def half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
-    """(P,) half-width at the spline parameters `u`, px."""
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A fitted body from tip to tip, with points uniform in arc length.
+
+    Attributes
+    ----------
+    knots
+        (K, 3) row, col and half-width of a natural cubic spline, px.
+    u
+        (P,) where the points are on the fitted spline; in its caps below 0 and above 1.
+    points, half_width
+        (P, 2) and (P,) px.
+    """
+
+    knots: Float[Array, "K 3"]
+    u: Float[Array, " P"]
+    points: Float[Array, "P 2"]
+    half_width: Float[Array, " P"]
+
+
+def outline(
+    body: Body, sketch: Float[Array, "N 2"], tips: tuple[bool, bool], shape: tuple[int, ...]
+) -> Outline:
+    """A body with the round caps that the model draws at its ends, as far as its sketch goes.
+
+    A blunt body is drawn as well by a spline that ends where its cap begins as by one that ends at
+    its tip.
+
+    Parameters
+    ----------
+    body
+        From the last level.
+    sketch
+        (N, 2) what was drawn.
+    tips, shape
+        Which ends may be tips, and of the image: other ends, and caps beyond it, stay.
+    """
+    count = len(body.knots)
+    at, ahead = (spline.basis(count, ENDS, order) @ body.knots for order in (0, 1))
+    ahead *= [[-1.0], [1.0]]
+    speed = np.linalg.norm(ahead, axis=1) + 1e-9
+    further = ((sketch[[0, -1]] - at) * ahead).sum(1) / speed
+    cap = np.clip(further, 0, _half_width(body.parameters, ENDS))
+    caps = at + (cap / speed)[:, None] * ahead
+    inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)
+    cap = np.where(inside & tips, np.minimum(cap / speed, 0.5 / count), 0)
+    low, high = -cap[0], 1 + cap[1]
+
+    def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
+        beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
+        return _half_width(body.parameters, u) * np.sqrt(1 - np.clip(beyond, 0, 1 - FLOOR) ** 2)
+
+    even = np.linspace(low, high, count)
+    knots = spline.basis(count, even) @ body.knots
+    part = uniform(knots)
+    u = low + (high - low) * part
+    points = spline.basis(count, part) @ knots
+    return Outline(np.column_stack([knots, half_width(even)]), u, points, half_width(u))
+
+
+def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
+    """(P,) half-width at the spline parameters `u`, px; beyond the ends that of the ends."""
+    u = np.clip(u, 0, 1)
     log_width = g[:WIDTH_MODES] @ modes(u)
     return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
 
@@ -29,31 +92,25 @@ def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " c
 
 
 def make_curve(
-    body: Body,
-    u: Float[Array, " P"],
-    sd: Float[Array, " P"],
-    residual: Float[Array, " m"],
-    reasons: tuple[str, ...],
+    body: Outline, sd: Float[Array, " P"], residual: Float[Array, " m"], reasons: tuple[str, ...]
 ) -> Curve:
     """The curve of a fitted body.
 
     Parameters
     ----------
     body
-        From the last level.
-    u, sd
-        (P,) spline parameters of its points, and their standard errors, px.
+        From tip to tip.
+    sd
+        (P,) standard errors of its points, px.
     residual
         (m,) image minus reconstruction in its band, as a share of the contrast.
     reasons
         What looks wrong.
     """
-    knots = body.knots
-    width = half_width(body.parameters, np.linspace(0, 1, len(knots)))
     return Curve(
-        np.column_stack([knots, width]),
-        spline.basis(len(knots), u) @ knots,
-        half_width(body.parameters, u),
+        body.knots,
+        body.points,
+        body.half_width,
         sd,
         "check" if reasons else "good",
         reasons,

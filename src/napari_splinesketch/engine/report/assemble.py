@@ -120,24 +120,24 @@ def _curves(
     beside = assess.neighbours(everything, BESIDE * max(widths))
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         reasons = []
-        if not fit.starts[i].found:
+        start = fit.starts[i]
+        if not start.found:
             reasons.append("no body was seen along its sketch")
-        if all(fit.starts[i].goes_on):
+        if all(start.goes_on):
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
             reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
-        u = assess.uniform(body.knots)
-        points = spline.basis(len(body.knots), u) @ body.knots
-        near = np.zeros(len(points), dtype=bool)
+        outline = assess.outline(body, sketch, start.tips, seen.valid.shape)
+        near = np.zeros(len(outline.points), dtype=bool)
         if others:
             lines = np.concatenate([everything[k] for k in others])
-            near = np.isfinite(spline.apart(points, lines, BESIDE * widths[i]))
-        sd = standard_error(body, u, misfit, near)
+            near = np.isfinite(spline.apart(outline.points, lines, BESIDE * widths[i]))
+        sd = standard_error(body, outline.u, misfit, near)
         if i in fit.held:
             reasons.append("its fit folded over itself, so it stays on the path that was found")
             sd = np.maximum(sd, widths[i])
-        reasons += doubt.reasons(doubt.collect(points, sd, sketch, widths[i], fit.starts[i]))
-        yield assess.make_curve(body, u, sd, rests[i], tuple(reasons))
+        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, widths[i], start))
+        yield assess.make_curve(outline, sd, rests[i], tuple(reasons))
 
 
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
