@@ -23,10 +23,9 @@ from real_cases import FOLDERS, RIGHT, Case, in_folders, jittered
 from real_judge import MOST, shares
 from scipy.optimize import minimize
 
-from napari_splinesketch.engine import islands, spline
+from napari_splinesketch.engine import islands
 from napari_splinesketch.engine.find import choice, finding, scoring
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.settings import SETTINGS
 from napari_splinesketch.metrics import average_dtw
 
@@ -72,9 +71,8 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
         pixels = island.pose.cut(image)
         for members, seen in scene.read_scenes(pixels, island.sketches, "auto", None):
             mine = [island.sketches[i] for i in members]
-            evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
             graph, candidates = finding.candidates_of(
-                seen, mine, evidence, SETTINGS["balanced"], lambda _: None
+                seen, mine, SETTINGS["balanced"], lambda _: None
             )
             usual = finding.usual_length(mine)
             length, price = choice.prices(graph, seen.half_width, usual)
@@ -82,10 +80,7 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
             for cluster in choice.interacting(candidates):
                 of = [candidates[i] for i in cluster]
                 paths = choice.sets(graph, of, seen.half_width, usual, none)[0][:SETS]
-                known = [
-                    _features(c, mine[i], seen.rungs[i], evidence)
-                    for i, c in zip(cluster, of, strict=True)
-                ]
+                known = [c.known for c in of]
                 good = [
                     [right(island.members[members[i]], island.pose.outside(x)) for x in c.lines]
                     for i, c in zip(cluster, of, strict=True)
@@ -106,12 +101,6 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
 def _sums(values: list[np.ndarray], paths: np.ndarray) -> np.ndarray:
     """Over the paths of each set."""
     return np.sum([of[p] for of, p in zip(values, paths.T, strict=True)], axis=0, dtype=float)
-
-
-def _features(candidates, sketch, rung: int, evidence) -> Float[np.ndarray, "C F"]:
-    lines = np.array([spline.resample(x, scoring.SAMPLES) for x in candidates.lines])
-    total = np.array([spline.arc_length(x)[-1] for x in candidates.lines])
-    return scoring.features(lines, total, sketch, WIDTHS[rung], evidence[rung])
 
 
 def everything(count: int, folders) -> Iterator[Group]:

@@ -1,6 +1,6 @@
 """Find before polish: which body each sketch means."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,8 +127,7 @@ def find(
     tick
         Called with the share of the sketches whose paths are known; may raise `Stopped`.
     """
-    evidence = {rung: seen.evidence(rung) for rung in set(seen.rungs)}
-    graph, candidates = candidates_of(seen, sketches, evidence, settings, tick)
+    graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
     clusters = choice.interacting(candidates)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
@@ -137,12 +136,9 @@ def find(
         sets, costs = choice.sets(graph, mine, seen.half_width, usual, taken)
         for i, paths_of in zip(members, sets.T, strict=True):
             margin = choice.margin(candidates[i], paths_of, costs, seen.half_width)
-            path = int(paths_of[0])
-            rung = candidates[i].rungs[path]
-            if rung not in evidence:
-                evidence[rung] = seen.evidence(rung)
-            start = _start(seen, sketches[i], candidates[i], path, rung, evidence[rung])
+            start = _start(seen, sketches[i], candidates[i], int(paths_of[0]))
             starts[i] = replace(start, margin=margin)
+    seen.ridges.forget()
     return _rescaled(Found(seen, starts, clusters))
 
 
@@ -152,25 +148,15 @@ def usual_length(sketches: list[Line]) -> float:
 
 
 def candidates_of(
-    seen: Scene,
-    sketches: list[Line],
-    evidence: dict[int, Float[Array, "H W"]],
-    settings: Settings,
-    tick: Callable[[float], None],
+    seen: Scene, sketches: list[Line], settings: Settings, tick: Callable[[float], None]
 ) -> tuple[TraceGraph, list[Candidates]]:
-    """Pieces of body near the sketches, and paths that each sketch may mean.
-
-    `evidence` is that of every half-width that the sketches have; for the rest see `find`.
-    """
-    mask = _mask(seen, evidence, sketches)
-    graph = trace(mask, seen.half_width, usual_length(sketches))
-    unseen = {rung: _unseen(graph, seen_at) for rung, seen_at in evidence.items()}
+    """Pieces of body near the sketches, and paths that each sketch may mean; see `find`."""
+    graph = trace(_mask(seen, sketches), seen.half_width, usual_length(sketches))
+    unseen = {rung: _unseen(graph, seen.evidence(rung)) for rung in set(seen.rungs)}
     candidates = []
     for i, (sketch, rung) in enumerate(zip(sketches, seen.rungs, strict=True)):
         tick(i / len(sketches))
-        known = evidence[rung], unseen[rung]
-        found = _candidates(graph, sketch, rung, *known, settings)
-        candidates.append(_with_wider(seen, found, graph, sketch, rung, evidence[rung]))
+        candidates.append(_candidates(seen, graph, sketch, rung, unseen[rung], settings))
     return graph, candidates
 
 
@@ -183,19 +169,17 @@ def believed(seen: Scene, sketches: list[Line]) -> Found:
     return Found(seen, starts, [[i] for i in range(len(sketches))])
 
 
-def _mask(
-    seen: Scene, evidence: dict[int, Float[Array, "H W"]], sketches: list[Line]
-) -> Bool[Array, "H W"]:
+def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
     """Pixels that are body, near the sketches and seen at the half-width of each."""
     mask = np.zeros(seen.valid.shape, dtype=bool)
-    for rung, seen_at in evidence.items():
+    for rung in set(seen.rungs):
         near = np.zeros_like(mask)
         for sketch, own in zip(sketches, seen.rungs, strict=True):
             if own == rung:
                 reach = _reach(sketch, WIDTHS[rung])
                 rows, columns, inside = band(sketch, reach, seen.normal.shape)
                 near[rows, columns] |= inside
-        mask |= near & (seen_at > BODY)
+        mask |= near & (seen.evidence(rung) > BODY)
     return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
 
 
@@ -206,15 +190,15 @@ def _reach(sketch: Line, half_width: float) -> float:
 
 
 def _candidates(
+    seen: Scene,
     graph: TraceGraph,
     sketch: Line,
     rung: int,
-    evidence: Float[Array, "H W"],
     unseen: Float[Array, " E"],
     settings: Settings,
 ) -> Candidates:
     """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
-    half_width = WIDTHS[rung]
+    half_width, evidence = WIDTHS[rung], seen.evidence(rung)
     tolerance = float(scoring.tolerance(sketch, half_width).min())
     routes = paths.routes_of_sketch(
         graph, unseen, sketch, half_width, _reach(sketch, half_width), tolerance,
@@ -243,52 +227,44 @@ def _candidates(
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
+    rungs = [rung] * len(lines)
     if clicked:
         cost[-1] = min(cost[-1], NOTHING)
+        for wide, line in _wider(seen, sketch, rung):
+            drawn, length = spline.resample(line, scoring.SAMPLES), spline.arc_length(line)[-1:]
+            more = scoring.features(drawn[None], length, sketch, half_width, seen.evidence(wide))
+            lines, rungs = [*lines, line], [*rungs, wide]
+            known = np.concatenate([known, more])
+            cost = np.append(cost, scoring.cost(more) + WIDER)
+            along = np.concatenate([along, [_along(graph, [line], half_width)]])
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
-    kept = tuple(lines[i] for i in order)
     explains = 0.0 if clicked else choice.EXPLAINS
-    rungs = (rung,) * len(kept)
-    return Candidates(kept, cost[order], known[order], along[order], rungs, explains)
-
-
-def _with_wider(
-    seen: Scene,
-    mine: Candidates,
-    graph: TraceGraph,
-    sketch: Line,
-    rung: int,
-    evidence: Float[Array, "H W"],
-) -> Candidates:
-    """The same with the path of the wider body whose hollow middle a clicked sketch lies on."""
-    length = spline.arc_length(sketch)[-1]
-    wider = range(rung + 2, int(np.searchsorted(WIDTHS, SLENDER * length, side="right")))
-    if not wider or not scoring.clicked(sketch):
-        return mine
-    side = 0 if seen.contrast > 0 else 1
-    wide = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side].rung
-    if wide not in wider:
-        return mine
-    wide_evidence, reach = seen.evidence(wide), NARROW * WIDTHS[wide] + NARROW_PX
-    line = strip.ordered_path(wide_evidence, sketch, WIDTHS[wide], reach)
-    line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
-    drawn, total = spline.resample(line, scoring.SAMPLES)[None], spline.arc_length(line)[-1:]
-    if not _between_rims(evidence, drawn[0], WIDTHS[wide]):
-        return mine
-    known = scoring.features(drawn, total, sketch, WIDTHS[rung], wide_evidence)
-    cost = np.append(mine.cost, scoring.cost(known) + WIDER)
-    order = np.argsort(cost, kind="stable")
-    along = _along(graph, [line], WIDTHS[rung])
-    lines, rungs = (*mine.lines, line), (*mine.rungs, wide)
     return Candidates(
         tuple(lines[i] for i in order),
         cost[order],
-        np.concatenate([mine.known, known])[order],
-        np.concatenate([mine.covers, along[None]])[order],
+        known[order],
+        along[order],
         tuple(rungs[i] for i in order),
-        mine.explains,
+        explains,
     )
+
+
+def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
+    """The wider body whose hollow middle a clicked sketch lies on, if there is one: its path."""
+    length = spline.arc_length(sketch)[-1]
+    wider = range(rung + 2, int(np.searchsorted(WIDTHS, SLENDER * length, side="right")))
+    if not wider:
+        return
+    side = 0 if seen.contrast > 0 else 1
+    wide = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side].rung
+    if wide not in wider:
+        return
+    reach = NARROW * WIDTHS[wide] + NARROW_PX
+    line = strip.ordered_path(seen.evidence(wide), sketch, WIDTHS[wide], reach)
+    line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
+    if _between_rims(seen.evidence(rung), spline.resample(line, scoring.SAMPLES), WIDTHS[wide]):
+        yield wide, line
 
 
 def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
@@ -326,16 +302,9 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     return along
 
 
-def _start(
-    seen: Scene,
-    sketch: Line,
-    mine: Candidates,
-    path: int,
-    rung: int,
-    evidence: Float[Array, "H W"],
-) -> Start:
+def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     """A path with what the image is like along it."""
-    line, known = mine.lines[path], mine.known[path]
+    line, known, rung = mine.lines[path], mine.known[path], mine.rungs[path]
     if known[scoring.FEATURES.index("unseen")] > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
         return Start(sketch, False, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
@@ -346,9 +315,9 @@ def _start(
     widest = WIDTHS[max(own, rung)]
     half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, scoring.SAMPLES)
-    first, last = scoring.goes_on(evidence, sampled[None], WIDTHS[rung])[0].tolist()
-    ends = (first, last), (not first, not last)
-    return Start(line, True, half_width, contrast, known, np.inf, *ends)
+    first, last = scoring.goes_on(seen.evidence(rung), sampled[None], WIDTHS[rung])[0].tolist()
+    tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
+    return Start(line, True, half_width, contrast, known, np.inf, (first, last), tips)
 
 
 def _rescaled(found: Found) -> Found:

@@ -12,6 +12,8 @@ from napari_splinesketch.engine.fit.tube import FLOOR, INDEX, WIDTH_MODES, modes
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 ENDS = np.array([0.0, 1.0])
+AHEAD = 0.7
+"""Cosine of the angle within which a cap points at the end of the sketch that it reaches for."""
 SAME_BODY = 0.5
 ON_TOP = 0.6
 """Two curves are on the same body where they run along each other, closer than so many half-widths,
@@ -44,7 +46,7 @@ def outline(
     """A body with the round caps that the model draws at its ends, as far as its sketch goes.
 
     A blunt body is drawn as well by a spline that ends where its cap begins as by one that ends at
-    its tip.
+    its tip: only the sketch tells.
 
     Parameters
     ----------
@@ -59,7 +61,9 @@ def outline(
     at, ahead = (spline.basis(count, ENDS, order) @ body.knots for order in (0, 1))
     ahead *= [[-1.0], [1.0]]
     speed = np.linalg.norm(ahead, axis=1) + 1e-9
-    further = ((sketch[[0, -1]] - at) * ahead).sum(1) / speed
+    beyond = sketch[[0, -1]] - at
+    further = (beyond * ahead).sum(1) / speed
+    further *= further > AHEAD * np.linalg.norm(beyond, axis=1)
     cap = np.clip(further, 0, _half_width(body.parameters, ENDS))
     caps = at + (cap / speed)[:, None] * ahead
     inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)

@@ -1,7 +1,6 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -47,8 +46,13 @@ class Ridges:
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
         self._image, self.noise = image.astype(np.float32), noise
+        self.forget()
+
+    def forget(self) -> None:
+        """Free what was measured, which is measured again when it is asked for."""
         self._known: dict[int, tuple[Array, Array]] = {}
         self._evidence: dict[tuple[int, int, float], Array] = {}
+        self._reduced: dict[int, Array] = {}
 
     def factor(self, rung: int) -> int:
         """By how much the image is reduced for the half-width WIDTHS[rung]."""
@@ -65,10 +69,6 @@ class Ridges:
             smooth = ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=3.0)
             self._known[rung] = _heights(smooth, (ASIDE * width + ASIDE_PX) / factor)
         return self._known[rung]
-
-    @cached_property
-    def _reduced(self) -> dict[int, Array]:
-        return {}
 
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
         """Evidence of a body's middle at every pixel, 0 to 1.
