@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from napari_splinesketch import refine
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.judge import doubt
@@ -79,3 +80,17 @@ def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
 
 def test_signs_and_weights_belong_together():
     assert len(doubt.SIGNS) == len(doubt.WEIGHTS) == len(doubt.USUAL) == len(SURE.signs)
+
+
+@pytest.mark.parametrize(("last", "marked"), [(93, False), (106, True)])
+def test_a_curve_that_ends_long_before_its_clicked_sketch_says_so(
+    last: float, marked: bool
+) -> None:
+    rows, columns = np.mgrid[:80, :140].astype(float)
+    beside = np.hypot(rows - 40, np.clip(np.abs(columns - 60) - 30, 0, None))
+    image = 1 / (1 + np.exp((beside - 3) / 0.4))
+    image += np.random.default_rng(0).normal(0, 0.05, image.shape)
+    sketch = np.column_stack([np.full(6, 40.0), np.linspace(28, last, 6)])
+    curve = refine(image, [sketch]).curves[0]
+    assert abs(curve.points[-1, 1] - 93) < 3
+    assert any("before its sketch does" in reason for reason in curve.reasons) == marked

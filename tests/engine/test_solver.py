@@ -143,6 +143,16 @@ def test_two_crossing_bodies_are_both_recovered(problem):
         assert 0 <= body["overlap"] <= 1
 
 
+def test_curves_outside_the_image_are_fitted_to_nothing(problem):
+    theta = problem.theta.copy()
+    theta[:, : 2 * KNOTS] += 1000
+    bodies = fitting.fit_curves(problem.seen, theta, problem.priors, SWEEPS)
+    assert len(bodies) == 2
+    for body in bodies:
+        assert not len(body.pixels)
+        assert np.isfinite(body.theta).all()
+
+
 def test_curves_that_wait_stay_where_they_are_until_one_beside_them_moves(problem):
     alone = problem.theta.copy()
     alone[1, : 2 * KNOTS] += np.repeat([0.0, 60.0], KNOTS)

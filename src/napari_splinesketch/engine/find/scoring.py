@@ -57,6 +57,11 @@ def clicked(sketch: Line) -> bool:
     return len(sketch) in CLICKED and bool(spaced)
 
 
+def hit(half_width: float, clicked_length: float = 0.0) -> float:
+    """How far from a vertex a path has hit it, px, for the length of a sketch that was clicked."""
+    return HIT * half_width + HIT_PX + HIT_LONG * clicked_length
+
+
 def tolerance(sketch: Line, half_width: float) -> Float[Array, " S"]:
     """How far a sketch usually is from its body at SAMPLES points, px: least at its vertices."""
     s = spline.arc_length(sketch)
@@ -149,17 +154,16 @@ def _missed(
         part = ((few - a) * step).sum(2) / ((step**2).sum(2) + 1e-9)
         foot = a + np.clip(part, 0, 1)[..., None] * step
         np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
-    hit = HIT * half_width + HIT_PX
     inside = (~tips).sum(1)
     if not clicked(sketch):
-        return ON * inside + 0.5 * np.log1p(least.mean(1) / hit**2)
+        return ON * inside + 0.5 * np.log1p(least.mean(1) / hit(half_width) ** 2)
     length = spline.arc_length(sketch)[-1]
-    hit += HIT_LONG * length
-    share = hit / (hit + ENDS * tips * length)
+    near = hit(half_width, length)
+    share = near / (near + ENDS * tips * length)
     ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
     off = np.concatenate([least, share**2 * ends], axis=1)
     careful = float(np.clip(len(sketch), *CAREFUL))
-    return ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(1) / hit**2)
+    return ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(1) / near**2)
 
 
 def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:

@@ -193,7 +193,8 @@ def _numbered(pixels: list[Int[Array, " m"]]) -> list[Int[Array, " m"]]:
 def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
     """Which bands share pixels with which others."""
     number, ends = np.concatenate(_numbered(pixels)), np.cumsum([0, *map(len, pixels)])
-    there = csr_array((np.ones(len(number), np.float32), number, ends))
+    shape = len(pixels), 1 + number.max(initial=0)  # of bands without pixels SciPy cannot tell
+    there = csr_array((np.ones(len(number), np.float32), number, ends), shape)
     shared = (there @ there.T).toarray() > 0
     np.fill_diagonal(shared, False)
     return shared

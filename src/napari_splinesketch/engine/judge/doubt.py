@@ -56,6 +56,8 @@ class Evidence:
         (F,) what is known of its path, in the order of `scoring.FEATURES`.
     margin
         By how much the sketches cost more if this one means another path.
+    missed_end
+        How far before a clicked end of its sketch it ends, px, if that is more than usual.
     """
 
     sd: float
@@ -64,6 +66,7 @@ class Evidence:
     room: float
     known: Float[Array, " F"]
     margin: float
+    missed_end: float = 0.0
 
     @property
     def uncertain(self) -> float:
@@ -113,19 +116,34 @@ def collect(
     end = int(END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))
     astray = max(spline.apart(points, drawn).max(), spline.apart(drawn, points).max())
-    room = half_width + scoring.DRAWN
-    if not scoring.clicked(sketch):
-        room += scoring.STROKE * float(spline.arc_length(sketch)[-1])
+    room, length = half_width + scoring.DRAWN, float(spline.arc_length(sketch)[-1])
+    missed_end = 0.0
+    if scoring.clicked(sketch):
+        out = points[[0, -1]] - points[[end, -1 - end]]
+        out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-9
+        short = float(((sketch[[0, -1]] - points[[0, -1]]) * out).sum(1).max())
+        usual = scoring.hit(half_width, length) + scoring.ENDS * length
+        missed_end = short if short > usual else 0.0
+    else:
+        room += scoring.STROKE * length
     return Evidence(
-        float(sd[end:-end].max()), float(astray), half_width, room, start.known, start.margin
+        float(sd[end:-end].max()),
+        float(astray),
+        half_width,
+        room,
+        start.known,
+        start.margin,
+        missed_end,
     )
 
 
 def reasons(evidence: Evidence) -> list[str]:
     """Why a curve needs review, in words for the user; empty where it does not."""
     share = WEIGHTS * (evidence.signs - USUAL)
+    missed = [f"it ends {evidence.missed_end:.0f} px before its sketch does"]
+    missed *= evidence.missed_end > 0
     if share.sum() < THRESHOLD and evidence.uncertain < ADRIFT:
-        return []
+        return missed
     words = (
         f"its position is uncertain by up to {evidence.sd:.1f} px",
         f"it strays up to {evidence.astray:.0f} px from its sketch",
@@ -134,4 +152,4 @@ def reasons(evidence: Evidence) -> list[str]:
     )
     telling = share >= min(TELLING, share.max())
     telling[0] |= evidence.uncertain >= ADRIFT
-    return [text for text, tells in zip(words, telling, strict=True) if tells]
+    return [*missed, *(text for text, tells in zip(words, telling, strict=True) if tells)]
