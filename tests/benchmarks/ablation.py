@@ -34,7 +34,7 @@ from napari_splinesketch import refine
 from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs, solver
 from napari_splinesketch.engine.fit.tube import INDEX
-from napari_splinesketch.engine.judge import doubt
+from napari_splinesketch.engine.judge import assess, doubt
 from napari_splinesketch.engine.look import background, ridges, scene
 from napari_splinesketch.metrics import average_dtw
 
@@ -125,6 +125,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "clicked vertices are taken at their word": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(scoring, CAREFUL=(6.0, 6.0)),
     "a clicked sketch without a body stays": _set(finding, NOTHING=np.inf),
+    "clicked ends are followed to their tips": _set(assess, AHEAD=2.0),
     "hollow bodies": _set(finding, _between_rims=lambda *_: False),
     "folded curves are fitted again": _set(fit_scene, FOLDS=9.0),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),

@@ -171,7 +171,7 @@ class SplinesketchDock(QWidget):
     def _settle(self) -> None:
         """Leave what there is by now out of Python's search for garbage, while the dock is seen.
 
-        That takes 0.2 s, amid a refinement and whenever a layer goes: napari asks for it.
+        The search would fall into a refinement, and napari asks for it whenever a layer goes.
         """
         gc.collect()
         if self.isVisible():

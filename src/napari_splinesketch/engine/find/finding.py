@@ -74,6 +74,8 @@ class Start:
     goes_on
         Whether there is a body beyond its first and beyond its last point: only the sketch tells
         where such a curve ends.
+    tips
+        Whether its first and its last end are tips that were clicked.
     """
 
     line: Line
