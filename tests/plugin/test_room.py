@@ -29,7 +29,8 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     viewer.add_image(np.zeros((4, 90, 120), np.float32), name="film")
     lines = [[[0, r, 20], [0, r, 60]] for r in (20, 40, 60)]
     viewer.add_shapes(lines, shape_type="line", name="film sketches")
-    fake.changes = {1: {"status": "check", "reasons": ("why",)}}
+    doubts = "it strays up to 14 px from its sketch", "another path is nearly as likely"
+    fake.changes = {1: {"status": "check", "reasons": doubts}}
     refine(dock)
     around: Any = dock.parent()
     while not isinstance(around, QDockWidget):
@@ -45,6 +46,10 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     until(lambda: dock.panel is not None and dock.panel.isVisible(), 10)
     QTest.qWait(200)
     assert dock.height() == before
+    dock.controller.selected = (0, 2)
+    QTest.qWait(50)
+    assert dock.curve.pos() == place, "nor for the selected curve's doubts"
+    assert dock.doubts.height() >= dock.doubts.heightForWidth(dock.doubts.width())
     area = dock.findChild(QScrollArea)
     assert area is not None
     bar = area.verticalScrollBar()

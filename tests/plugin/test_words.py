@@ -55,7 +55,9 @@ def test_the_summary_is_one_line() -> None:
 
 def test_the_selected_curve_says_why_it_is_doubtful() -> None:
     (one,) = records(("check", ("it moved", "it is short")))
-    assert words.selected([one], 0) == "Curve 1: to check: it moved; it is short"
+    assert words.selected([one], 0) == "Curve 1: to check"
+    assert words.doubts([one]) == "Curve 1: it moved; it is short."
+    assert not words.doubts([one, one])
     assert words.selected([one], 3).startswith("Curve 1 of frame 0: ")
     assert words.selected([one, one], 0) == "2 curves are selected"
     assert "No curve" in words.selected([], 0)

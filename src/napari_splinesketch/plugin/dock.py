@@ -103,7 +103,7 @@ class SplinesketchDock(QWidget):
         self.settings = widgets.Folded(
             "Settings", "Options, kept for next time", self.settings_form
         )
-        self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
+        self.stage, self.notice, self.doubts, self.hint = (TextLabel() for _ in range(4))
         self.progress = boxes.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
@@ -124,7 +124,8 @@ class SplinesketchDock(QWidget):
             *(steps, self.notes, self.settings),
         )
         widgets.stack(self.content, *rows, margin=4).addStretch(1)
-        widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
+        said = self.stage, self.notice, self.doubts, self.hint
+        widgets.stack(texts, *said).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         pinned = (self.offer, texts, self.progress, self.rejected, self.export, self.saved)
@@ -144,7 +145,7 @@ class SplinesketchDock(QWidget):
             self._show_running: (changes.busy, changes.progress, changes.said),
             self.suggest.button.show_state: (*frame, *command),
             self._show_film: (*frame, changes.curves, changes.selection, *command),
-            self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
+            self._show_curve: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
             self.settings_form.show_state: (*frame, changes.settings),
@@ -265,6 +266,11 @@ class SplinesketchDock(QWidget):
         self.track.setVisible(image is not None and frame_count(image) > 1)
         if not self.track.isHidden():
             self.track.show_state()
+
+    def _show_curve(self) -> None:
+        """What is doubtful stands with what else is said: there is room, and nothing moves."""
+        self.curve.show_state()
+        self.doubts.say(words.doubts(self.controller.selected_records()))
 
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
-from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin.choices import Changes, Choices, Settings
-from napari_splinesketch.plugin.layers.drawn import BREATH_MS, MANY, Drawn, drawn_in
+from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
@@ -61,7 +60,6 @@ class Keeper:
         self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
-        self._soon_marked = qdebounced(self._mark_selected, BREATH_MS)
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
         self.works = [owner for owner in owners if isinstance(owner, Work)]
         for work in self.works:
@@ -138,12 +136,8 @@ class Keeper:
 
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
-        chosen = tuple(keys)
-        self._note_selected(chosen)
-        if self.work and len(self.work.records) < MANY:
-            self.work.mark()
-        else:
-            self._soon_marked()
+        if self.work:
+            self.work.select(tuple(keys))
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
@@ -176,8 +170,7 @@ class Keeper:
         """Let the layers show what is known, and then call something."""
 
         def shown() -> None:
-            if work is self.work:
-                self._mark_selected()
+            work.mark()
             last()
             self.changes.shown.emit()
 
@@ -230,7 +223,6 @@ class Keeper:
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
         self._end()
-        self._soon_marked.cancel()
         self.drawing.stop()
         for work in self.works:
             for signal in work.signals:
@@ -273,7 +265,7 @@ class Keeper:
         work.toggled.connect(self.changes.shown.emit)
         # Later: napari is still busy with the edit that it tells of.
         work.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
-        work.marked.connect(partial(self._on_selected, work))
+        work.marked.connect(self.changes.selection.emit)
         work.clicked.connect(self.changes.clicked.emit)
         self._colour(work)
 
@@ -295,21 +287,6 @@ class Keeper:
                 work.history.apply("Remove the curves", left)
                 self.tell(Notice("done", "The curves are gone with their layer. " + BACK))
                 self.show(work)
-
-    def _on_selected(self, work: Work) -> None:
-        if work is self.work and work.curves.selection() != work.selection:
-            self._note_selected(work.curves.selection())
-
-    def _note_selected(self, chosen: tuple[Key, ...]) -> None:
-        if self.work and chosen != self.work.selection:
-            self.work.selection = chosen
-            for _ in self.work.follow():  # its halo, and its body where that is shown
-                pass
-            self.changes.selection.emit()
-
-    def _mark_selected(self) -> None:
-        if self.work:
-            self.work.mark()
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
         if self.knots:

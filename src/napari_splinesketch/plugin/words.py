@@ -118,14 +118,20 @@ def summary(records: Sequence[Record]) -> str:
 
 
 def selected(records: Sequence[Record], frame: int) -> str:
-    """Say which curves are selected, seen from a frame, and what is doubtful about one."""
+    """Say which curves are selected, seen from a frame."""
     if len(records) != 1:
         return f"{len(records)} curves are selected" if records else NO_CURVE
     (record,) = records
     where = f" of frame {record.frame}" if record.frame != frame else ""
-    reasons = f": {'; '.join(record.curve.reasons)}" if record.curve.reasons else ""
     lock = " 🔒" if record.locked else ""
-    return f"Curve {record.id}{where}{lock}: {STATUS_WORDS[record.curve.status]}{reasons}"
+    return f"Curve {record.id}{where}{lock}: {STATUS_WORDS[record.curve.status]}"
+
+
+def doubts(records: Sequence[Record]) -> str:
+    """Say what is doubtful about the selected curve; rich text."""
+    if len(records) != 1 or not records[0].curve.reasons:
+        return ""
+    return escape(f"Curve {records[0].id}: {'; '.join(records[0].curve.reasons)}.", quote=False)
 
 
 def ramp(low: str, high: str, unit: str) -> str:

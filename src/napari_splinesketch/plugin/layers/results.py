@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
@@ -12,6 +12,7 @@ from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.layers.base import ActionType
 from psygnal import Signal, SignalInstance
+from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks
@@ -36,12 +37,10 @@ class CurveLines(Slot):
     """In the order of the layer."""
     _described: Sequence[Record] = ()
     """Those that its features speak of."""
-    _colours: Mapping[int, str] = {}
-    """By the identity of the curve."""
 
     def make(self, *data: Any, **how: Any) -> Any:
         """Add the layer, with nothing in it."""
-        self._shown, self._described, self._colours = (), (), {}
+        self._shown, self._described = (), ()
         return super().make(*data, **how)
 
     def keys(self) -> list[Key]:
@@ -75,13 +74,12 @@ class CurveLines(Slot):
         there = {id(record.curve) for record in self._shown}
         fresh = [record for record in records if id(record.curve) not in there]
         curves = [record.curve for record in fresh]
-        colours, unit = columns.colours_of(fresh, look), looks.breadth(curves)
-        self._colours = {**self._colours, **dict(zip(map(id, curves), colours, strict=True))}
+        unit = looks.breadth(curves)
         for done in drawn.add_shapes(
             layer,
             self._lines(fresh),
             ["path"] * len(fresh),
-            edge_color=colours,
+            edge_color=columns.colours_of(fresh, look),
             face_color="transparent",
             edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
         ):
@@ -112,11 +110,9 @@ class CurveLines(Slot):
         if changed or records != self._described or layer.features.empty:
             layer.features = columns.features(records)
             self._shown = self._described = records
-        colours = columns.colours_of(records, look)
-        painted = {id(r.curve): colour for r, colour in zip(records, colours, strict=True)}
-        if any(self._colours.get(curve) != colour for curve, colour in painted.items()):
+        colours = looks.rgba(columns.colours_of(records, look))
+        if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
-        self._colours = painted
 
 
 class Work:
@@ -129,7 +125,7 @@ class Work:
 
     edited = Signal(description="The user has changed the layer of curves")
     toggled = Signal(description="A layer was shown or hidden")
-    marked = Signal(description="The user has selected other curves in their layer")
+    marked = Signal(description="Other curves are selected")
     clicked = Signal(bool, description="A click into it while the camera may move; with Shift?")
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
@@ -144,6 +140,7 @@ class Work:
         slots: dict[str, Any] = {**self.made, "curves": self.curves, "marks": self._marks}
         self._slots, self._over = slots, {role: slots[role] for role in OVER}
         self._busy = False
+        self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
 
     @property
     def signals(self) -> tuple[SignalInstance, ...]:
@@ -229,6 +226,18 @@ class Work:
         with self._by_us():
             for slot in self._over.values():
                 slot.remove()
+
+    def select(self, keys: tuple[Key, ...]) -> None:
+        """Select curves, here and, soon where there are many, in their layer."""
+        if keys != self.selection:
+            self.selection = keys
+            for _ in self.follow():  # its halo, and its body where that is shown
+                pass
+            self.marked.emit()
+        if len(self.records) < drawn.MANY:
+            self.mark()
+        else:
+            self._soon_marked()
 
     def mark(self) -> None:
         """Select in the layer of curves those that are selected."""
@@ -368,4 +377,4 @@ class Work:
 
     def _on_selected(self) -> None:
         if not self._busy:
-            self.marked.emit()
+            self.select(self.curves.selection())
