@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import napari
@@ -80,7 +81,7 @@ def with_us(count: int) -> dict[str, Gap]:
     fake.changes = {i: {"status": "check", "reasons": ("why",)} for i in range(0, count, 5)}
     # The dock imports the plots, too, before anybody presses Review.
     engine.refine, engine.warm_up = fake.refine, lambda report: import_module(PLOTS)
-    engine.suggest = lambda *task: (None, tuple(made))
+    engine.suggest = lambda *task: SimpleNamespace(choose=lambda sensitivity: tuple(made))
 
     def steps(viewer: Any, act: Act) -> None:
         dock = add_dock(viewer)

@@ -15,13 +15,13 @@ from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from napari.settings import get_plugin_settings
-from psygnal import Signal, SignalGroup
 
 from napari_splinesketch.engine.settings import PRESETS, Asked
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.plugin.columns import COLOUR_BY
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.model import Changes
 
 L = TypeVar("L", bound=Layer)
 PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
@@ -33,24 +33,6 @@ GROUPS = "refining", "looking", "saving"
 """The groups of the manifest with settings that are one value each."""
 KEYS = "keys"
 """The group with one key for each action."""
-
-
-class Changes(SignalGroup):
-    """All that may change, a signal for each kind: whoever shows something listens to that."""
-
-    layers = Signal(description="There are other layers; one is chosen, or has another name")
-    edited = Signal(description="What lies in the chosen layers, and where, or what is in view")
-    lines = Signal(description="The same, once for many edits in a row where there are many lines")
-    drawn = Signal(description="The user has finished a line")
-    curves = Signal(description="What is known of the curves, and what can be undone")
-    selection = Signal(description="Which curves are selected")
-    clicked = Signal(bool, description="A click into the layer of curves; with Shift, or without")
-    shown = Signal(description="Which layers of results are there and in view")
-    mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
-    busy = Signal(description="Whether something runs, and can be cancelled")
-    progress = Signal(description="Where what runs stands")
-    said = Signal(description="What the user is told")
-    settings = Signal(description="What the user chose")
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:

@@ -142,10 +142,11 @@ class SplinesketchDock(QWidget):
         listeners: dict[Callable[[], None], tuple[SignalInstance, ...]] = {
             self._show_layers: (changes.layers, changes.settings),
             self._show_refine: (*frame, changes.curves, changes.mode, *command),
+            self._show_doubts: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_running: (changes.busy, changes.progress, changes.said),
             self.suggest.button.show_state: (*frame, *command),
             self._show_film: (*frame, changes.curves, changes.selection, *command),
-            self._show_curve: (*frame, *curves, changes.selection, changes.mode, *command),
+            self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
             self.settings_form.show_state: (*frame, changes.settings),
@@ -251,9 +252,16 @@ class SplinesketchDock(QWidget):
         self.refine.show_state()
         self.at_once.setChecked(controller.at_once)
         self.at_once.setToolTip(controller.actions.tip("at_once"))
-        said = f"{plan.problem} {words.left_alone(plan)}".strip()
         unasked = controller.progress or controller.knots
+        said = f"{plan.problem} {words.left_alone(plan)}".strip()
         self.hint.say("" if unasked else escape(said, quote=False))
+
+    def _show_doubts(self) -> None:
+        """Say what is doubtful about the selected curve in the place of the hint: nothing moves."""
+        controller = self.controller
+        unasked = controller.progress or controller.knots
+        self.doubts.say("" if unasked else words.doubts(controller.selected_records()))
+        self.hint.setVisible(bool(self.hint.text() and not self.doubts.text()))
 
     def _show_running(self) -> None:
         controller = self.controller
@@ -266,11 +274,6 @@ class SplinesketchDock(QWidget):
         self.track.setVisible(image is not None and frame_count(image) > 1)
         if not self.track.isHidden():
             self.track.show_state()
-
-    def _show_curve(self) -> None:
-        """What is doubtful stands with what else is said: there is room, and nothing moves."""
-        self.curve.show_state()
-        self.doubts.say(words.doubts(self.controller.selected_records()))
 
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,13 +19,14 @@ from napari_splinesketch.plugin.layers.space import Block
 from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
 
+if TYPE_CHECKING:
+    from napari_splinesketch.engine.find.suggest import Suggestions
+
 POLL_MS = 50
 """How often the window looks after a thread: at most 20 updates a second."""
 PATIENCE = 20.0
 """How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
 
-Choose = Callable[[float], tuple[Line, ...]]
-"""Gives lines over bodies that stand out, px of the image, by a sensitivity."""
 _log = logging.getLogger(__name__)
 _warm = threading.Event()
 
@@ -89,11 +90,11 @@ def refine(
 
 
 def suggest(
-    block: Block, known: Sequence[Line], sensitivity: float, how: Asked, on_progress: OnProgress
-) -> tuple[Choose, tuple[Line, ...]]:
-    """Read the pixels and suggest lines over bodies that are not `known`, px of the image.
+    block: Block, known: Sequence[Line], how: Asked, on_progress: OnProgress
+) -> "Suggestions":
+    """Read the pixels and find lines over bodies that are not `known`, px of the image.
 
-    To be called in a thread. What it gives first chooses others at once.
+    To be called in a thread. To choose among them takes milliseconds.
     """
     from napari_splinesketch.engine.find.suggest import prepare
 
@@ -101,12 +102,10 @@ def suggest(
     grid, pixels = block.grid, block.read()
     on_progress(Progress("looking for bodies", 0.2))
     found = prepare(pixels, **_options(how, grid.size))
-
-    def choose(sensitivity: float) -> tuple[Line, ...]:
-        lines = [grid.to_image(line) for line in found.choose(sensitivity)]
-        return tuple(new_among(lines, known))
-
-    return choose, choose(sensitivity)
+    lines = [grid.to_image(line) for line in found.lines]
+    new = new_among(lines, known)
+    fresh = tuple([line for line, chosen in zip(lines, new, strict=True) if chosen])
+    return replace(found, lines=fresh, strength=found.strength[new])
 
 
 def track(

@@ -23,7 +23,7 @@ from napari_splinesketch.plugin.layers.space import (
     plane_problem,
     size_of,
 )
-from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of
+from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.tracking import Body, Given, Tracked
 from napari_splinesketch.tracking.bodies import MEMORY
@@ -48,9 +48,8 @@ class Suggestions:
     def __init__(self, controller: Controller):
         self.sensitivity = 0.5
         self._controller = controller
-        self._last: tuple[Work, int, engine.Choose] | None = None
-        """Where the last lines are, and what chooses others when the slider moves."""
-        self._choosing: engine.Job | None = None
+        self._last: tuple[Work, int, engine.Suggestions] | None = None
+        """Where the last lines are, and what others are chosen from when the slider moves."""
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def problem(self) -> str:
@@ -79,7 +78,7 @@ class Suggestions:
         known = [line for line, position in pairs if position not in old]
         known += [record.curve.points for record in controller.records(frame)]
         block = block_around(image, frame, [np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])])
-        look = partial(engine.suggest, block, known, self.sensitivity, controller.how(image))
+        look = partial(engine.suggest, block, known, controller.how(image))
         controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
@@ -88,14 +87,13 @@ class Suggestions:
         if self._last is not None:
             self._soon()
 
-    def _on_suggested(
-        self, work: Work, frame: int, found: tuple[engine.Choose, tuple[Line, ...]]
-    ) -> None:
-        controller, (choose, lines) = self._controller, found
+    def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
+        controller = self._controller
         if work is not controller.work:
             controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
             return
-        self._last = work, frame, choose
+        self._last = work, frame, found
+        lines = found.choose(self.sensitivity)
         over = partial(controller.finish, Notice("done", words.suggested(len(lines))))
         state = work.state.suggested(frame, lines)
         if state.suggestions != work.state.suggestions:
@@ -105,27 +103,15 @@ class Suggestions:
 
     def _choose(self) -> None:
         """Choose lines for another sensitivity, from what was found before."""
-        last, controller, sensitivity = self._last, self._controller, self.sensitivity
-        if last is None or last[0] is not controller.work or controller.progress:
+        controller = self._controller
+        if self._last is None or self._last[0] is not controller.work or controller.progress:
             return
-        if self._choosing is not None:
-            self._soon()
-            return
-        self._choosing = engine.Job(lambda _: last[2](sensitivity))
-        self._choosing.done.connect(partial(self._on_chosen, last))
-        self._choosing.failed.connect(lambda _: setattr(self, "_choosing", None))
-        self._choosing.start()
-
-    def _on_chosen(self, last: tuple[Work, int, object], lines: tuple[Line, ...]) -> None:
-        self._choosing = None
-        controller, (work, frame, _) = self._controller, last
-        if work is not controller.work or controller.progress or last is not self._last:
-            return
-        state = work.state.suggested(frame, lines)
-        if work.history.done == SUGGEST:
-            controller.amend(state)
-        else:
-            controller.apply(SUGGEST, state)
+        work, frame, found = self._last
+        lines = found.choose(self.sensitivity)
+        put = (
+            controller.amend if work.history.done == SUGGEST else partial(controller.apply, SUGGEST)
+        )
+        put(work.state.suggested(frame, lines))
         controller.tell(Notice("done", words.suggested(len(lines))))
 
 

@@ -14,12 +14,12 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
-from napari_splinesketch.plugin.choices import Changes, Choices, Settings
+from napari_splinesketch.plugin.choices import Choices, Settings
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
-from napari_splinesketch.plugin.model import History, Key, Record, Review, State, key_of
+from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.commands import Commands
@@ -60,6 +60,10 @@ class Keeper:
         self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
+        # Later: napari is still busy with the edit that it tells of.
+        self.changes.touched.connect(
+            lambda *what: QTimer.singleShot(0, partial(self._adopt, *what))
+        )
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
         self.works = [owner for owner in owners if isinstance(owner, Work)]
         for work in self.works:
@@ -225,8 +229,7 @@ class Keeper:
         self._end()
         self.drawing.stop()
         for work in self.works:
-            for signal in work.signals:
-                signal.disconnect()
+            work.changes = Changes()
         self.works.clear()
         for name in self.changes:
             self.changes[name].disconnect()
@@ -260,18 +263,12 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         """Hear of the user's doings in layers of results."""
-        for signal in work.signals:
-            signal.disconnect()
-        work.toggled.connect(self.changes.shown.emit)
-        # Later: napari is still busy with the edit that it tells of.
-        work.edited.connect(lambda: QTimer.singleShot(0, partial(self._adopt, work)))
-        work.marked.connect(self.changes.selection.emit)
-        work.clicked.connect(self.changes.clicked.emit)
+        work.changes = self.changes
         self._colour(work)
 
-    def _adopt(self, work: Work) -> None:
+    def _adopt(self, work: Work, deleted: set[Key]) -> None:
         """Take over what the user deleted among the curves; what she moved goes back."""
-        gone = work.curves.missing() & set(map(key_of, work.records))
+        gone = deleted & set(map(key_of, work.records))
         if gone:
             work.history.apply(f"Delete {words.curves(sorted(gone))}", work.state.without(gone))
         elif not self.progress:

@@ -9,7 +9,8 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.spline import resample
@@ -34,6 +35,25 @@ STEPS = 200
 """That are remembered, at most."""
 WEIGHT = 2**29
 """What the values that are remembered may hold, bytes."""
+
+
+class Changes(SignalGroup):
+    """All that may change, a signal for each kind: whoever shows something listens to that."""
+
+    layers = Signal(description="There are other layers; one is chosen, or has another name")
+    edited = Signal(description="What lies in the chosen layers, and where, or what is in view")
+    lines = Signal(description="The same, once for many edits in a row where there are many lines")
+    drawn = Signal(description="The user has finished a line")
+    curves = Signal(description="What is known of the curves, and what can be undone")
+    selection = Signal(description="Which curves are selected")
+    touched = Signal(object, set, description="Its layer of curves: the work, which are deleted")
+    clicked = Signal(bool, description="A click into the layer of curves; with Shift, or without")
+    shown = Signal(description="Which layers of results are there and in view")
+    mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
+    busy = Signal(description="Whether something runs, and can be cancelled")
+    progress = Signal(description="Where what runs stands")
+    said = Signal(description="What the user is told")
+    settings = Signal(description="What the user chose")
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +186,12 @@ def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]
     return np.array([each.mean(axis=2).min(axis=0) for each in apart])
 
 
-def new_among(lines: Sequence[Line], known: Sequence[Line]) -> list[Line]:
-    """Leave out lines over bodies that have one already."""
+def new_among(lines: Sequence[Line], known: Sequence[Line]) -> Bool[np.ndarray, " N"]:
+    """Say which lines are over bodies that have none already."""
     if not (lines and known):
-        return list(lines)
+        return np.ones(len(lines), dtype=bool)
     sizes = np.minimum.outer(lengths_of(lines), lengths_of(known))
-    there = np.any(_distances(lines, known) < SAME_BODY * sizes, axis=1).tolist()
-    return [line for line, old in zip(lines, there, strict=True) if not old]
+    return np.all(_distances(lines, known) >= SAME_BODY * sizes, axis=1)
 
 
 @dataclass(frozen=True, eq=False)

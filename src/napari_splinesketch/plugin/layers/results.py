@@ -11,7 +11,6 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.layers.base import ActionType
-from psygnal import Signal, SignalInstance
 from superqt.utils import qdebounced
 
 from napari_splinesketch.plugin import columns, model
@@ -19,7 +18,15 @@ from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
 from napari_splinesketch.plugin.layers.slot import OWNER, Following, Marks, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import Ruler, in_stack, size_of, to_pixels
-from napari_splinesketch.plugin.model import History, Key, Record, State, bytes_beside, key_of
+from napari_splinesketch.plugin.model import (
+    Changes,
+    History,
+    Key,
+    Record,
+    State,
+    bytes_beside,
+    key_of,
+)
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
@@ -35,23 +42,17 @@ class CurveLines(Slot):
     kind = Shapes
     _shown: Sequence[Record] = ()
     """In the order of the layer."""
-    _described: Sequence[Record] = ()
-    """Those that its features speak of."""
+    _stale = False
+    """Whether the user has changed them: all come anew."""
 
     def make(self, *data: Any, **how: Any) -> Any:
         """Add the layer, with nothing in it."""
-        self._shown, self._described = (), ()
+        self._shown, self._stale = (), False
         return super().make(*data, **how)
 
     def keys(self) -> list[Key]:
         """(frame, id) of the curves that are there."""
-        known = {} if self.layer is None else self.layer.features
-        return list(zip(known["frame"], known["id"], strict=True)) if "id" in known else []
-
-    def missing(self) -> set[Key]:
-        """(frame, id) of the curves that the user has deleted."""
-        written = map(key_of, self._described)
-        return set(written).difference(self.keys()) if self.layer is not None else set()
+        return [] if self.layer is None else list(map(key_of, self._shown))
 
     def selection(self) -> tuple[Key, ...]:
         """(frame, id) of the curves that are selected."""
@@ -63,8 +64,8 @@ class CurveLines(Slot):
         """Show these curves, and no others; some come at each step."""
         layer = self.layer
         wanted = {id(record.curve): record for record in records}
-        if layer.nshapes != len(self._shown):
-            gone, self._shown = list(range(layer.nshapes)), ()
+        if self._stale or layer.nshapes != len(self._shown):
+            gone, self._shown, self._stale = list(range(layer.nshapes)), (), False
         else:
             gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
         if gone:
@@ -90,11 +91,15 @@ class CurveLines(Slot):
         if gone:
             yield
 
-    def follow(self, *, removed: bool) -> None:
-        """Take in that the user has changed shapes: deleted some, or others, which come anew."""
-        left = set(self.keys())
-        less = removed and len(left) < len(self._shown)
-        self._shown = [r for r in self._shown if key_of(r) in left] if less else ()
+    def follow(self, event: Any) -> set[Key]:
+        """Take in that the user has changed shapes; give (frame, id) of those that she deleted."""
+        before = self.keys()
+        if event.action != ActionType.REMOVED or len(before) <= self.layer.nshapes:
+            self._stale = True
+            return set()
+        gone = set(event.data_indices)
+        self._shown = [r for i, r in enumerate(self._shown) if i not in gone]
+        return set(before).difference(self.keys())
 
     def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
         """Draw curves, some at a time when they are needed."""
@@ -107,9 +112,9 @@ class CurveLines(Slot):
     def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
         """Let features and colours say what is known now."""
         layer: Any = self._layer
-        if changed or records != self._described or layer.features.empty:
+        if changed or records != self._shown or layer.features.empty:
             layer.features = columns.features(records)
-            self._shown = self._described = records
+            self._shown = records
         colours = looks.rgba(columns.colours_of(records, look))
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
@@ -120,16 +125,13 @@ class Work:
 
     The layers of results come with the first of them; the suggested lines are among the sketches.
     `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `made` are the layers that are made of what is known.
+    colours of curves say, `made` are the layers that are made of what is known. What the user does
+    in the layers is told to whoever listens to `changes`: one dock.
     """
-
-    edited = Signal(description="The user has changed the layer of curves")
-    toggled = Signal(description="A layer was shown or hidden")
-    marked = Signal(description="Other curves are selected")
-    clicked = Signal(bool, description="A click into it while the camera may move; with Shift?")
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self._viewer = image, sketches, viewer
+        self.changes = Changes()
         self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
         self.look: columns.Look = ("status", Ruler())
@@ -141,11 +143,6 @@ class Work:
         self._slots, self._over = slots, {role: slots[role] for role in OVER}
         self._busy = False
         self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
-
-    @property
-    def signals(self) -> tuple[SignalInstance, ...]:
-        """What tells of the user's doings: one keeper listens."""
-        return self.toggled, self.edited, self.marked, self.clicked
 
     @property
     def name(self) -> str:
@@ -185,7 +182,7 @@ class Work:
             picture.layer.visible = on
         elif on:
             self._update(picture)
-        self.toggled.emit()
+        self.changes.shown.emit()
         return picture.layer is not None or not on
 
     def show(self) -> Iterator[None]:
@@ -233,7 +230,7 @@ class Work:
             self.selection = keys
             for _ in self.follow():  # its halo, and its body where that is shown
                 pass
-            self.marked.emit()
+            self.changes.selection.emit()
         if len(self.records) < drawn.MANY:
             self.mark()
         else:
@@ -357,12 +354,11 @@ class Work:
                 mark.visible = event.source.visible
         for _ in self.follow():
             pass
-        self.toggled.emit()
+        self.changes.shown.emit()
 
     def _on_data(self, event: Any) -> None:
         if not self._busy and event.action in EDITS:
-            self.curves.follow(removed=event.action == ActionType.REMOVED)
-            self.edited.emit()
+            self.changes.touched.emit(self, self.curves.follow(event))
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
         """Tell a click from a drag, where napari itself only moves the camera."""
@@ -373,7 +369,7 @@ class Work:
             far = max(far, float(np.linalg.norm(np.array(event.pos) - begin)))
             yield
         if layer.mode == "pan_zoom" and far < drawn.CLICK:
-            self.clicked.emit(shift)
+            self.changes.clicked.emit(shift)
 
     def _on_selected(self) -> None:
         if not self._busy:
