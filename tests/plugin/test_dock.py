@@ -132,7 +132,7 @@ def test_status_is_told_by_colour_breadth_and_sign(
     assert dock.results.text() == "1 good · 1 to check"
     dock.controller.selected = (0, 2)
     assert dock.curve.title.text() == "Curve 2: to check"
-    assert dock.doubts.text() == "Curve 2: its ends &lt;are&gt; lost."
+    assert dock.hint.text() == "Curve 2: its ends &lt;are&gt; lost."
 
 
 def test_shapes_that_are_no_lines_are_named(viewer: Any, dock: SplinesketchDock) -> None:

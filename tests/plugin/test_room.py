@@ -49,7 +49,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     dock.controller.selected = (0, 2)
     QTest.qWait(50)
     assert dock.curve.pos() == place, "nor for the selected curve's doubts"
-    assert dock.doubts.height() >= dock.doubts.heightForWidth(dock.doubts.width())
+    assert dock.hint.height() >= dock.hint.heightForWidth(dock.hint.width())
     area = dock.findChild(QScrollArea)
     assert area is not None
     bar = area.verticalScrollBar()

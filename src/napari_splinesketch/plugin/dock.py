@@ -103,7 +103,7 @@ class SplinesketchDock(QWidget):
         self.settings = widgets.Folded(
             "Settings", "Options, kept for next time", self.settings_form
         )
-        self.stage, self.notice, self.doubts, self.hint = (TextLabel() for _ in range(4))
+        self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = boxes.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
@@ -124,8 +124,7 @@ class SplinesketchDock(QWidget):
             *(steps, self.notes, self.settings),
         )
         widgets.stack(self.content, *rows, margin=4).addStretch(1)
-        said = self.stage, self.notice, self.doubts, self.hint
-        widgets.stack(texts, *said).insertStretch(0, 1)
+        widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         pinned = (self.offer, texts, self.progress, self.rejected, self.export, self.saved)
@@ -142,7 +141,7 @@ class SplinesketchDock(QWidget):
         listeners: dict[Callable[[], None], tuple[SignalInstance, ...]] = {
             self._show_layers: (changes.layers, changes.settings),
             self._show_refine: (*frame, changes.curves, changes.mode, *command),
-            self._show_doubts: (*frame, *curves, changes.selection, changes.mode, *command),
+            self._show_hint: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_running: (changes.busy, changes.progress, changes.said),
             self.suggest.button.show_state: (*frame, *command),
             self._show_film: (*frame, changes.curves, changes.selection, *command),
@@ -252,16 +251,14 @@ class SplinesketchDock(QWidget):
         self.refine.show_state()
         self.at_once.setChecked(controller.at_once)
         self.at_once.setToolTip(controller.actions.tip("at_once"))
-        unasked = controller.progress or controller.knots
-        said = f"{plan.problem} {words.left_alone(plan)}".strip()
-        self.hint.say("" if unasked else escape(said, quote=False))
+        self._to_do = f"{plan.problem} {words.left_alone(plan)}".strip()
 
-    def _show_doubts(self) -> None:
-        """Say what is doubtful about the selected curve in the place of the hint: nothing moves."""
+    def _show_hint(self) -> None:
+        """Say what is doubtful about the selected curve, or else what there is to refine."""
         controller = self.controller
         unasked = controller.progress or controller.knots
-        self.doubts.say("" if unasked else words.doubts(controller.selected_records()))
-        self.hint.setVisible(bool(self.hint.text() and not self.doubts.text()))
+        said = words.doubts(controller.selected_records()) or self._to_do
+        self.hint.say("" if unasked else escape(said, quote=False))
 
     def _show_running(self) -> None:
         controller = self.controller

@@ -128,10 +128,10 @@ def selected(records: Sequence[Record], frame: int) -> str:
 
 
 def doubts(records: Sequence[Record]) -> str:
-    """Say what is doubtful about the selected curve; rich text."""
+    """Say what is doubtful about the selected curve."""
     if len(records) != 1 or not records[0].curve.reasons:
         return ""
-    return escape(f"Curve {records[0].id}: {'; '.join(records[0].curve.reasons)}.", quote=False)
+    return f"Curve {records[0].id}: {'; '.join(records[0].curve.reasons)}."
 
 
 def ramp(low: str, high: str, unit: str) -> str:
