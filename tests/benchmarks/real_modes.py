@@ -183,18 +183,22 @@ def sizes(run: Refine, frames: int) -> Figures:
 def suggested(run: Refine, frames: int) -> Figures:
     """Share of the reference bodies of the real images that are among the suggested sketches."""
     del run, frames
-    found, covered, seconds = [], [], []
+    found: dict[str, list[bool]] = {"tune": [], "held": []}
+    covered, seconds, offered = [], [], 0
     for case in in_folders(FOLDERS):
         began = time.perf_counter()
         lines = [line for line in suggest(case.image) if len(line) > 1]
         seconds.append(time.perf_counter() - began)
+        offered += len(lines)
         for reference in case.references:
             known = [shares(np.asarray(line), reference, case.half_width) for line in lines]
-            found.append(any(verdict(*both) == "good" for both in known))
+            found[case.split].append(any(verdict(*both) == "good" for both in known))
             covered.append(any(of_reference >= MOST for _, of_reference in known))
     return {
-        "bodies": len(found),
-        "found, %": _percent(found),
+        "bodies": len(covered),
+        "lines": offered,
+        "found, %": _percent(found["tune"] + found["held"]),
+        **{f"found, {split}, %": _percent(each) for split, each in found.items()},
         "covered by one line, %": _percent(covered),
         "slowest image, s": max(seconds),
     }

@@ -1,10 +1,11 @@
 """First lines for free: sketches over the bodies of an image that nobody has drawn yet."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Bool, Float, Int, Real
+from scipy.spatial import KDTree
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import remove_small_objects
 
@@ -17,7 +18,7 @@ from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample
 from napari_splinesketch.engine.types import Array, Polarity
 
-CLEAR = (0.55, 0.45, 0.15)
+CLEAR = (0.7, 0.62, 0.15)
 """Lines are chosen that are at least so strong against the usual body, at sensitivity 0, 0.5, 1."""
 HIGHEST = 0.99
 """Quantile of an image's ridges that tells how high those of its bodies are."""
@@ -26,8 +27,6 @@ BOTH = 0.6
 lengths together, are at least this share of the other's."""
 WIDEST = 0.06
 """A half-width is at most so much of the image's shorter side."""
-EVERY = 2
-"""Every second half-width is looked at."""
 BODY = (0.3, 0.5)
 """Evidence from which a pixel is body where it touches one that has the second one, too."""
 SURE = 0.8
@@ -38,6 +37,11 @@ OWN = 0.95
 """The smallest half-width whose ridges reach this share of the best one's is a line's ..."""
 OFF = 1
 """... and is at most so many steps from the one that it was traced at."""
+ALONG, BESIDE, PLACES = 0.1, 1.0, 8
+"""Lines are alike if they are on average within so much of their length along it, and so many
+half-widths beside it, of each other at so many places."""
+ENOUGH = 3
+"""A line that is found so often is as sure as one that is found more often."""
 COVERED, ASIDE, ASIDE_PX = 0.7, 1.2, 0.5
 """A line lies on stronger ones if so much of it is within so many half-widths, and px, of them."""
 USUAL = 0.2
@@ -91,7 +95,8 @@ class Traced:
     half_width
         Of its body, px.
     strength
-        Height of its ridge, times how surely it is one along all of it, times its slenderness.
+        Square root of its ridge's height, times how surely it is one along all of it, times its
+        slenderness, times how often a line like it is found, whatever its half-width.
     """
 
     line: Line
@@ -152,7 +157,7 @@ def prepare(
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
     most = int(np.searchsorted(WIDTHS, max(WIDEST * min(image.shape), 2.0), side="right"))
-    rungs = range(0, most, EVERY)
+    rungs = range(most)
     if half_width is not None:
         rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
     sides = {"bright": (0,), "dark": (1,)}.get(polarity, (0, 1))
@@ -174,13 +179,18 @@ def _traced_at(
 ) -> list[Traced]:
     """Lines along bodies of one polarity, at several half-widths."""
     height = max(float(np.quantile(ridges.heights(k)[side], HIGHEST)) for k in rungs)
-    found = []
+    found: list[Traced] = []
     for rung in rungs:
         evidence = ridges.alone(rung, 1 - 2 * side, height)
         evidence[~valid] = 0
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
         found += _traced(ridges, evidence, side, rung, near)
-    return found
+    counts = np.minimum(_alike(found), ENOUGH)
+    return [
+        replace(one, strength=one.strength * count)
+        for one, count in zip(found, counts, strict=True)
+        if one.strength > 0
+    ]
 
 
 def _traced(
@@ -200,10 +210,10 @@ def _traced(
         heights = [_median(ridges, k, side, points) for k in near]
         own = near[int(np.argmax(np.array(heights) >= OWN * max(heights)))]
         seen = evidence[tuple(np.rint(points).astype(int).T)]
-        if abs(own - rung) <= OFF:
-            sure = np.minimum(seen / SURE, 1).mean()
-            strength = max(heights) * sure**3 * np.log(length / width)
-            found.append(Traced(line, WIDTHS[own], float(strength)))
+        sure = np.minimum(seen / SURE, 1).mean()
+        strength = np.sqrt(max(heights)) * sure**3 * np.log(length / width)
+        strength = float(strength) if abs(own - rung) <= OFF else 0.0
+        found.append(Traced(line, WIDTHS[own], strength))
     return found
 
 
@@ -212,6 +222,27 @@ def _median(ridges: Ridges, rung: int, side: int, points: Line) -> float:
     heights, factor = ridges.heights(rung)[side], ridges.factor(rung)
     at = np.rint((points + 0.5) / factor - 0.5).astype(int)
     return float(np.median(heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]))
+
+
+def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
+    """How many lines are like each one, itself among them: a body is found at several widths."""
+    if not found:
+        return np.zeros(0, dtype=int)
+    points = np.array([resample(one.line, PLACES) for one in found])
+    length = np.array([one.length for one in found])
+    width = np.array([one.half_width for one in found])
+    middle = points.mean(1)
+    near = KDTree(middle).query_ball_point(middle, ALONG * length + BESIDE * width)
+    one, two = np.repeat(np.arange(len(found)), [len(of) for of in near]), np.concatenate(near)
+    ahead = np.gradient(points, axis=1)[one]
+    ahead /= np.linalg.norm(ahead, axis=2, keepdims=True) + 1e-9
+    alike = np.zeros(len(one), dtype=bool)
+    for way in (1, -1):
+        apart = points[two, ::way] - points[one]
+        along = np.abs((apart * ahead).sum(2)).mean(1)
+        beside = np.abs((apart * ahead[..., ::-1] * (1, -1)).sum(2)).mean(1)
+        alike |= (along < ALONG * length[one]) & (beside < BESIDE * width[one])
+    return np.bincount(one[alike], minlength=len(found))
 
 
 def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:

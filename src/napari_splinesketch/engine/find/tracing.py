@@ -127,7 +127,7 @@ def trace(
 
 def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     """Pairs of nodes between which a body may go on unseen: what a free end points at."""
-    if tips.sum() < 1 or len(nodes) < 3:
+    if reach <= 0 or tips.sum() < 1 or len(nodes) < 3:
         return []
     out: dict[int, list[Float[Array, 2]]] = {}
     for pair, both in zip(ends, headings, strict=True):
