@@ -64,7 +64,7 @@ def test_what_is_collected_of_a_curve():
     sd = np.where((along > 20) & (along < 30), 0.5, 0.1)
     sd[0] = 9.0
     sketch = np.array([[3.0, 0.0], [3.0, 60.0]])
-    start = Start(sketch, True, 2.0, 1.0, known(unseen=0.1), margin=1.5)
+    start = Start(sketch, True, sketch, 4, 2.0, 1.0, known(unseen=0.1), margin=1.5)
     found = collect(straight, sd, sketch, 2.0, start)
     assert found.sd == 0.5
     assert found.astray == pytest.approx(3.0)
@@ -73,7 +73,7 @@ def test_what_is_collected_of_a_curve():
 
 def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
     straight, sd = np.column_stack([np.zeros(100), np.linspace(0, 60, 100)]), np.full(100, 0.1)
-    start = Start(straight, True, 2.0, 1.0, known())
+    start = Start(straight, True, straight, 4, 2.0, 1.0, known())
     stroke, clicks = (collect(straight, sd, straight[::n], 2.0, start).room for n in (1, 20))
     assert stroke > clicks >= 2.0
 

@@ -63,6 +63,10 @@ class Start:
         (N, 2) the path that was found, or the sketch where there is none.
     found
         Whether a body was found.
+    sketch
+        (N, 2) what was drawn.
+    rung
+        Index in WIDTHS of the half-width at which the path was found.
     half_width
         Of the body, px.
     contrast
@@ -80,6 +84,8 @@ class Start:
 
     line: Line
     found: bool
+    sketch: Line
+    rung: int
     half_width: float
     contrast: float
     known: Float[Array, " F"]
@@ -165,7 +171,7 @@ def candidates_of(
 def believed(seen: Scene, sketches: list[Line]) -> Found:
     """The sketches as they are, where they are known to lie on their bodies."""
     starts = [
-        Start(sketch, True, WIDTHS[rung], 1.0, np.zeros(len(scoring.FEATURES)))
+        Start(sketch, True, sketch, rung, WIDTHS[rung], 1.0, np.zeros(len(scoring.FEATURES)))
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
     return Found(seen, starts, [[i] for i in range(len(sketches))])
@@ -308,7 +314,7 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     """A path with what the image is like along it."""
     line, known, rung = mine.lines[path], mine.known[path], mine.rungs[path]
     if known[scoring.FEATURES.index("unseen")] > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
-        return Start(sketch, False, WIDTHS[rung], 1.0, known)
+        return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
@@ -319,7 +325,16 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     sampled = spline.resample(line, scoring.SAMPLES)
     first, last = scoring.goes_on(seen.evidence(rung), sampled[None], WIDTHS[rung])[0].tolist()
     tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
-    return Start(line, True, half_width, contrast, known, np.inf, (first, last), tips)
+    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last), tips)
+
+
+def dearer(seen: Scene, start: Start, line: Line) -> dict[str, float]:
+    """By how much a line costs a sketch more than its path, for each of `scoring.FEATURES`."""
+    drawn, total = spline.resample(line, scoring.SAMPLES)[None], spline.arc_length(line)[-1:]
+    evidence, half_width = seen.evidence(start.rung), WIDTHS[start.rung]
+    known = scoring.features(drawn, total, start.sketch, half_width, evidence)[0]
+    more = (known - start.known) * scoring.WEIGHTS
+    return dict(zip(scoring.FEATURES, more.tolist(), strict=True))
 
 
 def _rescaled(found: Found) -> Found:

@@ -76,13 +76,6 @@ def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
     return known @ WEIGHTS + TOO_FAR * too_far
 
 
-def sketch_cost(line: Line, sketch: Line, half_width: float) -> float:
-    """What a line costs a sketch whatever the image is like: its distance and its bends."""
-    drawn, total = spline.resample(line, SAMPLES)[None], spline.arc_length(line)[-1:]
-    known = features(drawn, total, sketch, half_width, np.ones((1, 1)))[0] * WEIGHTS
-    return float(known[1:].sum())
-
-
 def features(
     lines: Float[Array, "C S 2"],
     total: Float[Array, " C"],

@@ -22,9 +22,10 @@ Centrelines = Callable[[], list[Line]]
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """Ends beyond which a body goes on are held within so many px, for so many more sweeps."""
-FOLDS, UNFOLDED = 1.0, 0.25
-"""No body turns by so much (rad) within its half-width: a curve that does has folded over itself,
-and is fitted again, within so many half-widths of its path; if it does so again, it stays there."""
+LEFT, DEARER, NEAR = 1.0, 2.0, 0.25
+"""A curve that leaves its path by so many half-widths, and costs so much more for what is not seen
+of it and how it bends, was drawn away by something else or has folded over itself: it is fitted
+again, within so many half-widths of its path; if it leaves that again, it stays there."""
 GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
@@ -59,7 +60,7 @@ class SceneFit:
     starts
         Where the fit of each sketch began.
     held
-        Numbers of the curves that stay on their paths, because they folded over themselves.
+        Numbers of the curves that stay on their paths.
     """
 
     seen: Scene
@@ -127,7 +128,8 @@ def fit_scene(
         others = fitted[len(members) :]
     bodies = [done[i] for i in range(len(starts))]
     if settings.hold is None:
-        bodies = pairs.settle_pairs(seen, sketches, bodies, others, settings.sweeps)
+        free = [s.found and i not in held for i, s in enumerate(starts)]
+        bodies = pairs.settle_pairs(seen, starts, bodies, free, others, settings.sweeps)
     return SceneFit(seen, bodies, others, starts, held)
 
 
@@ -161,9 +163,9 @@ def _fit_group(
     """Fit bodies together, and the look of those that stay still.
 
     The solver gives all of them as many knots as the one that needs most; the others are held to
-    their `own` numbers. Curves whose ends grew though nothing is seen there, and those that folded,
-    are fitted again, and held; those that fold nevertheless are put back on their paths. The rows
-    of these are returned, too.
+    their `own` numbers. Curves whose ends grew though nothing is seen there, and those that left
+    their paths, are fitted again, and held; those that leave them again are put back. The rows of
+    these are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
@@ -181,19 +183,19 @@ def _fit_group(
     again: dict[int, Array] = {}
     for row in free:
         line = _ended(found[row], starts[row])
-        if _folded(found[row], starts[row].half_width):
-            hold[row] += fully / (UNFOLDED * starts[row].half_width) ** 2
+        if _strayed(seen, found[row], starts[row]):
+            hold[row] += fully / (NEAR * starts[row].half_width) ** 2
             again[row] = theta[row]
         elif line is not None:
             hold[row, ends, ends] += HELD**-2.0
             at, _ = bands.stiff(line, own[row], knots)
             again[row] = np.concatenate([at, found[row].parameters])
     found = _fit_again(seen, found, again, priors, sweeps, count, hold)
-    folded = {row for row in free if _folded(found[row], starts[row].half_width)}
-    hold[list(folded)] += fully / bands.PIN**2
-    found = _fit_again(seen, found, {r: theta[r] for r in folded}, priors, sweeps, count, hold)
+    strayed = {row for row in free if _strayed(seen, found[row], starts[row])}
+    hold[list(strayed)] += fully / bands.PIN**2
+    found = _fit_again(seen, found, {r: theta[r] for r in strayed}, priors, sweeps, count, hold)
     numbers = [*own, *[knots] * len(still)]
-    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], folded
+    return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
 
 
 def _fit_again(
@@ -223,13 +225,13 @@ def _fit_again(
     return [new.get(row, body) for row, body in enumerate(found)]
 
 
-def _folded(body: Body, half_width: float) -> bool:
-    """Whether a curve turns more sharply between its tips than a body of this half-width can."""
+def _strayed(seen: Scene, body: Body, start: Start) -> bool:
+    """Whether a curve left its path for where less of a body is seen, or where it bends more."""
     line = body.points(SAMPLES)
-    count = max(8, round(spline.arc_length(line)[-1] / half_width))
-    step = np.diff(spline.resample(line, count), axis=0)
-    turn = np.diff(np.arctan2(step[:, 1], step[:, 0]))
-    return bool(np.abs((turn[1:-1] + np.pi) % (2 * np.pi) - np.pi).max() > FOLDS)
+    if spline.apart(line, start.line).max() < LEFT * start.half_width:
+        return False
+    more = finding.dearer(seen, start, line)
+    return more["unseen"] + more["kink"] > DEARER
 
 
 def _ended(body: Body, start: Start) -> Line | None:

@@ -7,7 +7,8 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import scoring
+from napari_splinesketch.engine.find import choice, finding
+from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.judge import assess
@@ -30,8 +31,9 @@ Line = Float[Array, "N 2"]
 
 def settle_pairs(
     seen: Scene,
-    sketches: list[Line],
+    starts: list[Start],
     bodies: list[Body],
+    free: list[bool],
     others: list[Body],
     sweeps: Sequence[int],
 ) -> list[Body]:
@@ -41,8 +43,10 @@ def settle_pairs(
     ----------
     seen
         The image.
-    sketches, bodies
-        What was drawn, and what was fitted.
+    starts, bodies
+        Where the fits began, and what was fitted.
+    free
+        Which of them may move.
     others
         Bodies without a sketch of this call.
     sweeps
@@ -50,11 +54,11 @@ def settle_pairs(
     """
     lines = [b.points(100) for b in bodies]
     next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
-    pairs = sorted({(min(i, j), max(i, j)) for i, j in next_to.items()})
+    pairs = sorted({(min(i, j), max(i, j)) for i, j in next_to.items() if free[i] and free[j]})
     found = [*bodies, *others]
     meets = bands.touching([b.pixels for b in found]) if pairs else np.zeros((0, 0))
     for i, j in pairs:
-        one, drawn = [found[i], found[j]], [sketches[i], sketches[j]]
+        one, drawn = [found[i], found[j]], [starts[i], starts[j]]
         near = set(np.flatnonzero(meets[[i, j]].any(0)).tolist()) - {i, j}
         rest = [found[k] for k in sorted(near)]
         pair = _fit_beside(seen, one, rest, sweeps)
@@ -79,17 +83,21 @@ def _fit_beside(
 
 
 def _likelier(
-    seen: Scene, pair: list[Body], one: list[Body], rest: list[Body], sketches: list[Line]
+    seen: Scene, pair: list[Body], one: list[Body], rest: list[Body], starts: list[Start]
 ) -> bool:
-    """Whether two bodies side by side are likelier than what was found."""
+    """Whether two bodies side by side explain more than what was found, and may be meant."""
     pixels = sum(len(b.pixels) for b in one)
 
-    def score(bodies: list[Body], rivals: list[Body]) -> float:
-        costs = zip(_each_its_side(bodies, sketches), sketches, strict=True)
-        own = sum(scoring.sketch_cost(b.points(), s, seen.half_width) for b, s in costs)
-        return _misfit(seen, bodies, rivals, rest) * seen.noise**2 * pixels + PIXELS * own
+    def more(bodies: list[Body]) -> list[float]:
+        mine = zip(_each_its_side(bodies, starts), starts, strict=True)
+        return [sum(finding.dearer(seen, x, body.points()).values()) for body, x in mine]
 
-    return _aside(*pair) >= ASIDE and score(pair, one) < score(one, pair)
+    def score(bodies: list[Body], rivals: list[Body]) -> float:
+        misfit = _misfit(seen, bodies, rivals, rest) * seen.noise**2 * pixels
+        return misfit + PIXELS * sum(more(bodies))
+
+    meant = _aside(*pair) >= ASIDE and max(more(pair)) < choice.PLAUSIBLE
+    return meant and score(pair, one) < score(one, pair)
 
 
 def _matched(a: Line, b: Line) -> tuple[Line, Line]:
@@ -124,9 +132,9 @@ def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
     return [middle + width * across, middle - width * across], width
 
 
-def _each_its_side(pair: list[Body], sketches: list[Line]) -> list[Body]:
+def _each_its_side(pair: list[Body], starts: list[Start]) -> list[Body]:
     """The two bodies in the order in which their sketches lie beside each other."""
-    a, b = _matched(*sketches)
+    a, b = _matched(*(start.sketch for start in starts))
     c, d = _matched(pair[0].points(64), pair[1].points(64))
     if ((b[-1] - a[0]) * (d[-1] - c[0])).sum() < 0:
         c, d = c[::-1], d[::-1]

@@ -46,12 +46,12 @@ class Ridges:
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
         self._image, self.noise = image.astype(np.float32), noise
+        self._evidence: dict[tuple[int, int, float], Array] = {}
         self.forget()
 
     def forget(self) -> None:
-        """Free what was measured, which is measured again when it is asked for."""
+        """Free all but the evidence; it is measured again when it is asked for."""
         self._known: dict[int, tuple[Array, Array]] = {}
-        self._evidence: dict[tuple[int, int, float], Array] = {}
         self._reduced: dict[int, Array] = {}
 
     def factor(self, rung: int) -> int:

@@ -45,6 +45,8 @@ class Scene:
         Bodies minus background in the image's units; negative for dark bodies.
     noise
         Standard deviation of the pixel noise, as a share of the contrast.
+    height
+        Of the bodies' ridges, typically, in the image's units.
     half_width
         Typical half-width of the bodies, px.
     ridges
@@ -61,6 +63,7 @@ class Scene:
     background_kind: Kind
     contrast: float
     noise: float
+    height: float
     half_width: float
     ridges: Ridges
     rungs: tuple[int, ...]
@@ -73,7 +76,7 @@ class Scene:
 
     def evidence(self, rung: int) -> Float[Array, "H W"]:
         """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1."""
-        return self.ridges.evidence(rung, int(np.sign(self.contrast)), abs(self.contrast) * CREST)
+        return self.ridges.evidence(rung, int(np.sign(self.contrast)), self.height)
 
 
 def read_scenes(
@@ -118,6 +121,7 @@ def read_scenes(
             kind,
             contrast,
             max(noise / abs(contrast), 0.01),
+            abs(contrast) * CREST,
             float(np.median([WIDTHS[r] for r in rungs])),
             ridges,
             rungs,

@@ -134,7 +134,6 @@ def _curves(
             near = np.isfinite(spline.apart(outline.points, lines, BESIDE * widths[i]))
         sd = standard_error(body, outline.u, misfit, near)
         if i in fit.held:
-            reasons.append("its fit folded over itself, so it stays on the path that was found")
             sd = np.maximum(sd, widths[i])
         reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, widths[i], start))
         yield assess.make_curve(outline, sd, rests[i], tuple(reasons))
