@@ -133,7 +133,6 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "bodies resist bending": _set(bands, BEND=0.0),
     "knots resist uneven spacing": _set(bands, UNEVEN=1e6),
     "learned taper": _held("log_power", "log_extent"),
-    "shaded edges": _held("shade"),
     "half-width varies along": _held("log_width_1", "log_width_2", "log_width_3"),
     "brightness varies along": _held("brightness_1", "brightness_2"),
     "learned blur": _held("log_blur"),

@@ -9,7 +9,7 @@ import pytest
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine.look import background, ridges, scene
 from napari_splinesketch.engine.look.sketched import half_width_across
-from napari_splinesketch.engine.report.pictures import Background, Reconstruction
+from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import Polarity
 
 SHAPE = (140, 100)
@@ -196,7 +196,7 @@ def test_the_pictures_take_few_copies_of_the_image(kind, peak_memory):
     r, c = np.indices(image.shape, dtype=np.uint16)
     image += r // 5 + c // 20
     drawn = [((slice(0, 50), slice(0, 60)), np.ones((50, 60)))]
-    peak = peak_memory(lambda: Reconstruction(Background(image, drawn, kind))())
+    peak = peak_memory(lambda: Pictures(image, drawn, kind).reconstruction)
     assert peak < 2.5 * 8 * image.size
 
 

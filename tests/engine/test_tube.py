@@ -62,11 +62,13 @@ def exact(line: np.ndarray, half_width: float, blur: float, fine: int = 6) -> np
 
 
 @pytest.mark.parametrize("blur", [0.6, 1.4])
-def test_a_straight_tube_looks_like_an_exact_drawing(blur):
+def test_a_straight_tube_looks_like_an_exact_drawing(blur, monkeypatch):
+    monkeypatch.setattr(tube, "SHADE", 0.0)
     expected = exact(LINE, 3.0, blur)
     # A pixel's own area blurs by 1/12 px² more.
     soft = float(np.log(np.hypot(blur, np.sqrt(1 / 12))))
-    found = draw(parameters(LINE, log_blur=soft, shade=0.0, log_power=-30.0))
+    theta = parameters(LINE, log_blur=soft, log_power=-30.0)
+    found = np.asarray(jax.jit(lambda *a: tube.render(*a))(theta, PIXELS, *NOTHING, BASIS)[1])
     ends = np.linalg.norm(PIXELS.T[:, None] - LINE[None], axis=2).min(1) < 7
     np.testing.assert_allclose(found[~ends], expected[~ends], atol=0.01)
     np.testing.assert_allclose(found[ends], expected[ends], atol=0.12)
@@ -87,8 +89,8 @@ def test_the_same_body_drawn_from_its_other_end():
     np.testing.assert_allclose(draw(forth), draw(back), atol=2e-3)
 
 
-FLAT = {"log_blur": np.log(0.5), "shade": 0.0, "log_power": -30.0, "log_extent": np.log(0.25)}
-"""No shading, no taper."""
+FLAT = {"log_blur": np.log(0.5), "log_power": -30.0, "log_extent": np.log(0.25)}
+"""No taper."""
 
 
 def cover(distance, width=4.0, **changes: float) -> np.ndarray:
@@ -96,7 +98,8 @@ def cover(distance, width=4.0, **changes: float) -> np.ndarray:
     distance = np.asarray(distance, np.float32)
     look = {"contrast": 1.0, "log_width_0": np.log(width), **FLAT, **changes}
     g = [np.full_like(distance, look.get(name, 0.0)) for name in tube.GLOBALS]
-    return np.asarray(jax.jit(tube.brightness)(distance, np.full_like(distance, 0.5), g))
+    drawn = jax.jit(lambda *given: tube.brightness(*given))
+    return np.asarray(drawn(distance, np.full_like(distance, 0.5), g))
 
 
 KINKS = 60
@@ -150,23 +153,25 @@ def test_a_jacobian_has_the_background_and_the_blend():
     np.testing.assert_allclose(model, expected, atol=1e-6)
 
 
-def test_a_wide_body_is_one_inside_half_at_the_edge_and_nothing_outside():
+def test_a_wide_body_is_one_inside_half_at_the_edge_and_nothing_outside(monkeypatch):
+    monkeypatch.setattr(tube, "SHADE", 0.0)
     found = cover([0.0, 2.0, 4.0, 6.0, 9.0])
     np.testing.assert_allclose(found, [1, 1, 0.5, 0, 0], atol=1e-4)
 
 
 @pytest.mark.parametrize("blur", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize("width", [0.8, 4.0])
-def test_blur_keeps_the_area_of_a_section(width, blur):
+def test_blur_keeps_the_area_of_a_section(width, blur, monkeypatch):
+    monkeypatch.setattr(tube, "SHADE", 0.0)
     across = np.linspace(0, 30, 6001)
     area = 2 * np.trapezoid(cover(across, width=width, log_blur=np.log(blur)), across)
     assert area == pytest.approx(2 * width, rel=1e-3)
 
 
 def test_shading_darkens_the_edge_and_leaves_the_middle():
-    found = cover([0.0, 2.0, 3.0], shade=0.4)
-    np.testing.assert_allclose(found, 1 - 0.4 * np.array([0, 0.25, 0.5625]), atol=0.03)
-    np.testing.assert_allclose(found[:2], [1, 0.9], atol=1e-4)
+    found = cover([0.0, 2.0, 3.0])
+    np.testing.assert_allclose(found, 1 - tube.SHADE * np.array([0, 0.25, 0.5625]), atol=0.03)
+    np.testing.assert_allclose(found[:2], [1, 1 - tube.SHADE / 4], atol=1e-4)
 
 
 def test_taper_is_symmetric_whole_in_the_middle_and_thin_at_the_ends():

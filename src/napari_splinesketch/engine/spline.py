@@ -5,6 +5,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
@@ -98,6 +99,21 @@ def resample_each(
 @lru_cache(maxsize=256)
 def _shares(count: int) -> Float[Array, " count"]:
     return np.linspace(0.0, 1.0, count)
+
+
+def normals(points: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    """(N, 2) unit normals of a polyline: its directions, turned by a quarter."""
+    along = np.gradient(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
+    return along[:, ::-1] * [-1.0, 1.0]
+
+
+def across(
+    image: Float[Array, "H W"], points: Float[Array, "N 2"], offsets: Float[Array, " T"]
+) -> Float[Array, "N T"]:
+    """An image along the normals of a polyline, at some distances from it, px."""
+    at = points[:, None] + offsets[None, :, None] * normals(points)[:, None]
+    return ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
 
 
 def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:

@@ -85,8 +85,6 @@ class SceneModel:
         Softness of the bodies' edges, px.
     notes
         One sentence for each choice, for the user to read.
-    brightness
-        "constant" or "profile", along a body.
     """
 
     polarity: Literal["bright", "dark"]
@@ -99,7 +97,6 @@ class SceneModel:
     noise: float
     blur: float
     notes: tuple[str, ...] = ()
-    brightness: Literal["constant", "profile"] = "constant"
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,24 +127,24 @@ class Refinement:
     model: SceneModel
     seconds: float
 
-    def __post_init__(self) -> None:
-        for name in ("reconstruction", "background"):
-            if callable(make := getattr(self, name)):
-                self.__dict__[f"_{name}"] = make
-                del self.__dict__[name]
+    @classmethod
+    def lazy(cls, curves: tuple[Curve, ...], pictures: Any, model: SceneModel, seconds: float):
+        """A result whose pictures are attributes of `pictures`, made when they are first read."""
+        found = object.__new__(cls)
+        found.__dict__.update(curves=curves, _pictures=pictures, model=model, seconds=seconds)
+        return found
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the image, px; no picture is made to tell."""
-        made = self.__dict__.get("reconstruction")
-        return (self.__dict__["_reconstruction"] if made is None else made).shape
+        pictures = self.__dict__.get("_pictures")
+        return (self.reconstruction if pictures is None else pictures.image).shape
 
     def __getattr__(self, name: str) -> Any:
         """Make a picture that is read for the first time."""
-        make = self.__dict__.get(f"_{name}")
-        if make is None:
+        if name not in ("reconstruction", "background") or "_pictures" not in self.__dict__:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        return self.__dict__.setdefault(name, make())
+        return self.__dict__.setdefault(name, getattr(self.__dict__["_pictures"], name))
 
 
 @dataclass(frozen=True, eq=False)

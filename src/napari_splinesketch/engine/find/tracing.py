@@ -1,5 +1,6 @@
 """From an image to a graph whose edges are pieces of body: threshold, skeleton, split, prune."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -87,12 +88,8 @@ def trace(
     gap
         Gaps up to so many half-widths are bridged.
     """
-    chains = _prune(list(_chains(skeletonize(mask))), SPUR * half_width)
-    ends_of = [tuple(map(tuple, (c[0], c[-1]))) for c in chains]
-    degree: dict[tuple, int] = {}
-    for a, b in ends_of:
-        degree[a] = degree.get(a, 0) + 1
-        degree[b] = degree.get(b, 0) + 1
+    chains = _pruned(skeletonize(mask), SPUR * half_width)
+    degree = _degrees(chains)
 
     number: dict[tuple, int] = {}
     pieces, ends, bridges = [], [], []
@@ -106,7 +103,7 @@ def trace(
             pieces.append(piece)
             bridges.append(crossing and short)
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
-    tips = np.array([degree.get(tuple(int(x) for x in n), 2) == 1 for n in number], dtype=bool)
+    tips = np.array([degree[node] == 1 for node in number], dtype=bool)
     headings = [[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces]
     for a, b in _gaps(nodes, tips, ends, headings, gap * half_width):
         ends.append([a, b])
@@ -207,42 +204,19 @@ def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[i
     return pixels, links
 
 
-def _prune(chains: list[Int[Array, "N 2"]], spur: float) -> list[Int[Array, "N 2"]]:
-    """Drop short chains that hang on a junction, then join chains that meet two by two."""
-    degree: dict[tuple, int] = {}
+def _pruned(skeleton: Bool[Array, "H W"], spur: float) -> list[Int[Array, "N 2"]]:
+    """The chains of a skeleton without short ones that hang on a junction."""
+    chains = list(_chains(skeleton))
+    degree = _degrees(chains)
+    kept = skeleton.copy()
     for chain in chains:
-        for end in (tuple(chain[0]), tuple(chain[-1])):
-            degree[end] = degree.get(end, 0) + 1
-
-    def is_spur(chain: Array) -> bool:
-        at = sorted((degree[tuple(chain[0])], degree[tuple(chain[-1])]))
-        return at[0] == 1 and at[1] > 2 and arc_length(chain)[-1] < spur
-
-    return _join([c for c in chains if not is_spur(c)])
+        first, last = degree[tuple(chain[0])], degree[tuple(chain[-1])]
+        if min(first, last) == 1 and max(first, last) > 2 and arc_length(chain)[-1] < spur:
+            free = chain[:-1] if first == 1 else chain[1:]
+            kept[tuple(free.T)] = False
+    return chains if kept.sum() == skeleton.sum() else list(_chains(kept))
 
 
-def _join(chains: list[Int[Array, "N 2"]]) -> list[Int[Array, "N 2"]]:
-    at: dict[tuple, list[int]] = {}
-    for i, chain in enumerate(chains):
-        at.setdefault(tuple(chain[0]), []).append(i)
-        at.setdefault(tuple(chain[-1]), []).append(i)
-    owner = list(range(len(chains)))
-    alive = dict(enumerate(chains))
-    for node, members in at.items():
-        if len(members) != 2:
-            continue
-        a, b = (_root(owner, m) for m in members)
-        if a == b:
-            continue
-        first, second = alive.pop(a), alive.pop(b)
-        first = first if tuple(first[-1]) == node else first[::-1]
-        second = second if tuple(second[0]) == node else second[::-1]
-        alive[a] = np.concatenate([first, second[1:]])
-        owner[b] = a
-    return list(alive.values())
-
-
-def _root(owner: list[int], i: int) -> int:
-    while owner[i] != i:
-        i = owner[i]
-    return i
+def _degrees(chains: list[Int[Array, "N 2"]]) -> Counter[tuple]:
+    """How many chains end at a pixel."""
+    return Counter(tuple(end) for chain in chains for end in (chain[0], chain[-1]))

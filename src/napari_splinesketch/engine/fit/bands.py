@@ -14,7 +14,7 @@ from napari_splinesketch.engine.fit.tube import (
     FINER,
     GLOBALS,
     INDEX,
-    SHADE_MODES,
+    LIGHT_MODES,
     WIDTH_MODES,
     Basis,
 )
@@ -70,10 +70,9 @@ def default_priors(count: int, half_width: float) -> Priors:
     table = {
         "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
         **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, WIDTH_MODES)},
-        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, SHADE_MODES + 1)},
+        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, LIGHT_MODES + 1)},
         "contrast": (1.0, 0.3, 0.1, 5.0),
         "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
-        "shade": (0.3, 0.3, -0.5, 0.95),
         "log_power": (np.log(0.45), 0.35, np.log(0.1), np.log(1.5)),
         "log_extent": (np.log(0.25), 0.35, np.log(0.03), np.log(0.5)),
         "overlap": (0.7, 0.3, 0.0, 1.0),
@@ -108,10 +107,8 @@ def begin(
 def precision(line: Float[Array, "K 2"], hold: Hold) -> Float[Array, "2K 2K"]:
     """Inverse covariance of knots (K rows, then K columns) that are known as `hold` says."""
     count = len(line)
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    along = np.concatenate([np.diag(t) for t in tangent.T])
-    across = np.concatenate([np.diag(-tangent[:, 1]), np.diag(tangent[:, 0])])
+    down, right = map(np.diag, spline.normals(line).T)
+    across, along = np.concatenate([down, right]), np.concatenate([right, -down])
     common = hold.along**2 / (hold.stretch**2 + count * hold.along**2)
     together = (np.eye(count) - common) / hold.stretch**2
     return across @ across.T / hold.across**2 + along @ together @ along.T

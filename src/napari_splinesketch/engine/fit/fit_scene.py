@@ -6,7 +6,6 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
@@ -171,58 +170,34 @@ def _fit_group(
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
     theta, priors = bands.begin([*moving, *still], knots, seen)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
-    fully, ends = np.eye(2 * knots), [0, knots - 1, knots, 2 * knots - 1]
+    ends = [0, knots - 1, knots, 2 * knots - 1]
     for row, start in enumerate(starts):
         theta[row, : 2 * knots], hold[row] = bands.stiff(start.line, own[row], knots)
         if holds:
             hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
         if not start.found:
-            hold[row] += fully / bands.PIN**2
+            hold[row] += np.eye(2 * knots) / bands.PIN**2
     found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
-    free = [row for row, start in enumerate(starts) if start.found and not holds]
-    again: dict[int, Array] = {}
-    for row in free:
-        line = _ended(found[row], starts[row])
-        if _strayed(seen, found[row], starts[row]):
-            hold[row] += fully / (NEAR * starts[row].half_width) ** 2
-            again[row] = theta[row]
-        elif line is not None:
-            hold[row, ends, ends] += HELD**-2.0
-            at, _ = bands.stiff(line, own[row], knots)
-            again[row] = np.concatenate([at, found[row].parameters])
-    found = _fit_again(seen, found, again, priors, sweeps, count, hold)
-    strayed = {row for row in free if _strayed(seen, found[row], starts[row])}
-    hold[list(strayed)] += fully / bands.PIN**2
-    found = _fit_again(seen, found, {r: theta[r] for r in strayed}, priors, sweeps, count, hold)
+    free, strayed = {row for row, s in enumerate(starts) if s.found and not holds}, set()
+    for last in (False, True):
+        now, again = np.array([body.theta for body in found]), np.zeros(len(theta), dtype=bool)
+        for row in free:
+            if _strayed(seen, found[row], starts[row]):
+                strayed |= {row} if last else set()
+                sd = bands.PIN if last else NEAR * starts[row].half_width
+                now[row], hold[row] = theta[row], hold[row] + np.eye(2 * knots) / sd**2
+            elif not last and (line := _ended(found[row], starts[row])) is not None:
+                now[row, : 2 * knots] = bands.stiff(line, own[row], knots)[0]
+                hold[row, ends, ends] += HELD**-2.0
+            else:
+                continue
+            again[row] = True
+        if again.any():
+            found = fitting.fit_curves(
+                seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold, first=again
+            )
     numbers = [*own, *[knots] * len(still)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
-
-
-def _fit_again(
-    seen: Scene,
-    found: list[Body],
-    again: dict[int, Float[Array, " D"]],
-    priors: bands.Priors,
-    sweeps: tuple[int, ...],
-    moving: int,
-    hold: Float[Array, "n 2K 2K"],
-) -> list[Body]:
-    """The same with some rows fitted from other parameters, and what they touch along with them."""
-    if not again:
-        return found
-    near = connected_components(bands.touching([b.pixels for b in found]), directed=False)[1]
-    rows = np.flatnonzero(np.isin(near, near[list(again)])).tolist()
-    fitted = fitting.fit_curves(
-        seen,
-        np.array([again.get(row, found[row].theta) for row in rows]),
-        priors._replace(mean=priors.mean[rows]),
-        sweeps[:HOLDING],
-        moving=sum(row < moving for row in rows),
-        hold=hold[rows],
-        first=np.isin(rows, list(again)),
-    )
-    new = dict(zip(rows, fitted, strict=True))
-    return [new.get(row, body) for row, body in enumerate(found)]
 
 
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:

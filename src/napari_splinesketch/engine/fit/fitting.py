@@ -16,10 +16,10 @@ from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
-GAIN = 1.0
+GAIN = 5.0
 """A curve that improved its χ² by less in a visit is not visited again, until one that it touches
 has moved."""
-MARGIN, MARGIN_PX = 0.5, 4.0
+MARGIN, MARGIN_PX = 0.5, 3.5
 """Background on either side of a body in its band, half-widths, and px at least."""
 CHUNK = 128
 """Curves between two chances to cancel."""
@@ -150,6 +150,7 @@ def fit_curves(
     first = np.ones(n, dtype=bool) if first is None else first
     free = ~pinned | (meets & ~pinned).any(1)
     pending = meets.any(1) | ~first
+    sweeps = sweeps if meets.any() else (sum(sweeps),)
     for turn, steps in enumerate((1, *sweeps)):
         visited = 0
         for chunk in _turns(np.flatnonzero(pending), meets & (turn > 0)):

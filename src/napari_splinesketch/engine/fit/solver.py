@@ -26,8 +26,12 @@ the Jacobian stays in the cache."""
 ABREAST = 128
 """Curves that a GPU works on at a time."""
 
-SETTLED = 0.05
-"""Improvement of χ² below which a curve has arrived."""
+SETTLED = 1.0
+"""Improvement of χ², made or promised, below which a curve has arrived."""
+
+DAMPING, LEAST_DAMPING = 10.0, 1e-3
+"""Damping falls by this factor after a good step and rises by it after a bad one (Marquardt 1963),
+but not below the latter: the model is not linear over longer steps."""
 
 
 class Bands(NamedTuple):
@@ -189,7 +193,7 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         done = jnp.where(better, best.cost - here.cost < SETTLED, damping > 1e3)
         best = jax.tree.map(partial(jnp.where, better), here, best)
         first = jnp.where(taken == 0, here.cost, first)
-        damping = jnp.clip(damping * jnp.where(better, 0.2, 5.0), 1e-6, 1e6)
+        damping = jnp.clip(damping * jnp.where(better, 1 / DAMPING, DAMPING), LEAST_DAMPING, 1e6)
         diagonal = damping * jnp.diagonal(best.hessian) + 1e-3
         factor = jax.scipy.linalg.cho_factor(best.hessian + diagonal * jnp.eye(d))
         move = jax.scipy.linalg.cho_solve(factor, best.gradient)
@@ -197,6 +201,7 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         move = move * jnp.minimum(1.0, level.longest / (longest + 1e-9))
         move = jnp.where(jnp.isfinite(move).all(), move, 0.0)
         trial = jnp.clip(best.theta + move, level.lower, level.upper)
+        done |= move @ best.gradient < SETTLED
         return best, trial, damping, first, taken + 1, done
 
     nothing = jnp.zeros_like(one.values), jnp.zeros((d, d)), jnp.zeros(d)

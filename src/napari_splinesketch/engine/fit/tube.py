@@ -10,15 +10,14 @@ from jaxtyping import Float, Int
 from napari_splinesketch.engine.types import AnyArray as Array
 
 WIDTH_MODES = 4
-SHADE_MODES = 2
+LIGHT_MODES = 2
 """In how many ways half-width and brightness may vary along a body; the first is to be constant."""
 # Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
 GLOBALS = (
     *(f"log_width_{i}" for i in range(WIDTH_MODES)),
-    *(f"brightness_{i}" for i in range(1, SHADE_MODES + 1)),
+    *(f"brightness_{i}" for i in range(1, LIGHT_MODES + 1)),
     "contrast",
     "log_blur",
-    "shade",
     "log_power",
     "log_extent",
     "overlap",
@@ -31,6 +30,8 @@ SLOPE_UNIT = 50.0
 """Background slopes are per this many px."""
 FINER = 16
 """Samples of the curve for each one that the nearest is looked for among."""
+SHADE = 0.25
+"""The edge of a body is darker than its middle by this share: bodies are round."""
 FLOOR = 0.02
 """Half-width at the very ends of a body, before the power of its taper."""
 
@@ -125,16 +126,16 @@ def brightness(distance, u, g):
 
     Along a straight stretch a row of radially symmetric blobs integrates to such a tube
     (paper, section 2.1): its coverage is about 1 inside and 0 outside, its edge is blurred, and
-    may be darker than its middle.
+    is darker than its middle.
     """
     shape = modes(u)
     log_width = sum(g[i] * shape[i] for i in range(WIDTH_MODES))
-    light = 1 + sum(g[WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + SHADE_MODES))
+    light = 1 + sum(g[WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + LIGHT_MODES))
     blur = jnp.exp(g[INDEX["log_blur"]]) * jnp.sqrt(2.0)
     width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]])
     edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
     across = jnp.minimum((distance / width) ** 2, 1.0)
-    return g[INDEX["contrast"]] * light * edge * (1 - g[INDEX["shade"]] * across)
+    return g[INDEX["contrast"]] * light * edge * (1 - SHADE * across)
 
 
 def tapered_width(u, log_width, log_power, log_extent, xp=jnp):

@@ -95,33 +95,6 @@ def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " c
     return np.interp(np.linspace(0, s[-1], count), s, np.linspace(0, 1, 8 * count))
 
 
-def make_curve(
-    body: Outline, sd: Float[Array, " P"], residual: Float[Array, " m"], reasons: tuple[str, ...]
-) -> Curve:
-    """The curve of a fitted body.
-
-    Parameters
-    ----------
-    body
-        From tip to tip.
-    sd
-        (P,) standard errors of its points, px.
-    residual
-        (m,) image minus reconstruction in its band, as a share of the contrast.
-    reasons
-        What looks wrong.
-    """
-    return Curve(
-        body.knots,
-        body.points,
-        body.half_width,
-        sd,
-        "check" if reasons else "good",
-        reasons,
-        float(np.sqrt(np.mean(residual**2))) if len(residual) else np.inf,
-    )
-
-
 def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
     """A curve that failed: the sketch, with nothing known about it."""
     points = np.asarray(sketch, dtype=np.float64)

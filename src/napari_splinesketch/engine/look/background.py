@@ -1,6 +1,5 @@
 """The image without bodies: as simple a background as explains it."""
 
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -14,12 +13,14 @@ BLOCK = 32
 """Side of the blocks whose medians tell the background, px."""
 TOLERANCE = 0.3
 """A background that misses the blocks' medians by this share of the noise is good enough."""
+EVERY = 2
+"""Rows and columns that are looked at."""
 
 
 def estimate_background(
     image: Float[Array, "H W"], noise: float, kind: Kind | None = None
 ) -> tuple[Float[Array, "H W"], Kind]:
-    """Background from medians of blocks.
+    """Background from medians of blocks, cleaned by their neighbours.
 
     A constant, a plane and the interpolated medians themselves are compared by the Bayesian
     information criterion.
@@ -33,67 +34,53 @@ def estimate_background(
     kind
         Do not choose, use this kind.
     """
-    medians, rows, columns = _block_medians(image)
-    h, w = image.shape
-    if kind is None:
-        kind = _simplest(medians, rows, columns, noise)
-    if kind == "constant":
-        return np.full(image.shape, np.median(medians)), kind
-    if kind == "linear":
-        return _plane_at(_plane(medians, rows, columns), np.arange(h), np.arange(w)), kind
-    return _interpolated(medians, rows, columns, image.shape), kind
-
-
-def _block_medians(image):
-    """Median of each block, cleaned by its neighbours, and the blocks' centres.
-
-    What is cleaned is the difference from a plane, so that a slope survives at the border.
-    """
-    centres, edges = [], []
-    for size in image.shape:
-        edge = np.linspace(0, size, max(1, round(size / BLOCK)) + 1).astype(int)
-        edges.append(edge)
-        centres.append((edge[1:] + edge[:-1] - 1) / 2)
-    medians = [
-        [np.median(image[a:b:2, c:d:2]) for c, d in pairwise(edges[1])]
-        for a, b in pairwise(edges[0])
+    medians, sides = block_medians(image[::EVERY, ::EVERY], BLOCK / EVERY)
+    places = [np.arange(n) for n in medians.shape]
+    # Where the image's pixels are, counted in blocks.
+    at = [
+        (np.arange(n) / EVERY + 0.5) / side - 0.5
+        for n, side in zip(image.shape, sides, strict=True)
     ]
-    plane = _plane_at(_plane(np.array(medians), *centres), *centres)
-    rest = ndimage.median_filter(np.array(medians) - plane, 3, mode="nearest")
-    return plane + rest, *centres
-
-
-def _simplest(medians, rows, columns, noise: float) -> Kind:
+    plane = _plane(medians, places, places)
+    # What is cleaned is the difference from a plane, so that a slope survives at the border.
+    medians = plane + ndimage.median_filter(medians - plane, 3, mode="nearest")
+    constant, plane = np.median(medians), _plane(medians, places, places)
     error = noise * np.hypot(TOLERANCE, 1.25 / (BLOCK / 2)) + 1e-12
-    plane = _plane_at(_plane(medians, rows, columns), rows, columns)
-    misfit = {
-        "constant": (((medians - np.median(medians)) / error) ** 2).sum(),
-        "linear": (((medians - plane) / error) ** 2).sum(),
-        "textured": 0.0,
+    price = np.log(max(medians.size, 3))
+    costs: dict[Kind, float] = {
+        "constant": (((medians - constant) / error) ** 2).sum() + price,
+        "linear": (((medians - plane) / error) ** 2).sum() + 3 * price,
+        "textured": max(medians.size, 4) * price,
     }
-    count: dict[Kind, int] = {"constant": 1, "linear": 3, "textured": max(medians.size, 4)}
-    return min(count, key=lambda kind: misfit[kind] + count[kind] * np.log(max(medians.size, 3)))
+    kind = min(costs, key=lambda one: costs[one]) if kind is None else kind
+    if kind == "constant":
+        return np.full(image.shape, constant), kind
+    if kind == "linear":
+        return _plane(medians, places, at), kind
+    rows, columns = (
+        np.maximum(1 - np.abs(np.clip(x, 0, p[-1])[:, None] - p), 0)
+        for x, p in zip(at, places, strict=True)
+    )
+    return rows @ medians @ columns.T, kind
 
 
-def _plane(medians, rows, columns):
-    """Level at the origin and slopes of the least-squares plane."""
-    r, c = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
-    design = np.column_stack([np.ones_like(r), r, c])
-    return np.linalg.lstsq(design, medians.ravel(), rcond=None)[0]
+def block_medians(
+    image: Float[Array, "H W"], block: float
+) -> tuple[Float[Array, "h w"], list[int]]:
+    """Medians of equal blocks with sides of about `block` px, and these sides."""
+    counts = [max(1, round(size / block)) for size in image.shape]
+    sides = [-(-size // n) for size, n in zip(image.shape, counts, strict=True)]
+    pad = [(0, n * side - size) for n, side, size in zip(counts, sides, image.shape, strict=True)]
+    blocks = np.pad(image, pad, mode="symmetric")
+    blocks = blocks.reshape(counts[0], sides[0], counts[1], sides[1]).swapaxes(1, 2)
+    return np.median(blocks.reshape(*counts, -1), axis=2), sides
 
 
-def _plane_at(plane, rows, columns):
-    level, down, across = plane
-    return level + down * rows[:, None] + across * columns
-
-
-def _interpolated(medians, rows, columns, shape):
-    """(H, W) the blocks' medians, interpolated; row by row, since images are large."""
-    across = np.stack([np.interp(np.arange(shape[1]), columns, line) for line in medians])
-    at = np.interp(np.arange(shape[0]), rows, np.arange(len(rows)))
-    below = at.astype(int).clip(0, max(len(rows) - 2, 0))
-    above = np.minimum(below + 1, len(rows) - 1)
-    picture = np.empty(shape)
-    for row, (low, high, part) in enumerate(zip(below, above, at - below, strict=True)):
-        picture[row] = across[low] * (1 - part) + across[high] * part
-    return picture
+def _plane(medians: Float[Array, "h w"], places: list[Array], at: list[Array]) -> Array:
+    """The least-squares plane through values at some rows and columns, at other ones."""
+    found = medians.mean()
+    for axis, (known, wanted) in enumerate(zip(places, at, strict=True)):
+        away = known - known.mean()
+        slope = away @ medians.mean(1 - axis) / max(away @ away, 1e-9)
+        found = found + np.expand_dims(slope * (wanted - known.mean()), 1 - axis)
+    return found

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from napari_splinesketch.engine.look.background import block_medians
 from napari_splinesketch.engine.types import Array
 
 RATIO = 1.35
@@ -161,13 +162,8 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
 
 def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
     """The size that heights usually have around each pixel: medians of blocks, interpolated."""
-    counts = [max(1, round(size / block)) for size in height.shape]
-    sides = [-(-size // n) for size, n in zip(height.shape, counts, strict=True)]
-    pad = [(0, n * side - size) for n, side, size in zip(counts, sides, height.shape, strict=True)]
-    blocks = np.pad(np.abs(height), pad, mode="symmetric")
-    blocks = blocks.reshape(counts[0], sides[0], counts[1], sides[1]).swapaxes(1, 2)
-    medians = np.median(blocks.reshape(*counts, -1), axis=2).astype(np.float32)
+    medians, sides = block_medians(np.abs(height), block)
     if medians.size == 1:
         return np.full(height.shape, medians[0, 0], np.float32)
-    medians = ndimage.median_filter(medians, 3, mode="nearest")
+    medians = ndimage.median_filter(medians.astype(np.float32), 3, mode="nearest")
     return _stretched(medians, sides, height.shape)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import ndimage
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look.ridges import BLUR, WIDTHS, Ridges
@@ -70,9 +69,8 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
     The mean of both sides, rounded up to the next point of the profile: a fit that begins a little
     too wide arrives sooner. `half_width` is about what it is.
     """
-    at, _ = _profiles(path, ASIDE * half_width)
-    values = ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
-    profile = np.median(values, axis=0)
+    points, offsets = _profiles(path, ASIDE * half_width)
+    profile = np.median(spline.across(image, points, offsets), axis=0)
     middle = len(profile) // 2
     step = ASIDE * half_width / middle
     found = []
@@ -98,7 +96,9 @@ def look_around(
     if wanted is None:
         wanted = range(int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right")))
     reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
-    at, near = _profiles(line, reach)
+    points, offsets = _profiles(line, reach)
+    at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
+    near = 1 / (1 + (2 * offsets / reach) ** 2)
     heights, reduced = np.zeros((2, wanted.stop, len(at))), {}
     votes, profile = np.zeros_like(heights), np.arange(len(at))
     for rung in wanted:
@@ -133,14 +133,8 @@ def _pixels(
     return flat, near * inside
 
 
-def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P T 2"], Float[Array, " T"]]:
-    """Points along the normals of a line, and how much each counts."""
+def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P 2"], Float[Array, " T"]]:
+    """Where on a line profiles are read, and at which distances from it."""
     length = spline.arc_length(line)[-1]
     points = spline.resample(line, int(np.clip(length / EVERY, FEWEST, MOST)))
-    tangent = np.gradient(points, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    normal = tangent[:, ::-1] * [-1.0, 1.0]
-    offsets = np.linspace(-reach, reach, min(OFFSETS, 2 * int(np.ceil(reach)) + 1))
-    return points[:, None] + offsets[None, :, None] * normal[:, None], 1 / (
-        1 + (2 * offsets / reach) ** 2
-    )
+    return points, np.linspace(-reach, reach, min(OFFSETS, 2 * int(np.ceil(reach)) + 1))

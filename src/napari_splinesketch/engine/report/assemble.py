@@ -22,7 +22,7 @@ from napari_splinesketch.engine.judge.standard_error import (
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
-from napari_splinesketch.engine.report.pictures import Background, Reconstruction
+from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
 
 
@@ -55,7 +55,9 @@ def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     residual = seen.normal - drawn
     rests = [_rest(body, residual) for body in fit.bodies]
     curves = _curves(seen, fit, island.sketches, island.members, residual, rests)
-    return part_of(island, list(curves), drawn * seen.contrast, needed.model(seen, fit, rests))
+    return part_of(
+        island, list(curves), drawn * seen.contrast, needed.model(seen, fit.bodies, rests)
+    )
 
 
 def part_of(
@@ -93,14 +95,8 @@ def assemble(
     )
     model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
     drawn = [(part.window, part.drawn) for part in parts]
-    background = Background(image, drawn, model.background if parts else None)
-    return Refinement(
-        curves,
-        Reconstruction(background),  # pyright: ignore[reportArgumentType]
-        background,  # pyright: ignore[reportArgumentType]
-        model,
-        time.perf_counter() - began,
-    )
+    pictures = Pictures(image, drawn, model.background if parts else None)
+    return Refinement.lazy(curves, pictures, model, time.perf_counter() - began)
 
 
 def _curves(
@@ -136,7 +132,15 @@ def _curves(
         if i in fit.held:
             sd = np.maximum(sd, widths[i])
         reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, widths[i], start))
-        yield assess.make_curve(outline, sd, rests[i], tuple(reasons))
+        yield Curve(
+            outline.knots,
+            outline.points,
+            outline.half_width,
+            sd,
+            "check" if reasons else "good",
+            tuple(reasons),
+            float(np.sqrt(np.mean(rests[i] ** 2))) if len(rests[i]) else np.inf,
+        )
 
 
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:

@@ -11,69 +11,41 @@ from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.look.scene import pixel_noise
 from napari_splinesketch.engine.types import Array
 
-Drawn = Sequence[tuple[tuple[slice, slice], Float[Array, "h w"]]]
-"""Bodies in windows of the image, in its units."""
-
 
 @dataclass(frozen=True, eq=False)
-class Background:
-    """The image without bodies.
+class Pictures:
+    """What the pictures are made of.
 
     Attributes
     ----------
     image
         (H, W) as given to `refine`.
     drawn
-        The bodies.
+        Bodies in windows of the image, in its units.
     kind
         How simple a background explains the image; None to find out.
     """
 
     image: Real[Array, "H W"]
-    drawn: Drawn
+    drawn: Sequence[tuple[tuple[slice, slice], Float[Array, "h w"]]]
     kind: Kind | None
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width, px."""
-        return self.image.shape
-
     @cached_property
-    def _picture(self) -> Float[Array, "H W"]:
-        bare = _filled(self.image)
+    def background(self) -> Float[Array, "H W"]:
+        """(H, W) the image without bodies, in its units."""
+        bare = self.image.astype(np.float64)
+        finite = np.isfinite(bare)
+        if not finite.all():
+            bare[~finite] = np.median(bare[finite])
         for window, bodies in self.drawn:
             bare[window] -= bodies
         noise = pixel_noise(bare) if self.kind is None else 0.0
         return estimate_background(bare, noise, self.kind)[0]
 
-    def __call__(self) -> Float[Array, "H W"]:
-        """(H, W) in the image's units."""
-        return self._picture
-
-
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """Background and bodies."""
-
-    background: Background
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width, px."""
-        return self.background.shape
-
-    def __call__(self) -> Float[Array, "H W"]:
-        """(H, W) in the image's units."""
-        whole = self.background().copy()
-        for window, bodies in self.background.drawn:
+    @cached_property
+    def reconstruction(self) -> Float[Array, "H W"]:
+        """(H, W) background and bodies."""
+        whole = self.background.copy()
+        for window, bodies in self.drawn:
             whole[window] += bodies
         return whole
-
-
-def _filled(image: Real[Array, "H W"]) -> Float[Array, "H W"]:
-    if image.dtype.kind != "f":
-        return image.astype(np.float64)
-    finite = np.isfinite(image)
-    if finite.all():
-        return image.astype(np.float64)
-    return np.where(finite, image, np.median(image[finite])).astype(np.float64)
