@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500
 """The window is shown first."""
-LINES = 3
+LINES = 5
 """Of text that there is always room for above Export, so that nothing moves."""
 EDGE = 12
 """From a shortened text to the edge of the dock, px."""
