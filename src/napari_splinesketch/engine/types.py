@@ -138,7 +138,7 @@ class Refinement:
     def shape(self) -> tuple[int, int]:
         """Height and width of the image, px; no picture is made to tell."""
         pictures = self.__dict__.get("_pictures")
-        return (self.reconstruction if pictures is None else pictures.image).shape
+        return (self.reconstruction if pictures is None else pictures).shape
 
     def __getattr__(self, name: str) -> Any:
         """Make a picture that is read for the first time."""

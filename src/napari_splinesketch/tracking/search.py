@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -286,9 +285,8 @@ def _points(body: Body, line: Line) -> int:
 
 @dataclass(frozen=True)
 class _Pasted:
-    """A picture of a frame, with a later one of a part of it; made when it is first read."""
+    """The pictures of a frame, with later ones of a part of it; made when they are first read."""
 
-    name: str
     old: Refinement
     new: Refinement
     corner: np.ndarray
@@ -297,9 +295,17 @@ class _Pasted:
     def shape(self) -> tuple[int, int]:
         return self.old.shape
 
-    def __call__(self) -> np.ndarray:
-        picture = getattr(self.old, self.name).astype(np.float32)
-        part = getattr(self.new, self.name)
+    @property
+    def reconstruction(self) -> np.ndarray:
+        return self._picture("reconstruction")
+
+    @property
+    def background(self) -> np.ndarray:
+        return self._picture("background")
+
+    def _picture(self, name: str) -> np.ndarray:
+        picture = getattr(self.old, name).astype(np.float32)
+        part = getattr(self.new, name)
         (row, column), (rows, columns) = np.rint(self.corner).astype(int), part.shape
         picture[row : row + rows, column : column + columns] = part
         return picture
@@ -307,6 +313,5 @@ class _Pasted:
 
 def _pasted(old: Refinement, new: Refinement, corner: np.ndarray) -> Refinement:
     """The pictures of an earlier attempt with those of a later one of a part of them."""
-    one, other = (_Pasted(name, old, new, corner) for name in ("reconstruction", "background"))
-    picture: Any = one, other  # made when they are read, as those of `refine`
-    return Refinement(old.curves, picture[0], picture[1], old.model, old.seconds + new.seconds)
+    pictures = _Pasted(old, new, corner)
+    return Refinement.lazy(old.curves, pictures, old.model, old.seconds + new.seconds)

@@ -277,12 +277,7 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
 
 def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
     """Whether there is a ridge on either side of a line, and none along it."""
-    tangent = np.gradient(line, axis=0)
-    normal = tangent[:, ::-1] * [-1.0, 1.0]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-9
-    aside = half_width * np.linspace(-RIMS, RIMS, 2 * OFFSETS + 1)
-    at = line[:, None] + aside[None, :, None] * normal[:, None]
-    seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
+    seen = spline.across(evidence, line, half_width * np.linspace(-RIMS, RIMS, 2 * OFFSETS + 1))
     rims = np.minimum(seen[:, :OFFSETS].max(1), seen[:, OFFSETS + 1 :].max(1)).mean()
     return bool(seen[:, OFFSETS].mean() < BODY < rims)
 

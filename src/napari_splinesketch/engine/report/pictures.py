@@ -30,6 +30,11 @@ class Pictures:
     drawn: Sequence[tuple[tuple[slice, slice], Float[Array, "h w"]]]
     kind: Kind | None
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the image."""
+        return self.image.shape
+
     @cached_property
     def background(self) -> Float[Array, "H W"]:
         """(H, W) the image without bodies, in its units."""
