@@ -107,20 +107,12 @@ def _matched(a: Line, b: Line) -> tuple[Line, Line]:
     return a, b if same <= reverse else b[::-1]
 
 
-def _normals(line: Line) -> Line:
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    return np.column_stack([-along[:, 1], along[:, 0]])
-
-
 def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
     """Two lines that share what is bright around a pair between them, and their half-width."""
     first, second = _matched(*(b.points(64) for b in pair))
     middle = (first + second) / 2
-    across = _normals(middle)
     offsets = np.arange(-ACROSS * seen.half_width, ACROSS * seen.half_width + 0.5, 0.5)
-    at = middle[:, None] + offsets[:, None] * across[:, None]
-    bright = ndimage.map_coordinates(seen.normal, at.transpose(2, 0, 1), order=1, mode="nearest")
+    bright = spline.across(seen.normal, middle, offsets)
     inside = ndimage.gaussian_filter(bright, (4, 1)) > 0.5
     inside = ndimage.binary_closing(inside, np.ones((1, 5)))
     centre = len(offsets) // 2
@@ -128,8 +120,9 @@ def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
     before = np.where(inside[:, centre::-1], 1, 0).cumprod(1).sum(1)
     width = max(float(np.median(after + before)) / 8, 0.5)
     shift = ndimage.gaussian_filter1d((after - before) / 4, 4, mode="nearest")
-    middle = middle + np.clip(shift, -width, width)[:, None] * across
-    return [middle + width * across, middle - width * across], width
+    normals = spline.normals(middle)
+    middle = middle + np.clip(shift, -width, width)[:, None] * normals
+    return [middle + width * normals, middle - width * normals], width
 
 
 def _each_its_side(pair: list[Body], starts: list[Start]) -> list[Body]:
