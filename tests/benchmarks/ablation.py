@@ -127,7 +127,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "a clicked sketch without a body stays": _set(finding, NOTHING=np.inf),
     "clicked ends are followed to their tips": _set(assess, AHEAD=2.0),
     "hollow bodies": _set(finding, _between_rims=lambda *_: False),
-    "curves that leave their paths are fitted again": _set(fit_scene, DEARER=1e9),
+    "curves that leave their paths are fitted again": _set(fit_scene, FOLDS=9.0, DEARER=1e9),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),
     "outliers count linearly": _set(solver, HUBER=1e6),
     "bodies resist bending": _set(bands, BEND=0.0),

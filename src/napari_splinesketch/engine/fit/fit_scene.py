@@ -21,10 +21,11 @@ Centrelines = Callable[[], list[Line]]
 SAMPLES = 256
 HELD, HOLDING = 0.05, 2
 """Ends beyond which a body goes on are held within so many px, for so many more sweeps."""
-LEFT, DEARER, NEAR = 1.0, 2.0, 0.25
-"""A curve that leaves its path by so many half-widths, and costs so much more for what is not seen
-of it and how it bends, was drawn away by something else or has folded over itself: it is fitted
-again, within so many half-widths of its path; if it leaves that again, it stays there."""
+FOLDS, LEFT, DEARER, NEAR = 1.0, 1.0, 2.0, 0.25
+"""A curve that turns by so much (rad) within its half-width has folded over itself; one that leaves
+its path by so many half-widths, and costs so much more for what is not seen of it and how it bends,
+was drawn away by something else: it is fitted again, within so many half-widths of its path; if it
+folds or leaves that again, it stays there."""
 GROWS, GROWS_PX = 0.5, 0.5
 """An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
 THINNEST_FIXED = 0.5
@@ -201,8 +202,13 @@ def _fit_group(
 
 
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:
-    """Whether a curve left its path for where less of a body is seen, or where it bends more."""
+    """Whether a curve left its path for where less of a body is seen, or folded over itself."""
     line = body.points(SAMPLES)
+    count = max(8, round(spline.arc_length(line)[-1] / start.half_width))
+    step = np.diff(spline.resample(line, count), axis=0)
+    turn = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
+    if np.abs(turn[1:-1]).max() > FOLDS:
+        return True
     if spline.apart(line, start.line).max() < LEFT * start.half_width:
         return False
     more = finding.dearer(seen, start, line)
