@@ -187,7 +187,7 @@ def test_a_curve_is_not_drawn_off_its_sketch_by_something_bright_beside_it():
     line = np.column_stack([np.full(91, 45.0), np.linspace(15, 105, 91)])
     image = drawn([line])
     rows, columns = np.indices(SHAPE)
-    image[np.hypot(rows - 60, columns - 60) < 12] = 6.0
+    image[np.hypot(rows - 55, columns - 60) < 9] = 10.0
     curve = refine(image, [line[::10] + np.array([0.5, 0])]).curves[0]
     assert abs(curve.points[8:-8, 0] - 45).max() < HALF_WIDTH
 
