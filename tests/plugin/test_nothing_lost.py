@@ -85,10 +85,10 @@ def test_what_is_drawn_while_a_write_is_running_is_written_too(
 ) -> None:
     go, begun, real = threading.Event(), threading.Event(), folder.Folder.write
 
-    def slow(self: Any, session: Any) -> None:
+    def slow(self: Any, *session: Any) -> None:
         begun.set()
         go.wait(SOON)
-        real(self, session)
+        real(self, *session)
 
     with bench() as first:
         first.image()
@@ -160,7 +160,7 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     with bench(viewer) as again:
         gc.collect()
         assert old() is None
-        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
+        until(lambda: again.saver._seen, SOON)
         assert not again.saver.offers(), "it is in the window"
         curves: Any = viewer.layers["sketches curves"]
         curves.selected_data = {0}
@@ -357,7 +357,7 @@ def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in home.rglob("*.*") if path.is_file()}
     assert any(path.suffix == ".npz" for path in times)
     with bench(viewer) as again:
-        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
+        until(lambda: again.saver._seen, SOON)
         again.saver.flush()
         assert {path: path.stat().st_mtime_ns for path in times} == times
     assert {path: path.stat().st_mtime_ns for path in times} == times

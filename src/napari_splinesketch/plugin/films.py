@@ -69,7 +69,7 @@ class Suggestions:
             # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
             layer = drawn.new_sketch_layer(controller.viewer, image, visible=False)
             QTimer.singleShot(drawn.BREATH_MS, partial(drawn.begin_drawing, layer))
-        work, frame = controller.begin(image, layer), controller.frame
+        work, frame = controller.work_on(image, layer), controller.frame
         # Drawn by hand or refined: these bodies need no suggestion.
         seen = drawn.drawn_in(controller.viewer, layer, image, frame)
         left = work.state.suggested(frame, ()).suggestions

@@ -37,6 +37,8 @@ LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 2.0
 """Width and height of a letter, and how far a mark is from its body, px of the screen."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+"""Steps of so much fill the interval from 0 to 1 evenly."""
 PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
 """Where along a curve a mark may stand, the best first."""
 
@@ -127,7 +129,10 @@ def severity(curve: Curve) -> tuple[int, float]:
 def readable(
     records: Sequence[Record], view: View
 ) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
-    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
+    """Choose the curves whose marks can be read, the worst first, and where each mark stands.
+
+    Among curves that are equally bad, those chosen are spread over the frame.
+    """
     frame = [record for record in records if record.frame == view.frame]
     here = [record for record in frame if MARKS[record.curve.status]]
     if not here:
@@ -138,7 +143,7 @@ def readable(
     box = np.array([LINE_HEIGHT, 3 * LETTER]) * view.pixel / 2
     bodies = KDTree(np.concatenate([r.curve.points[::4] for r in frame]) / box, balanced_tree=False)
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
-    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+    for record in sorted(here, key=_urgency, reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(mark_of(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
@@ -151,6 +156,15 @@ def readable(
             count += 1
         if count == MOST:
             return
+
+
+def _urgency(record: Record) -> tuple[tuple[int, float], float]:
+    """Give severity, and for curves of the same one an order that skips over the frame.
+
+    Neighbours have similar numbers, and steps of the golden ratio fill an interval evenly. It stays
+    as it is while the camera moves.
+    """
+    return severity(record.curve), record.id * GOLDEN % 1
 
 
 def mark_of(record: Record) -> str:
