@@ -183,7 +183,6 @@ class _Worker(threading.Thread):
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
             del work
-            _running.discard(self)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress
@@ -211,7 +210,6 @@ class Job(QObject):
 
     def start(self) -> None:
         """Begin."""
-        _running.add(self._worker)
         self._worker.start()
         self._timer.start()
 
@@ -222,7 +220,7 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        if self._worker in _running:
+        if self._worker.is_alive():
             self._worker.join(PATIENCE)
         self._look()
 
@@ -237,11 +235,9 @@ class Job(QObject):
             (self.done if kind == "done" else self.failed).emit(value)
 
 
-_running: set[_Worker] = set()
-
-
 @atexit.register
 def _wait_for_threads() -> None:
-    for worker in tuple(_running):
-        worker.cancelled = True
-        worker.join(PATIENCE)
+    for worker in threading.enumerate():
+        if isinstance(worker, _Worker):
+            worker.cancelled = True
+            worker.join(PATIENCE)

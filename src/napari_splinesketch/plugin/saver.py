@@ -49,17 +49,18 @@ Order = tuple[Folder, Session, Path]
 """What is to be written, and where its folder is made if there is none yet."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Seen:
-    """An image as its sessions name it, where new ones go, and those that were found."""
+    """An image as its sessions name it, where new ones go, those that were found; what was not."""
 
     about: dict[str, object]
     home: Path
     found: dict[Path, Head]
+    problem: str = ""
 
 
-Answer = tuple[dict[Image, Seen], tuple[str, str]]
-"""What is known of images, and why something could not be found, or not be written."""
+Answer = tuple[dict[Image, Seen], str]
+"""What is known of images, and why something else is not known, or not written."""
 
 
 class Saver(QObject):
@@ -75,7 +76,7 @@ class Saver(QObject):
         self._keeper = keeper
         self._seen: dict[Image, Seen] = {}
         self._job: Job | None = None
-        self._problems = "", ""
+        self._problem = ""
         self._choice = keeper.settings.save_work, keeper.settings.work_folder
         self._soon = qthrottled(self._go_on, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
@@ -102,7 +103,7 @@ class Saver(QObject):
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
-        return " ".join(filter(None, self._problems))
+        return " ".join(filter(None, [*(s.problem for s in self._seen.values()), self._problem]))
 
     def folder(self, work: Work) -> Folder:
         """Say where work is saved; without a path, as long as there is nothing to save."""
@@ -132,7 +133,8 @@ class Saver(QObject):
                     path.rename(next(name for name in names if not name.exists()))
             except OSError as error:
                 said = f"Saved work could not be put aside: {error}."
-                self._problems = said, self._problems[1]
+                for seen in self._seen.values():
+                    seen.problem = said if path in seen.found else seen.problem
             self._forget(path)
 
     def flush(self) -> None:
@@ -183,7 +185,8 @@ class Saver(QObject):
             self._release(self._keeper.works)
             self._choice = choice
             self._seen.clear()
-            _folders.clear()
+            for work in self._keeper.works:
+                _folders[work.image].clear()
             self._follow()
             self.found.emit()
 
@@ -229,56 +232,55 @@ class Saver(QObject):
 
     def _on_done(self, answer: Answer) -> None:
         """Take in what was found, and what went wrong; try that again later."""
-        seen, problems = answer
-        self._job = None
+        (seen, problem), self._job = answer, None
         there = {image: one for image, one in seen.items() if image in self._keeper.viewer.layers}
         self._seen |= there
         # An answer may come after Qt has deleted the window and all that is in it.
         if self._end is None or not isalive(self):
             return
-        self._soon.setTimeout(AGAIN_MS if any(problems) else DELAY_MS)
-        if there or any(problems):
+        self._soon.setTimeout(AGAIN_MS if problem else DELAY_MS)
+        if there or problem:
             self._soon()
-        if there or problems != self._problems:
-            self._problems = problems
+        if there or problem != self._problem:
+            self._problem = problem
             self.found.emit()
 
 
 def _work_through(looks: Mapping[Image, tuple[Any, ...]], orders: Sequence[Order]) -> Answer:
     """Find out about images, and write what was ordered; to be called in a thread."""
-    seen, unseen, unsaved = dict[Image, Seen](), list[str](), list[str]()
+    seen, problems = dict[Image, Seen](), dict[str, None]()
     for folder, session, parent in orders:
         try:
             folder.write(session, parent)
         except Exception as error:
             _log.warning("The work could not be saved", exc_info=True)
-            unsaved.append(f"The work could not be saved: {error}.")
+            problems[f"The work could not be saved: {error}."] = None
     for image, look in looks.items():
         try:
-            seen[image], problem = _look(*look)
+            seen[image] = _look(*look)
         except Exception as error:
-            problem = f"{look[1]} could not be read, and work on it is not saved: {error}."
-        unseen.append(problem)
-    return seen, (" ".join(filter(None, unseen)), " ".join(dict.fromkeys(unsaved)))
+            said = f"{look[1]} could not be read, and work on it is not saved: {error}."
+            problems[said] = None
+    return seen, " ".join(problems)
 
 
-def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> tuple[Seen, str]:
-    """Find out which image it is, and what is saved of it; and say what could not be read."""
+def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
+    """Find out which image it is, and what is saved of it."""
     checksum = _checksum(pixels, frames)
     source, shape = _as_text(str(path)) if path else None, [int(n) for n in pixels.shape]
     about = {"name": _as_text(name), "path": source, "shape": shape, "sha256": checksum}
     home, folders = _places(name, path, checksum, chosen)
-    found, problem = dict[Path, Head](), ""
+    seen = Seen(about, home, {})
     for folder in (inner for outer in folders for inner in sorted(outer.iterdir())):
         try:
             wanted = folder.is_dir() and folder.suffix != sessions.OLD
             held = sessions.summary(folder) if wanted else None
         except (OSError, LabelsError) as error:
-            problem = f"Saved work could not be read, and stays where it is: {error}."
+            seen.problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
         if held and held.sha256 == checksum:
-            found[folder] = held
-    return Seen(about, home, found), problem
+            seen.found[folder] = held
+    return seen
 
 
 def _as_text(name: str) -> str:

@@ -89,32 +89,29 @@ class Planes:
         return self.shape[0]
 
 
-class Film(Planes):
-    """A film of the frames that are known, on one grid; NaN elsewhere.
+def film_of(
+    pictures: Mapping[int, Patch],
+    leading: tuple[int, ...],
+    make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+) -> tuple[Planes, Grid]:
+    """Put the frames that are known on one grid; NaN elsewhere.
 
     Of the `pictures` by frame, those on another step than the last one are left out; `make` gives
     the pixels that are shown of one. `leading` are the lengths of the axes before (row, col).
     """
+    step = list(pictures.values())[-1].grid.step
+    same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
+    grid, first, ends = around_all(list(same.values()))
+    places = dict(zip(same, map(slices, first, ends), strict=True))
+    shape = (*leading, *np.max(ends, axis=0).tolist())
 
-    def __init__(
-        self,
-        pictures: Mapping[int, Patch],
-        leading: tuple[int, ...],
-        make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
-    ):
-        step = list(pictures.values())[-1].grid.step
-        same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
-        self.grid, first, ends = around_all(list(same.values()))
-        places = dict(zip(same, map(slices, first, ends), strict=True))
-        shape = (*leading, *np.max(ends, axis=0).tolist())
+    def plane(number: int) -> Float[np.ndarray, "H W"]:
+        frame = np.full(shape[-2:], np.nan, dtype=np.float32)
+        if number in same:
+            frame[places[number]] = make(number, same[number])
+        return frame
 
-        def plane(number: int) -> Float[np.ndarray, "H W"]:
-            frame = np.full(shape[-2:], np.nan, dtype=np.float32)
-            if number in same:
-                frame[places[number]] = make(number, same[number])
-            return frame
-
-        super().__init__(shape, np.float32, plane)
+    return Planes(shape, np.float32, plane), grid
 
 
 def _patches(work: Work) -> list[Any]:
@@ -141,8 +138,8 @@ def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | 
     """Pictures of the frames that are known."""
     if not patches:
         return None
-    film = Film(patches, frame_shape(work.image), *make)
-    return Made(film, placement_on(work.image, film.grid.origin, film.grid.step), look)
+    film, grid = film_of(patches, frame_shape(work.image), *make)
+    return Made(film, placement_on(work.image, grid.origin, grid.step), look)
 
 
 def _rest(
