@@ -166,6 +166,16 @@ def test_curves_that_wait_stay_where_they_are_until_one_beside_them_moves(proble
         assert all(np.isfinite(body.covariance).all() for body in bodies)
 
 
+def test_bodies_beside_are_seen_and_stay_as_they_are(problem):
+    both = problem.fitted()
+    alone = problem.priors._replace(mean=problem.priors.mean[:1])
+    given = problem.seen, problem.theta[:1], alone, SWEEPS
+    (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
+    assert metrics.average_dtw(seen.points(), both[0].points()) < 0.4
+    assert seen.cost == pytest.approx(both[0].cost, rel=0.1)
+    assert blind.cost > 1.5 * seen.cost
+
+
 def _knots(theta):
     return theta[: 2 * KNOTS].reshape(2, KNOTS).T
 

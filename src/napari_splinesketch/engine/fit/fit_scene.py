@@ -194,9 +194,16 @@ def _fit_group(
                 continue
             again[row] = True
         if again.any():
-            found = fitting.fit_curves(
-                seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold, first=again
-            )
+            meets = bands.touching([body.pixels for body in found])
+            some = again | meets[again].any(0)
+            beside = meets[some].any(0) & ~some
+            fitted = fitting.fit_curves(
+                seen, now[some], priors._replace(mean=priors.mean[some]), sweeps[:HOLDING],
+                moving=int(some[:count].sum()), hold=hold[some], first=again[some],
+                beside=[found[row] for row in np.flatnonzero(beside)],
+            )  # fmt: skip
+            for row, body in zip(np.flatnonzero(some), fitted, strict=True):
+                found[row] = body
     numbers = [*own, *[knots] * len(still)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
 
