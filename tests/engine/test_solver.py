@@ -171,9 +171,9 @@ def test_bodies_beside_are_seen_and_stay_as_they_are(problem):
     alone = problem.priors._replace(mean=problem.priors.mean[:1])
     given = problem.seen, problem.theta[:1], alone, SWEEPS
     (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
-    assert metrics.average_dtw(seen.points(), both[0].points()) < 0.4
+    assert metrics.average_dtw(seen.points(), both[0].points()) < 0.2
     assert seen.cost == pytest.approx(both[0].cost, rel=0.1)
-    assert blind.cost > 1.5 * seen.cost
+    assert blind.cost > 1.3 * seen.cost
 
 
 def _knots(theta):
