@@ -94,8 +94,8 @@ def _method(rows: Sequence[Row], method: str, **wanted: Any) -> str:
 
 def fresh_tables(rows: Sequence[Row], cases: Sequence[Case]) -> str:
     """How far the methods get, how often the minimal path is better, and a line for each image."""
-    drawn = {row.sketches: {"sketches": row.sketches} for row in rows if row.sketches != RIGHT}
-    parts: dict[str, dict[str, object]] = {"all": {}, **drawn}
+    drawn = dict.fromkeys(row.sketches for row in rows if row.sketches != RIGHT)
+    parts = {"all": {}} | {name: {"sketches": name} for name in drawn}
     found = [(what, _method(rows, m, **part)) for what, part in parts.items() for m in LABELS]
     said = _table(f"sketches | {METHOD}", [f"{what} | {line}" for what, line in found if line])
     better = f"The minimal path is better in {_better(rows)} of {len(cases)} images."
