@@ -238,7 +238,7 @@ def test_the_report_rises_and_its_exception_stops():
 
 def test_sum_and_maximum_of_the_others_by_brute_force():
     rng = np.random.default_rng(0)
-    n, m, there, width = 4, 2 * solver.TILE, 3, 900
+    n, m, there, width = 4, 3 * solver.TILE, 3, 900
     unused = n * m - 1
     own = np.zeros((n, m), np.float32)
     slots = np.full((n, m), unused, np.int32)
@@ -247,7 +247,7 @@ def test_sum_and_maximum_of_the_others_by_brute_force():
         slots[i, :count] = rng.permutation(width)[:count]
         own[i, :count] = rng.uniform(0, 5, count)
         frame[i, slots[i, :count]] = own[i, :count]
-    tiles = np.array([1, 2, 2, 0], np.int32)
+    tiles = np.array([2, 3, 3, 0], np.int32)
     maps = jax.jit(solver.brightness_maps)(own, slots, tiles)
     for i in range(there):
         total, most = jax.jit(solver.others_of)(maps, own[i], slots[i])

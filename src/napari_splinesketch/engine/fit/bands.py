@@ -26,7 +26,7 @@ from napari_splinesketch.engine.types import Array
 SAMPLES, PER_KNOT = 64, 2.6
 """Samples of a curve that pixels are told the nearest of: at least, and for each knot."""
 CURVES = (16, 128, 1024, 8192)
-PIXELS = tuple(TILE * n for n in (4, 16, 64))
+PIXELS = tuple(TILE * n for n in (8, 32, 128))
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
 MOVES, MOVES_PX = 0.8, 4.0
 """Longest move of a knot in one step, half-widths, and px at least."""
