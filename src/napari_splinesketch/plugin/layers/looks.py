@@ -59,7 +59,12 @@ def breadth(curves: Sequence[Curve]) -> float:
     widths = np.array([_half_width(curve) for curve in curves])
     finite = widths[np.isfinite(widths)]
     wanted = np.clip(0.6 * np.median(finite), 0.6, 8.0) if finite.size else 1.0
-    return float(STEP ** np.round(np.log(wanted) / np.log(STEP)))
+    return stepped(float(wanted))
+
+
+def stepped(size: float) -> float:
+    """Round a size to a step: what differs by less is not drawn anew."""
+    return float(STEP ** np.round(np.log(size) / np.log(STEP)))
 
 
 def line_width(size: tuple[int, int]) -> float:

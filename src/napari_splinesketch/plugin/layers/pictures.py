@@ -53,6 +53,8 @@ BODY = "body"
 THIN, GAP = 0.5, 1.2
 """Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
 
+HALO = 2.0, 4.0
+"""Breadth of halos, and from a body's edge, at least, px of the screen."""
 KEPT = 4
 """Planes that are remembered: the one in view is read again with every change of the look."""
 
@@ -198,19 +200,25 @@ def _outlines(work: Work) -> Made:
 def _halos(work: Work) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
-    lines = looks.coarse([looks.halo(curve, GAP * looks.breadth(curves)) for curve in curves])
-    return _around(work, work.selected, lines, [palette.MOVING] * len(curves))
+    gap = max(GAP * looks.breadth(curves), HALO[1] * work.screen)
+    lines = looks.coarse([looks.halo(curve, gap) for curve in curves])
+    colours = [palette.MOVING] * len(curves)
+    return _around(work, work.selected, lines, colours, HALO[0] * work.screen)
 
 
 def _around(
-    work: Work, records: Sequence[Record], lines: Sequence[looks.Line], colours: Sequence[str]
+    work: Work,
+    records: Sequence[Record],
+    lines: Sequence[looks.Line],
+    colours: Sequence[str],
+    least: float = 0.0,
 ) -> Made:
-    """Show lines around bodies, each in the frame of its curve and in its colour."""
+    """Show lines around bodies in the colours of their curves, so broad at least."""
     frames = [record.frame for record in records]
     data, counts = in_vectors(work.image, list(zip(frames, lines, strict=True)))
     if not records:
         return Made(data)
-    width = THIN * looks.breadth([record.curve for record in records])
+    width = max(THIN * looks.breadth([record.curve for record in records]), least)
     look = {"edge_width": width, "edge_color": np.repeat(looks.rgba(colours), counts, axis=0)}
     return Made(data, look)
 
@@ -252,7 +260,7 @@ MAKERS: dict[str, Maker] = {
     "outlines": Maker(Vectors, "outlines",
                       lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
-                      lambda work: [record.curve for record in work.selected], _halos),
+                      lambda work: [(r.curve, work.screen) for r in work.selected], _halos),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",
