@@ -371,8 +371,8 @@ class Work:
         """Bring in step with the camera what depends on it."""
         if self._marks.shown:
             self._marks.update()
-        for _ in self.follow():
-            pass
+        if self.made["selected"].shown:
+            self._update(self.made["selected"])
 
     def _on_visible(self, event: Any) -> None:
         if self._busy:
