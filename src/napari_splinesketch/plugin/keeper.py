@@ -276,7 +276,7 @@ class Keeper:
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
         if work.deleted():
-            work.forget()
+            work.remove()
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)

@@ -16,7 +16,7 @@ from superqt.utils import qdebounced, qthrottled
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.slot import OWNER, Following, Marks, Slot, undisturbed
+from napari_splinesketch.plugin.layers.slot import Following, Marks, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
     Ruler,
     in_stack,
@@ -147,8 +147,11 @@ class Work:
         self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
         self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", self)
         self._marks = Marks(viewer, self)
-        slots: dict[str, Any] = {**self.made, "curves": self.curves, "marks": self._marks}
-        self._slots, self._over = slots, {role: slots[role] for role in OVER}
+        self._slots: dict[str, Any] = {
+            **self.made,
+            "curves": self.curves,
+            "marks": self._marks,
+        }
         self._busy = False
         self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
@@ -184,10 +187,10 @@ class Work:
         return self.sketches if role == "sketches" else self._slots[role].layer
 
     def remove(self) -> None:
-        """Remove the layers of results."""
-        layers = self.viewer.layers
-        for layer in [layer for layer in layers if layer.metadata.get(OWNER) is self]:
-            layers.remove(layer)
+        """Remove the layers of results; they are made anew when there is something to show."""
+        with self._by_us():
+            for slot in self._slots.values():
+                slot.remove()
 
     def ask(self, role: str, on: bool) -> bool:
         """Show or hide what the model says; False if there is nothing to show."""
@@ -232,12 +235,6 @@ class Work:
         """Whether the user has removed the layer of curves, and so the results."""
         return self.curves.made and self.curves.layer is None
 
-    def forget(self) -> None:
-        """Make all lines anew when there is something to show again."""
-        with self._by_us():
-            for slot in self._over.values():
-                slot.remove()
-
     def select(self, keys: tuple[Key, ...]) -> None:
         """Select curves, here and, soon where there are many, in their layer."""
         if keys != self.selection:
@@ -270,7 +267,8 @@ class Work:
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
-        for role, slot in self._over.items() if self.records else ():
+        for role in OVER if self.records else ():
+            slot = self._slots[role]
             if slot.layer is None:
                 layer = slot.make(visible=False)
                 if role in ("outlines", "curves"):
