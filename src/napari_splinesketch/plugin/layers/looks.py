@@ -33,8 +33,10 @@ NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
 RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
-LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 2.0
-"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
+LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0
+"""Width and height of a letter, and how far a mark is from its body's halo, px of the screen."""
+GAP, LEAST_GAP = 1.2, 4.0
+"""From a body's edge to its halo: relative to a curve's line, and px of the screen at least."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
 GOLDEN = (np.sqrt(5) - 1) / 2
@@ -86,6 +88,11 @@ def outline(curve: Curve) -> Line:
 def reach(curve: Curve) -> float:
     """How far a body goes from its centreline, px; a guess where it is not known."""
     return float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
+
+
+def gap(curves: Sequence[Curve], pixel: float) -> float:
+    """How far a halo is from the edge of a body, px; `pixel` is what one of the screen covers."""
+    return max(GAP * breadth(curves), LEAST_GAP * pixel)
 
 
 def halo(curve: Curve, gap: float) -> Line:
@@ -189,5 +196,6 @@ def _places(curve: Curve, size: Float[np.ndarray, "2"], view: View) -> Float[np.
     """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
     points, up = _stands(curve)
     half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
-    away = (reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
+    pixel = float(view.pixel.mean())
+    away = (reach(curve) + gap([curve], pixel) + BESIDE * pixel + half) * up
     return np.stack([points + away, points - away], axis=1).reshape(-1, 2)

@@ -50,11 +50,11 @@ TYPICAL = 0.995
 """Share of the residuals that the colours span."""
 BODY = "body"
 """Name of the axis along which a stack has its bodies."""
-THIN, GAP = 0.5, 1.2
-"""Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
+THIN = 0.5
+"""Breadth of outlines and halos, relative to a curve's line."""
 
-HALO = 2.0, 4.0
-"""Breadth of halos, and from a body's edge, at least, px of the screen."""
+HALO = 2.0
+"""Breadth of halos at least, px of the screen."""
 KEPT = 4
 """Planes that are remembered: the one in view is read again with every change of the look."""
 
@@ -200,10 +200,10 @@ def _outlines(work: Work) -> Made:
 def _halos(work: Work) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
-    gap = max(GAP * looks.breadth(curves), HALO[1] * work.screen)
+    gap = looks.gap(curves, work.screen)
     lines = looks.coarse([looks.halo(curve, gap) for curve in curves])
     colours = [palette.MOVING] * len(curves)
-    return _around(work, work.selected, lines, colours, HALO[0] * work.screen)
+    return _around(work, work.selected, lines, colours, HALO * work.screen)
 
 
 def _around(
