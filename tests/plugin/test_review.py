@@ -218,6 +218,7 @@ def test_the_selected_curve_stays_in_view_when_the_panel_opens(
     viewer.add_shapes(lines, shape_type="line", name="cells sketches")
     refine(dock)
     fit_view(viewer)
+    viewer.scene.camera.zoom *= 1.3
     dock.controller.selected, before = (0, 1), canvas(viewer).height()
     click(dock.review)
     middle = lines[0].mean(axis=0)
