@@ -1,8 +1,9 @@
 """The question whether to go on with work that was saved, and how it comes back into the window."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 from napari.layers import Image
@@ -23,8 +24,8 @@ from napari_splinesketch.plugin.widgets import Button, TextLabel, stack
 RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
 IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
 LABELS_TIP = "Take these curves up as results, as they were judged"
-Found = tuple[Session | None, Folder, Sequence[str]]
-"""A session, the folder that it goes on in, and what could not be read."""
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
+"""Where a session was read, the folder that it goes on in, and what could not be read."""
 
 _log = logging.getLogger(__name__)
 
@@ -88,36 +89,29 @@ def resume(controller: Controller, saver: Saver) -> None:
         return
     frames, size = frame_count(image), size_of(image)
 
-    def show(found: dict[Path, Found]) -> None:
-        problems = [problem for _, _, said in found.values() for problem in said]
+    def read(_: OnProgress) -> list[Found]:
+        return [(path, *reopen(path, frames, size)) for path in offers]
 
-        def steps() -> Iterator[None]:
-            for path, (session, folder, _) in reversed(found.items()):
-                if session is not None:
-                    yield from _restore(controller, saver, image, path, session, folder, problems)
+    def show(found: list[Found]) -> None:
+        problems = [problem for *_, said in found for problem in said]
+        every = (_restore(controller, saver, image, one, problems) for one in reversed(found))
 
         def over() -> None:
             text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
             controller.finish(Notice("failed", text) if problems else Notice())
 
-        controller.drawing.start(image, steps(), over)
-
-    def read(_: OnProgress) -> dict[Path, Found]:
-        return {path: reopen(path, frames, size) for path in offers}
+        controller.drawing.start(image, chain.from_iterable(every), over)
 
     controller.start(read, show, "Reading the saved work")
 
 
 def _restore(
-    controller: Controller,
-    saver: Saver,
-    image: Image,
-    path: Path,
-    session: Session,
-    folder: Folder,
-    problems: list[str],
+    controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
     """Bring one session back, once all of it is there; otherwise its files stay as they are."""
+    path, session, folder, _ = found
+    if session is None:
+        return
     drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]

@@ -226,7 +226,7 @@ class Saver(QObject):
             for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
                 drawn[sessions.EVERY if every else frame].append(Shape(kind, line))
             if folder.path or drawn or work.records:
-                session = Session(_as_text(layer.name), seen.about, dict(drawn), work.state)
+                session = Session(layer.name, seen.about, dict(drawn), work.state)
                 orders.append((folder, session, seen.home))
         return partial(_work_through, looks, orders) if looks or orders else None
 
@@ -267,8 +267,8 @@ def _work_through(looks: Mapping[Image, tuple[Any, ...]], orders: Sequence[Order
 def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
     """Find out which image it is, and what is saved of it."""
     checksum = _checksum(pixels, frames)
-    source, shape = _as_text(str(path)) if path else None, [int(n) for n in pixels.shape]
-    about = {"name": _as_text(name), "path": source, "shape": shape, "sha256": checksum}
+    source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
+    about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
     home, folders = _places(name, path, checksum, chosen)
     seen = Seen(about, home, {})
     for folder in (inner for outer in folders for inner in sorted(outer.iterdir())):
@@ -281,11 +281,6 @@ def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -
         if held and held.sha256 == checksum:
             seen.found[folder] = held
     return seen
-
-
-def _as_text(name: str) -> str:
-    """Give a name without what is no text, as files, and so layers, may have it."""
-    return name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _checksum(pixels: Any, frames: int) -> str:

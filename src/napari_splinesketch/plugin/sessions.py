@@ -35,6 +35,8 @@ EVERY = -1
 VERTICES = {"line": (2, 2), "path": (2, 0), "polygon": (3, 0), "rectangle": (4, 4),
             "ellipse": (4, 4)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
+LONGEST_NAME = 1000
+"""Of a layer, letters."""
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 OLD = ".old"
@@ -170,7 +172,7 @@ class Head(_Strict):
     software: str = f"napari-splinesketch {__version__}"
     format: NonNegativeInt = FORMAT
     image: dict[str, Any]
-    layer: Annotated[str, Field(max_length=1000)]
+    layer: Annotated[str, Field(max_length=LONGEST_NAME)]
     saved: AwareDatetime
     sketches: NonNegativeInt
     curves: NonNegativeInt
@@ -188,19 +190,20 @@ class Head(_Strict):
         """Checksum of the image."""
         return str(self.image.get("sha256", ""))
 
-    @classmethod
-    def of(cls, session: Session) -> Self:
-        """Count what a session holds now."""
-        drawn, records = session.drawn, session.state.records
-        frames = {frame for frame, shapes in drawn.items() if shapes}
-        return cls(
-            image=dict(session.image),
-            layer=session.layer[:1000],
-            saved=datetime.now(UTC),
-            sketches=sum(map(len, drawn.values())),
-            curves=len(records),
-            frames=len(frames.union(record.frame for record in records)),
-        )
+
+def _head_text(session: Session) -> str:
+    """Write the head of a session."""
+    drawn, records = session.drawn, session.state.records
+    frames = {frame for frame, shapes in drawn.items() if shapes}
+    head = Head.model_construct(
+        image=dict(session.image),
+        layer=session.layer[:LONGEST_NAME],
+        saved=datetime.now(UTC),
+        sketches=sum(map(len, drawn.values())),
+        curves=len(records),
+        frames=len(frames.union(record.frame for record in records)),
+    )
+    return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
 
 
 @once
@@ -299,8 +302,7 @@ class Folder:
                 (path / name).unlink(missing_ok=True)
                 del self._written[name]
             else:
-                text = Head.of(session).model_dump_json(indent=1) if name == HEAD else what
-                _write(path / name, text)
+                _write(path / name, _head_text(session) if name == HEAD else what)
                 self._written[name] = what
 
     def _hold(self, path: Path) -> None:
@@ -340,7 +342,8 @@ def _write(path: Path, what: str | Patch) -> None:
     """Write a text, or a picture of part of a frame, whole or not at all."""
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, str):
-            temporary.write_text(what + "\n", encoding="utf-8")
+            # Names of files, and so of layers, may hold what is no text.
+            temporary.write_text(what + "\n", encoding="utf-8", errors="replace")
         else:
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
@@ -398,20 +401,19 @@ def reopen(
 
     That is a new one where this cannot be written to, or not all of it could be read: `read` says.
     """
-    folder = Folder()
+    folder, session = Folder(), None
     try:
-        folder = Folder(path)
-    except BusyError as error:
-        return None, folder, (f"{error}.",)
-    except OSError:
-        pass
-    try:
+        try:
+            folder = Folder(path)
+        except OSError as error:  # where it cannot be written to, work goes on in a new one
+            if isinstance(error, BusyError):
+                raise
         session, problems = read(path, frames, size)
         # Pictures that were read need not be written again.
         known = {_name(frame, "npz"): patch for frame, patch in session.state.patches.items()}
         folder._written = {name: known.get(name, "") for name in folder._written}
     except (OSError, LabelsError) as error:
-        session, problems = None, (f"{error}.",)
+        problems = (f"{error}.",)
     if problems:
         folder.release()
         folder = Folder()
