@@ -5,12 +5,12 @@ import logging
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -59,6 +59,8 @@ class Seen:
     problem: str = ""
 
 
+Kind = Literal["look", "write"]
+KINDS: tuple[Kind, ...] = "look", "write"
 Answer = tuple[dict[Image, Seen], str]
 """What is known of images, and why something else is not known, or not written."""
 
@@ -75,8 +77,8 @@ class Saver(QObject):
         super().__init__(parent)
         self._keeper = keeper
         self._seen: dict[Image, Seen] = {}
-        self._job: Job | None = None
-        self._problem = ""
+        self._jobs: dict[Kind, Job] = {}
+        self._problems: dict[Kind, str] = dict.fromkeys(KINDS, "")
         self._choice = keeper.settings.save_work, keeper.settings.work_folder
         self._soon = qthrottled(self._go_on, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
@@ -87,7 +89,7 @@ class Saver(QObject):
             (changes.settings, self._on_settings),
             (layers, self._on_event),
             (layers.removing, self._on_removing),
-            (layers.removed, lambda event: self._seen.pop(event.value, None)),
+            (layers.removed, self._on_removed),
         )
         self._follow()
 
@@ -103,7 +105,8 @@ class Saver(QObject):
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
-        return " ".join(filter(None, [*(s.problem for s in self._seen.values()), self._problem]))
+        found = (seen.problem for seen in self._seen.values())
+        return " ".join(filter(None, (*found, *self._problems.values())))
 
     def folder(self, work: Work) -> Folder:
         """Say where work is saved; without a path, as long as there is nothing to save."""
@@ -140,12 +143,14 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        if self._job:
-            self._job.wait()
-        for _ in range(2):  # an image has to be known before its work is written
-            task = None if self._job else self._task()
-            if task:
-                self._on_done(task())
+        works = [work for work in self._works() if work.records or work.sketches.nshapes]
+        # An image has to be known before its work is written; others may take their time.
+        unknown = {work.image for work in works} - self._seen.keys()
+        for kind in KINDS:
+            if kind in self._jobs and (unknown or kind == "write"):
+                self._jobs[kind].wait()
+            if kind not in self._jobs and (task := self._task(kind, unknown)):
+                self._on_done(kind, task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
@@ -172,7 +177,7 @@ class Saver(QObject):
 
     def _follow(self) -> None:
         """Look at an image that is not known yet, and write what has changed, soon."""
-        if self._keeper.choices.image in self._seen or self._job:
+        if self._keeper.choices.image in self._seen or "look" in self._jobs:
             self._soon()
         else:
             self._go_on()
@@ -197,70 +202,90 @@ class Saver(QObject):
             self.flush()
             self._release(going)
 
-    def _go_on(self) -> None:
-        """Find out in a thread what is not known yet, and write what has changed."""
-        if self._job:
-            self._soon()
-        elif task := self._task():
-            self._job = Job(lambda _: task())
-            self._job.done.connect(self._on_done)
-            self._job.start()
+    def _on_removed(self, event: Any) -> None:
+        if isinstance(event.value, Image):
+            self._seen.pop(event.value, None)
+            self._problems["look"] = ""  # said again, if it was about another one
 
-    def _task(self) -> Callable[[], Answer] | None:
-        """Take a snapshot of what there is to find out and to write."""
-        keeper, (wanted, chosen) = self._keeper, self._choice
-        there = set(keeper.viewer.layers)
-        works = [work for work in keeper.works if {work.image, work.sketches} <= there]
-        looks, orders = {}, list[Order]()
-        for image in {keeper.choices.image, *(work.image for work in works)} if wanted else ():
-            if image is not None and image not in self._seen:
+    def _works(self) -> list[Work]:
+        there = set(self._keeper.viewer.layers)
+        return [work for work in self._keeper.works if {work.image, work.sketches} <= there]
+
+    def _go_on(self) -> None:
+        """Find out in a thread what is not known yet, and write in another what has changed."""
+        images = {self._keeper.choices.image, *(work.image for work in self._works())} - {None}
+        for kind in KINDS:
+            if kind in self._jobs:
+                self._soon()
+            elif task := self._task(kind, images):
+                job = self._jobs[kind] = Job(lambda _, task=task: task())
+                job.done.connect(partial(self._on_done, kind))
+                job.start()
+
+    def _task(self, kind: Kind, images: Set[Image]) -> Callable[[], Answer] | None:
+        """Take a snapshot of what is to be found out about images, or of what there is to write."""
+        wanted, chosen = self._choice
+        if kind == "look":
+            looks: dict[Image, tuple[Any, ...]] = {}
+            for image in images - self._seen.keys() if wanted else ():
                 path = image.source.path and Path(image.source.path)
                 pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
                 looks[image] = chosen, image.name, path, pixels, image.ndim - 2
-        for work in works:
+            return partial(_look_at, looks) if looks else None
+        orders = list[Order]()
+        for work in self._works():
             seen, folder, layer = self._seen.get(work.image), self.folder(work), work.sketches
             if seen is None:
                 continue
             drawn: dict[int, list[Shape]] = defaultdict(list)
-            read, every = shapes_in(keeper.viewer, layer, work.image), layer.ndim < work.image.ndim
-            for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
-                drawn[sessions.EVERY if every else frame].append(Shape(kind, line))
+            viewer, every = self._keeper.viewer, layer.ndim < work.image.ndim
+            read = shapes_in(viewer, layer, work.image)
+            for shape, (frame, line) in zip(layer.shape_type, read, strict=True):
+                drawn[sessions.EVERY if every else frame].append(Shape(shape, line))
             if folder.path or drawn or work.records:
                 session = Session(layer.name, seen.about, dict(drawn), work.state)
                 orders.append((folder, session, seen.home))
-        return partial(_work_through, looks, orders) if looks or orders else None
+        return partial(_write, orders) if orders else None
 
-    def _on_done(self, answer: Answer) -> None:
+    def _on_done(self, kind: Kind, answer: Answer) -> None:
         """Take in what was found, and what went wrong; try that again later."""
-        (seen, problem), self._job = answer, None
+        seen, problem = answer
+        self._jobs.pop(kind, None)
         there = {image: one for image, one in seen.items() if image in self._keeper.viewer.layers}
         self._seen |= there
         # An answer may come after Qt has deleted the window and all that is in it.
         if self._end is None or not isalive(self):
             return
-        self._soon.setTimeout(AGAIN_MS if problem else DELAY_MS)
-        if there or problem:
+        changed, self._problems[kind] = problem != self._problems[kind], problem
+        failing = any(self._problems.values())
+        self._soon.setTimeout(AGAIN_MS if failing else DELAY_MS)
+        if there or failing:
             self._soon()
-        if there or problem != self._problem:
-            self._problem = problem
+        if there or changed:
             self.found.emit()
 
 
-def _work_through(looks: Mapping[Image, tuple[Any, ...]], orders: Sequence[Order]) -> Answer:
-    """Find out about images, and write what was ordered; to be called in a thread."""
-    seen, problems = dict[Image, Seen](), dict[str, None]()
+def _write(orders: Sequence[Order]) -> Answer:
+    """Write what was ordered; to be called in a thread."""
+    problems: dict[str, None] = {}
     for folder, session, parent in orders:
         try:
             folder.write(session, parent)
         except Exception as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems[f"The work could not be saved: {error}."] = None
+    return {}, " ".join(problems)
+
+
+def _look_at(looks: Mapping[Image, tuple[Any, ...]]) -> Answer:
+    """Find out about images; to be called in a thread."""
+    seen, problems = dict[Image, Seen](), list[str]()
     for image, look in looks.items():
         try:
             seen[image] = _look(*look)
         except Exception as error:
             said = f"{look[1]} could not be read, and work on it is not saved: {error}."
-            problems[said] = None
+            problems.append(said)
     return seen, " ".join(problems)
 
 
