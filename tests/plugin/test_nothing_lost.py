@@ -137,6 +137,22 @@ def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
         assert not first.saver.problem
 
 
+def test_an_image_that_takes_long_to_read_keeps_no_other_from_being_saved(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, go = saver._checksum, threading.Event()
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        until(lambda: counts(home) == [(2, 0)], SOON)
+        monkeypatch.setattr(saver, "_checksum", lambda *image: go.wait(SOON) and real(*image))
+        first.image(seed=1)
+        layer.add_paths([LINES[0] + 9])
+        until(lambda: counts(home) == [(3, 0)], SOON / 2)
+        go.set()
+    assert counts(home) == [(3, 0), (3, 0)], "and this one is, too"
+
+
 def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
     gone = []
     with bench() as first:
