@@ -190,8 +190,7 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
         record.id: record.curve.points.tobytes() for record in running.bench.controller.records(0)
     }
     running.bench.saver.flush()
-    works = running.bench.controller.works
-    (head,) = filter(None, {running.bench.saver.folder(work).path for work in works})
+    (head,) = filter(None, {folder.path for folder in running.bench.saver._folders.values()})
     getattr(running, run)()
     act(running)
     running.fake.go.set()

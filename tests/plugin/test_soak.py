@@ -185,12 +185,11 @@ class Day:
     def save(self) -> None:
         """Write, and look whether all of it is on the disk."""
         self.bench.saver.flush()
-        for work in self.bench.controller.works:
-            path = self.bench.saver.folder(work).path
-            if path is not None:
-                session, problems = read(path, SHAPE[0], SHAPE[1:])
+        for (_, layer), folder in self.bench.saver._folders.items():
+            if folder.path is not None:
+                session, problems = read(folder.path, SHAPE[0], SHAPE[1:])
                 assert not problems
-                shadow = self.shadows[work.sketches.name]
+                shadow = self.shadows[layer.name]
                 saved = {key_of(record): held(record) for record in session.state.records}
                 assert saved == shadow.curves
                 lines = sum(map(len, session.drawn.values()))
@@ -205,7 +204,7 @@ class Day:
         self.bench.close()
         self.shadows = {n: s for n, s in self.shadows.items() if s.lines or s.curves}
         self.bench = self.opened()
-        until(lambda: self.bench.saver._seen, SOON)
+        until(lambda: all(seen.folder for seen in self.bench.saver._seen.values()), SOON)
         assert len(self.bench.saver.offers()) == len(self.shadows)
         if self.shadows:
             self.bench.resume()

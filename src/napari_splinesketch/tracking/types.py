@@ -115,6 +115,8 @@ class Tracked:
         Why the frame could not be read or refined; empty otherwise.
     entered
         Lines over bodies that have come into view; nobody follows them.
+    brightness
+        How bright the image is along the curves, by number; NaN where other curves are.
     """
 
     frame: int
@@ -129,6 +131,7 @@ class Tracked:
     view: View | None = None
     error: str = ""
     entered: tuple[Line, ...] = ()
+    brightness: Mapping[int, Float[np.ndarray, " P"]] = field(default_factory=dict)
 
     @property
     def by_id(self) -> dict[int, Curve]:
