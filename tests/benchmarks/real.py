@@ -1,6 +1,6 @@
 """The benchmark of images of other kinds: how many bodies are found, lost, marked and spoilt.
 
-python tests/benchmarks/real.py [--methods ...] [--images real|generated|all]
+python tests/benchmarks/real.py [--methods ...] [--images real|generated|all|fresh]
     [--split tune|held|all] [--jitter] [--folder DIR ...] [--cases NAME ...] [--rows FILE] [--fresh]
     [--gallery] [--page]
 
@@ -22,10 +22,12 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import real_foreign
 import real_methods
-from real_cases import FOLDERS, RIGHT, ROOT, Case, in_folders, jittered, split_of
+from real_cases import FOLDERS, FRESH, RIGHT, ROOT, Case, in_folders, jittered, split_of
 from real_judge import Row, shares, summary, verdict
 
 ROWS = ROOT / "docs" / "benchmarks" / "real.csv"
+FRESH_ROWS = ROWS.with_name("fresh.csv")
+"""Rows of the images that nothing was chosen on."""
 
 
 def main() -> None:
@@ -66,8 +68,11 @@ def _document(options: argparse.Namespace) -> None:
 
     if options.gallery:
         real_gallery.draw()
-    if options.page:
+    if options.page and options.images != "fresh":
         real_page.write(list(read(options.rows)), list(in_folders(options.folder)))
+        real_page.write_fresh(list(read(FRESH_ROWS)), list(in_folders(FRESH)))
+    elif options.page:
+        real_page.write_fresh(list(read(options.rows)), list(in_folders(options.folder)))
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[Case]:
@@ -80,7 +85,7 @@ def _chosen(options: argparse.Namespace) -> Iterator[Case]:
     cases: list[Case] = []
     if options.images != "generated":
         cases += [case for case in in_folders(options.folder) if wanted(case.name)]
-    if options.images != "real":
+    if options.images in ("generated", "all"):
         cases += real_foreign.cases(wanted)
     return map(jittered, cases) if options.jitter else iter(cases)
 
@@ -89,16 +94,20 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser("python tests/benchmarks/real.py", description=__doc__)
     known = list(real_methods.RUNS)
     parser.add_argument("--methods", nargs="+", default=["balanced"], choices=known)
-    parser.add_argument("--images", default="real", choices=("real", "generated", "all"))
+    parser.add_argument("--images", default="real", choices=("real", "generated", "all", "fresh"))
     parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
     parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
-    parser.add_argument("--folder", nargs="+", type=Path, default=FOLDERS, help="of cases")
+    parser.add_argument("--folder", nargs="+", type=Path, help="of cases")
     parser.add_argument("--cases", nargs="+", default=[], help="only these")
-    parser.add_argument("--rows", type=Path, default=ROWS, help="where results are kept")
+    parser.add_argument("--rows", type=Path, help="where results are kept")
     parser.add_argument("--fresh", action="store_true", help="forget what was run before")
     parser.add_argument("--gallery", action="store_true", help="draw the pictures of docs/real.md")
     parser.add_argument("--page", action="store_true", help="write the tables of docs/real.md")
-    return parser.parse_args()
+    options = parser.parse_args()
+    fresh = options.images == "fresh"
+    options.folder = options.folder or (FRESH if fresh else FOLDERS)
+    options.rows = options.rows or (FRESH_ROWS if fresh else ROWS)
+    return options
 
 
 def measure(method: str, version: str, case: Case, drawn: str) -> list[Row]:

@@ -21,6 +21,8 @@ from scipy import ndimage
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "tests" / "data" / "real", ROOT.parent / "shared" / "data" / "real")
 """Where cases are looked for unless a folder is named."""
+FRESH = (ROOT / "tests" / "data" / "fresh",)
+"""Cases that nothing was chosen on: they are run on request only."""
 ABOUT = {
     "collagen_bundle": {
         "kind": "collagen",

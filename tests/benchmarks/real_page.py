@@ -5,6 +5,7 @@ python tests/benchmarks/real.py --page
 
 from collections.abc import Callable, Sequence
 from statistics import median
+from typing import Any
 
 import matplotlib.pyplot as plt
 import real_modes
@@ -29,6 +30,11 @@ def write(rows: Sequence[Row], cases: Sequence[Case]) -> None:
     chart(rows)
 
 
+def write_fresh(rows: Sequence[Row], cases: Sequence[Case]) -> None:
+    """Write the section of the images that nothing was chosen on."""
+    insert("fresh", fresh_tables(rows, cases), PAGE)
+
+
 def _of(rows: Sequence[Row], method: str, *, right: bool = False, **wanted: object) -> Summary:
     """Sum up the rows of a method whose fields have the wanted values."""
     return summary(
@@ -46,6 +52,7 @@ FIELDS: dict[str, Callable[[Row], object]] = {
     "generated": lambda row: row.case.startswith(NAME),
     "split": lambda row: row.split,
     "case": lambda row: row.case,
+    "sketches": lambda row: row.sketches,
 }
 
 
@@ -64,18 +71,49 @@ def methods_table(rows: Sequence[Row]) -> str:
     for generated in (False, True):
         for split in ("tune", "held"):
             for method in [m for m in LABELS if any(r.method == m for r in rows)]:
-                part = {"generated": generated, "split": split}
-                s, right = _of(rows, method, **part), _of(rows, method, right=True, **part)
-                if s.bodies:
+                line = _method(rows, method, generated=generated, split=split)
+                if line:
                     what = ("generated" if generated else "real") + ", " + split
-                    speaks = method not in ("as_drawn", "minimal_path", "active_contour")
-                    marks = [s.bad_marked, s.good_marked] if speaks else [float("nan")] * 2
-                    shares = [s.good, s.lost, *marks, right.spoilt]
-                    lines.append(
-                        " | ".join([what, LABELS[method], str(s.bodies), *map(_percent, shares)])
-                    )
-    head = "images | method | bodies | good | lost | bad ones marked | good ones marked"
-    return _table(f"{head} | right sketches made wrong", lines)
+                    lines.append(f"{what} | {line}")
+    return _table(f"images | {METHOD}", lines)
+
+
+METHOD = (
+    "method | bodies | good | lost | bad ones marked | good ones marked | right sketches made wrong"
+)
+
+
+def _method(rows: Sequence[Row], method: str, **wanted: Any) -> str:
+    """What a table says of a method under `METHOD`; nothing where it was not run."""
+    s, right = _of(rows, method, **wanted), _of(rows, method, right=True, **wanted)
+    speaks = method not in ("as_drawn", "minimal_path", "active_contour")
+    marks = [s.bad_marked, s.good_marked] if speaks else [float("nan")] * 2
+    shares = [s.good, s.lost, *marks, right.spoilt]
+    return " | ".join([LABELS[method], str(s.bodies), *map(_percent, shares)]) if s.bodies else ""
+
+
+def fresh_tables(rows: Sequence[Row], cases: Sequence[Case]) -> str:
+    """How far the methods get, how often the minimal path is better, and a line for each image."""
+    drawn = dict.fromkeys(row.sketches for row in rows if row.sketches != RIGHT)
+    parts = {"all": {}} | {name: {"sketches": name} for name in drawn}
+    found = [(what, _method(rows, m, **part)) for what, part in parts.items() for m in LABELS]
+    said = _table(f"sketches | {METHOD}", [f"{what} | {line}" for what, line in found if line])
+    better = f"The minimal path is better in {_better(rows)} of {len(cases)} images."
+    lines = []
+    for case in cases:
+        s, path = (_of(rows, method, case=case.name) for method in (OURS, "minimal_path"))
+        shares = map(_percent, [s.good, s.lost, path.good])
+        lines.append(" | ".join([case.name, case.what, case.source, case.licence, *shares]))
+    table = _table("case | what | source | licence | good | lost | minimal path good", lines)
+    return f"{said}\n{better}\n\n{table}" if rows else table
+
+
+def _better(rows: Sequence[Row]) -> int:
+    """In how many real images the minimal path finds more."""
+    return sum(
+        _of(rows, "minimal_path", case=name).good > _of(rows, OURS, case=name).good
+        for name in {row.case for row in rows if not row.case.startswith(NAME)}
+    )
 
 
 def cases_table(rows: Sequence[Row], cases: Sequence[Case]) -> str:
@@ -101,10 +139,6 @@ def targets_table(rows: Sequence[Row]) -> str:
 
     real, path = _of(rows, OURS, generated=False), _of(rows, "minimal_path", generated=False)
     right = [_of(rows, OURS, right=True, generated=g) for g in (False, True)]
-    better = sum(
-        _of(rows, "minimal_path", case=name).good > _of(rows, OURS, case=name).good
-        for name in {row.case for row in rows if not row.case.startswith(NAME)}
-    )
     biases = [value for (name, _), value in modes.items() if name == "ends"]
     lines = [
         "real images: good / lost | 31 / 41 % | ≥ 85 / ≤ 3 % | "
@@ -116,7 +150,7 @@ def targets_table(rows: Sequence[Row]) -> str:
         + "; "
         + " / ".join(_percent(s.spoilt_silently) for s in right),
         "minimal path between the sketch's ends, real images: good | better in some | "
-        f"never better | {path.good:.0f} %; better in {better} images",
+        f"never better | {path.good:.0f} %; better in {_better(rows)} images",
         f"`suggest`, reference bodies found; slowest image | 15 % | ≥ 60 %, 3 s | "
         f"{mode('suggest', 'found, %')}; {mode('suggest', 'slowest image, s', ' s')}",
         f"crowd one by one, lost | 39 % | ≤ 6 % | {mode('crowd', 'lost, %')}",

@@ -1,6 +1,8 @@
 """The judge of the benchmark of other images, and how its cases are read."""
 
 import json
+import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -8,10 +10,22 @@ import real
 import real_foreign
 import real_judge
 import real_modes
+import real_page
 import skimage.io
-from real_cases import FOLDERS, RIGHT, Case, by_arc, in_folders, jittered, length_of, read, split_of
+from real_cases import (
+    FOLDERS,
+    FRESH,
+    RIGHT,
+    Case,
+    by_arc,
+    in_folders,
+    jittered,
+    length_of,
+    read,
+    split_of,
+)
 
-PERMISSIVE = ("Apache-2.0", "BSD-3-Clause", "CC0", "CC-BY-4.0", "MIT", "public domain")
+PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
 
 
@@ -77,18 +91,48 @@ def test_a_case_is_read_and_its_sketches_made_right(tmp_path):
 def test_cases_at_hand_are_whole():
     cases = {case.name: case for case in in_folders(FOLDERS)}
     assert {"neurites", "retina", "tripod", "whiskers"} <= set(cases)
-    for case in cases.values():
+    fresh = {case.name: case for case in in_folders(FRESH)}
+    assert not set(fresh) & set(cases)
+    for case in (*cases.values(), *fresh.values()):
         _check(case)
 
 
-def test_committed_cases_are_free_to_use_named_and_small():
-    about = (FOLDERS[0] / "README.md").read_text(encoding="utf-8")
-    for case in in_folders(FOLDERS[:1]):
+@pytest.mark.parametrize("folder", [FOLDERS[0], *FRESH], ids=lambda folder: folder.name)
+def test_committed_cases_are_free_to_use_named_and_small(folder):
+    about = (folder / "README.md").read_text(encoding="utf-8")
+    for case in in_folders([folder]):
         assert case.licence.startswith(PERMISSIVE), (case.name, case.licence)
         line = f"| {case.name} | {case.kind} | {len(case.references)} | {case.source} |"
         assert f"{line} {case.licence} |" in about
-    files = [file for file in FOLDERS[0].rglob("*") if file.is_file()]
+    files = [file for file in folder.rglob("*") if file.is_file()]
     assert sum(file.stat().st_size for file in files) < 8e6
+
+
+def test_images_that_nothing_was_chosen_on_have_rows_and_a_section_of_their_own(
+    tmp_path, monkeypatch, capsys
+):
+    shutil.copytree(FOLDERS[0] / "tulips", tmp_path / "cases" / "tulips")
+    page, rows = tmp_path / "page.md", tmp_path / "rows.csv"
+    page.write_text("before\n<!-- fresh -->\n<!-- /fresh -->\nafter\n", encoding="utf-8")
+    monkeypatch.setattr(real_page, "PAGE", page)
+
+    def run(*options: str) -> None:
+        places = ["--folder", str(tmp_path / "cases"), "--rows", str(rows)]
+        monkeypatch.setattr(sys, "argv", ["real.py", "--images", "fresh", *places, *options])
+        real.main()
+
+    run("--page")
+    assert "| 3 |" not in page.read_text(encoding="utf-8")
+    run("--methods", "as_drawn", "minimal_path")
+    run("--methods", "as_drawn", "--jitter")
+    assert "tulips" in capsys.readouterr().out
+    run("--page")
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert "| all | the sketch itself | 3 | 100 % | 0 % | – | – | 0 % |" in lines
+    assert "The minimal path is better in 0 of 1 images." in lines
+    (line,) = (line for line in lines if line.startswith("| tulips |"))
+    assert line.endswith("| – | – | 33 % |")
+    assert (lines[0], lines[-1]) == ("before", "after")
 
 
 def test_generated_cases_are_whole_and_always_the_same():

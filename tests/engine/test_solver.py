@@ -166,6 +166,16 @@ def test_curves_that_wait_stay_where_they_are_until_one_beside_them_moves(proble
         assert all(np.isfinite(body.covariance).all() for body in bodies)
 
 
+def test_bodies_beside_are_seen_and_stay_as_they_are(problem):
+    both = problem.fitted()
+    alone = problem.priors._replace(mean=problem.priors.mean[:1])
+    given = problem.seen, problem.theta[:1], alone, SWEEPS
+    (seen,), (blind,) = (fitting.fit_curves(*given, beside=rest) for rest in (both[1:], ()))
+    assert metrics.average_dtw(seen.points(), both[0].points()) < 0.2
+    assert seen.cost == pytest.approx(both[0].cost, rel=0.1)
+    assert blind.cost > 1.3 * seen.cost
+
+
 def _knots(theta):
     return theta[: 2 * KNOTS].reshape(2, KNOTS).T
 
@@ -228,7 +238,7 @@ def test_the_report_rises_and_its_exception_stops():
 
 def test_sum_and_maximum_of_the_others_by_brute_force():
     rng = np.random.default_rng(0)
-    n, m, there, width = 4, 2 * solver.TILE, 3, 900
+    n, m, there, width = 4, 3 * solver.TILE, 3, 900
     unused = n * m - 1
     own = np.zeros((n, m), np.float32)
     slots = np.full((n, m), unused, np.int32)
@@ -237,7 +247,7 @@ def test_sum_and_maximum_of_the_others_by_brute_force():
         slots[i, :count] = rng.permutation(width)[:count]
         own[i, :count] = rng.uniform(0, 5, count)
         frame[i, slots[i, :count]] = own[i, :count]
-    tiles = np.array([1, 2, 2, 0], np.int32)
+    tiles = np.array([2, 3, 3, 0], np.int32)
     maps = jax.jit(solver.brightness_maps)(own, slots, tiles)
     for i in range(there):
         total, most = jax.jit(solver.others_of)(maps, own[i], slots[i])

@@ -121,7 +121,7 @@ def test_jacobian_is_the_derivative(line, knots):
     theta, basis = parameters(line, knots, **VARIED), bands.spline_basis(knots)
     across = np.abs(PIXELS[1] - 60).astype(np.float32)
     others = np.exp(-((across / 4) ** 2)), 0.8 * np.exp(-((across / 4) ** 2))
-    jacobian = np.asarray(render(theta, PIXELS, *others, basis)[2])
+    jacobian = np.asarray(render(theta, PIXELS, *others, basis)[2]).T
     names = [f"{axis}{i}" for axis in "rc" for i in range(knots)] + list(tube.GLOBALS)
     for exact, name, unit in zip(
         jacobian, names, np.eye(len(theta), dtype=np.float32), strict=True
@@ -141,7 +141,7 @@ def test_jacobian_is_the_derivative(line, knots):
 def test_a_jacobian_has_the_background_and_the_blend():
     theta, others = parameters(BEND, KNOTS, **VARIED), 0.3 + NOTHING
     model, own, jacobian = (np.asarray(a) for a in render(theta, PIXELS, *others, BASIS))
-    rows = dict(zip(tube.GLOBALS, jacobian[2 * KNOTS :], strict=True))
+    rows = dict(zip(tube.GLOBALS, jacobian.T[2 * KNOTS :], strict=True))
     np.testing.assert_allclose(rows["offset"], 1)
     for name, at in zip(("slope_row", "slope_col"), PIXELS, strict=True):
         np.testing.assert_allclose(rows[name], at / tube.SLOPE_UNIT, rtol=1e-6)

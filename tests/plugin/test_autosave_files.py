@@ -81,9 +81,7 @@ def same(a: Any, b: Any) -> bool:
 
 def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     written = session()
-    folder = Folder()
-    folder.make(tmp_path / "new")
-    folder.write(written)
+    Folder().write(written, tmp_path / "new")
     again, problems = read(tmp_path / "new" / "1", 9, SIZE)
     assert problems == ()
     assert again.layer == written.layer

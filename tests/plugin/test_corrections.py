@@ -108,6 +108,12 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(60, 50)
     until(lambda: controller.selection == ((1, 2),), 5)
     assert lines.nshapes == 2, "a click selects while drawing, too, and is no line at any zoom"
+    until(lambda: len(mark.data), 5)
+    before = mark.edge_width
+    viewer.scene.camera.zoom /= 3
+    until(lambda: mark.edge_width > 2.5 * before, 5)
+    shown = mark.edge_width * viewer.scene.camera.zoom * mark.scale[-2:].mean()
+    assert shown > 1.8, "it is seen at any zoom, px of the screen"
     hand.drag((30, 30), (50, 50))
     assert lines.nshapes == 3, "a short line is one"
 

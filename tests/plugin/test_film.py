@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.grids import Grid, Patch, patched
-from napari_splinesketch.plugin.layers.pictures import Film
+from napari_splinesketch.plugin.layers.pictures import film_of
 
 KEYS: dict[str, Any] = {
     "frame": 1,
@@ -26,17 +26,17 @@ def patch(value: float, origin: tuple[float, float], step: float = 1.0) -> Patch
 
 @pytest.mark.parametrize("name", KEYS)
 def test_it_reads_like_an_array(name: str) -> None:
-    film = Film({0: patch(1.0, (10, 20)), 2: patch(2.0, (12, 21))}, (3,))
+    film, grid = film_of({0: patch(1.0, (10, 20)), 2: patch(2.0, (12, 21))}, (3,))
     dense = np.full((3, 6, 6), np.nan, np.float32)
     dense[0, :4, :5] = 1
     dense[2, 2:, 1:] = 2
     np.testing.assert_array_equal(np.asarray(film), dense)
     np.testing.assert_array_equal(film[KEYS[name]], dense[KEYS[name]])
-    np.testing.assert_array_equal(film.grid.origin, [10, 20])
+    np.testing.assert_array_equal(grid.origin, [10, 20])
 
 
 def test_frames_over_two_axes() -> None:
-    film = Film({4: patch(7.0, (0, 0))}, (2, 3))
+    film, _ = film_of({4: patch(7.0, (0, 0))}, (2, 3))
     assert film.shape == (2, 3, 4, 5)
     assert film[1, 1, 2, 2] == 7
     assert np.isnan(film[0, 1]).all()
@@ -44,14 +44,14 @@ def test_frames_over_two_axes() -> None:
 
 
 def test_an_image_without_frames() -> None:
-    film = Film({0: patch(7.0, (0, 0))}, ())
+    film, _ = film_of({0: patch(7.0, (0, 0))}, ())
     assert film.shape == (4, 5)
     assert (np.asarray(film) == 7).all()
     assert film[1:3, 2].shape == (2,)
 
 
 def test_frames_on_another_step_than_the_last_are_left_out() -> None:
-    film = Film({0: patch(1.0, (0, 0), 2.0), 1: patch(2.0, (0, 0))}, (2,))
+    film, _ = film_of({0: patch(1.0, (0, 0), 2.0), 1: patch(2.0, (0, 0))}, (2,))
     assert np.isnan(film[0]).all()
     assert (film[1] == 2).all()
 

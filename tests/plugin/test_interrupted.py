@@ -190,7 +190,8 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
         record.id: record.curve.points.tobytes() for record in running.bench.controller.records(0)
     }
     running.bench.saver.flush()
-    (head,) = filter(None, {folder.path for folder in running.bench.saver._folders.values()})
+    works = running.bench.controller.works
+    (head,) = filter(None, {running.bench.saver.folder(work).path for work in works})
     getattr(running, run)()
     act(running)
     running.fake.go.set()

@@ -75,6 +75,19 @@ def test_marks_are_in_view_and_never_overprinted() -> None:
     assert over.sum() <= len(found) + 2 * (apart[..., 1] > 3 * 4.5)[over].sum()
 
 
+def test_marks_of_equally_bad_curves_are_spread_over_the_view() -> None:
+    view = View(0, np.zeros(2), np.full(2, 1000.0), np.ones(2))
+    records = []
+    for i in range(1000):
+        row, column = divmod(i, 25)
+        line = np.array([[25.0 * row + 12, 40 * column + 5], [25 * row + 12, 40 * column + 35]])
+        records.append(Record(i + 1, 0, line, as_drawn(line, status="check")))
+    found = np.array([place for _, place in readable(records, view)])
+    assert len(found) == MOST
+    quarters = np.histogram2d(*found.T, bins=2, range=[[0, 1000]] * 2)[0]
+    assert quarters.min() >= 0.7 * MOST / 4
+
+
 def test_a_mark_does_not_lie_on_the_ends_of_a_bent_body() -> None:
     along = np.linspace(-1, 1, 100)
     line = np.column_stack([110 - 30 * np.abs(along), 100 + 10 * along])

@@ -85,10 +85,10 @@ def test_what_is_drawn_while_a_write_is_running_is_written_too(
 ) -> None:
     go, begun, real = threading.Event(), threading.Event(), folder.Folder.write
 
-    def slow(self: Any, session: Any) -> None:
+    def slow(self: Any, *session: Any) -> None:
         begun.set()
         go.wait(SOON)
-        real(self, session)
+        real(self, *session)
 
     with bench() as first:
         first.image()
@@ -137,6 +137,22 @@ def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
         assert not first.saver.problem
 
 
+def test_an_image_that_takes_long_to_read_keeps_no_other_from_being_saved(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, go = saver._checksum, threading.Event()
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        until(lambda: counts(home) == [(2, 0)], SOON)
+        monkeypatch.setattr(saver, "_checksum", lambda *image: go.wait(SOON) and real(*image))
+        first.image(seed=1)
+        layer.add_paths([LINES[0] + 9])
+        until(lambda: counts(home) == [(3, 0)], SOON / 2)
+        go.set()
+    assert counts(home) == [(3, 0), (3, 0)], "and this one is, too"
+
+
 def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
     gone = []
     with bench() as first:
@@ -160,7 +176,7 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     with bench(viewer) as again:
         gc.collect()
         assert old() is None
-        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
+        until(lambda: again.saver._seen, SOON)
         assert not again.saver.offers(), "it is in the window"
         curves: Any = viewer.layers["sketches curves"]
         curves.selected_data = {0}
@@ -357,7 +373,7 @@ def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in home.rglob("*.*") if path.is_file()}
     assert any(path.suffix == ".npz" for path in times)
     with bench(viewer) as again:
-        until(lambda: all(seen.folder for seen in again.saver._seen.values()), SOON)
+        until(lambda: again.saver._seen, SOON)
         again.saver.flush()
         assert {path: path.stat().st_mtime_ns for path in times} == times
     assert {path: path.stat().st_mtime_ns for path in times} == times

@@ -38,7 +38,7 @@ image = viewer.add_image(np.zeros((40, 50)))
 lines = viewer.add_shapes([[[5, 5], [5, 40]]], shape_type="line")
 dock = SplinesketchDock(viewer)
 controller = dock.controller
-controller.begin(image, lines)
+controller.work_on(image, lines)
 line = np.array([[5.0, 5], [5, 40]])
 controller.apply("Begin", State(records=(Record(1, 0, line, as_drawn(line)),)))
 panel = ReviewPanel(controller)

@@ -185,11 +185,12 @@ class Day:
     def save(self) -> None:
         """Write, and look whether all of it is on the disk."""
         self.bench.saver.flush()
-        for (_, layer), folder in self.bench.saver._folders.items():
-            if folder.path is not None:
-                session, problems = read(folder.path, SHAPE[0], SHAPE[1:])
+        for work in self.bench.controller.works:
+            path = self.bench.saver.folder(work).path
+            if path is not None:
+                session, problems = read(path, SHAPE[0], SHAPE[1:])
                 assert not problems
-                shadow = self.shadows[layer.name]
+                shadow = self.shadows[work.sketches.name]
                 saved = {key_of(record): held(record) for record in session.state.records}
                 assert saved == shadow.curves
                 lines = sum(map(len, session.drawn.values()))
@@ -204,7 +205,7 @@ class Day:
         self.bench.close()
         self.shadows = {n: s for n, s in self.shadows.items() if s.lines or s.curves}
         self.bench = self.opened()
-        until(lambda: all(seen.folder for seen in self.bench.saver._seen.values()), SOON)
+        until(lambda: self.bench.saver._seen, SOON)
         assert len(self.bench.saver.offers()) == len(self.shadows)
         if self.shadows:
             self.bench.resume()

@@ -7,7 +7,7 @@ import numpy as np
 LINES = (1, 20)
 """Numbers of bodies in the images: the smallest and the next size that programs come in."""
 KNOTS = (8, 12)
-SPACING = 24
+SPACING = 10
 LENGTH = 60
 HALF_WIDTH = 2.0
 """Of the generated lines, px."""

@@ -81,7 +81,7 @@ class Controller(Keeper):
         image, layer = self.choices.image, self.choices.sketches
         if wanted.problem or self.progress or image is None or layer is None:
             return
-        work = self.begin(image, layer)
+        work = self.work_on(image, layer)
         if image.rgb and image not in self._told:
             self._told.append(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
@@ -240,7 +240,7 @@ class Controller(Keeper):
     def _on_inserted(self, event: Any) -> None:
         """Show a film where work begins: its first frame, or the first with lines."""
         image, layer = self.choices.image, self.choices.sketches
-        if image is None or self.work is not None or frame_count(image) < 2:
+        if image is None or self.records() or frame_count(image) < 2:
             return
         if event.value is image and len(self.viewer.layers) == 1:
             go_to_frame(self.viewer, image, 0)

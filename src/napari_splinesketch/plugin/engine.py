@@ -3,7 +3,7 @@
 import atexit
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refine
 from napari_splinesketch.grids import Patch
 from napari_splinesketch.plugin.layers.space import Block
 from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
-from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, View, around, follow
+from napari_splinesketch.tracking import Tracked, View
 
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
@@ -109,20 +109,15 @@ def suggest(
 
 
 def track(
-    ways: Sequence[Sequence[int]],
-    bodies: tuple[Body, ...],
+    carry: Callable[..., Iterable[Tracked]],
     block: Callable[[int, Sequence[Line]], Block],
-    given: Mapping[int, Given],
     how: Asked,
-    there: Mapping[int, Mapping[int, Curve]] | None,
     take: Callable[[Tracked], None],
     on_progress: OnProgress,
 ) -> None:
     """Carry curves from frame to frame, and give each to `take`; to be called in a thread.
 
-    `block` chooses what to read of a frame for some lines, `given` stays as it is. Where `bodies`
-    were corrected, `there` has all curves by frame: they are carried on both ways until nothing
-    changes.
+    `carry` is one of the ways of `tracking`; `block` chooses what to read of a frame for lines.
     """
     sizes: list[float] = []
 
@@ -134,17 +129,7 @@ def track(
     def look(pixels: np.ndarray, lines: Any, preset: PresetName, **options: Any) -> Refinement:
         return refine(pixels, lines, preset, **_options(how, sizes[-1]), **options)
 
-    options: dict[str, Any] = {
-        "refine": look,
-        "preset": how.preset,
-        "given": lambda frame: given.get(frame, NOTHING_GIVEN),
-        "on_progress": on_progress,
-    }
-    if there is None:
-        following = follow(ways[0], bodies, read, **options)
-    else:
-        following = around(ways, bodies, read, lambda t: there.get(t, {}), **options)
-    for tracked in following:
+    for tracked in carry(read=read, refine=look, preset=how.preset, on_progress=on_progress):
         take(tracked)
 
 
@@ -183,7 +168,6 @@ class _Worker(threading.Thread):
             self.outcome = "failed", f"{type(error).__name__}: {error}"
         finally:
             del work
-            _running.discard(self)
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress
@@ -211,7 +195,6 @@ class Job(QObject):
 
     def start(self) -> None:
         """Begin."""
-        _running.add(self._worker)
         self._worker.start()
         self._timer.start()
 
@@ -222,7 +205,7 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        if self._worker in _running:
+        if self._worker.is_alive():
             self._worker.join(PATIENCE)
         self._look()
 
@@ -237,11 +220,9 @@ class Job(QObject):
             (self.done if kind == "done" else self.failed).emit(value)
 
 
-_running: set[_Worker] = set()
-
-
 @atexit.register
 def _wait_for_threads() -> None:
-    for worker in tuple(_running):
-        worker.cancelled = True
-        worker.join(PATIENCE)
+    for worker in threading.enumerate():
+        if isinstance(worker, _Worker):
+            worker.cancelled = True
+            worker.join(PATIENCE)

@@ -11,6 +11,7 @@ import numpy as np
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
+from napari_splinesketch import tracking
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.keeper import Notice
@@ -25,7 +26,7 @@ from napari_splinesketch.plugin.layers.space import (
 )
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import OPEN
-from napari_splinesketch.tracking import Body, Given, Tracked
+from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
 
@@ -69,7 +70,7 @@ class Suggestions:
             # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
             layer = drawn.new_sketch_layer(controller.viewer, image, visible=False)
             QTimer.singleShot(drawn.BREATH_MS, partial(drawn.begin_drawing, layer))
-        work, frame = controller.begin(image, layer), controller.frame
+        work, frame = controller.work_on(image, layer), controller.frame
         # Drawn by hand or refined: these bodies need no suggestion.
         seen = drawn.drawn_in(controller.viewer, layer, image, frame)
         left = work.state.suggested(frame, ()).suggestions
@@ -163,17 +164,15 @@ def _start(
         for frame, here in known.items()
     }
     there = {t: {r.id: r.curve for r in here if r.usable} for t, here in known.items()}
-    carry = partial(
-        engine.track,
-        ways,
-        bodies,
-        partial(block_around, work.image),
-        given,
-        controller.how(work.image),
-        None if corrected is None else there,
-        going.results.append,
+    way = (
+        partial(follow, ways[0], bodies)
+        if corrected is None
+        else partial(tracking.around, ways, bodies, there=lambda t: there.get(t, {}))
     )
-    controller.start(carry, going.over, "Tracking", going.take, going.cancelled, on=work)
+    carry = partial(way, given=lambda frame: given.get(frame, NOTHING_GIVEN))
+    block, how = partial(block_around, work.image), controller.how(work.image)
+    run = partial(engine.track, carry, block, how, going.results.append)
+    controller.start(run, going.over, "Tracking", going.take, going.cancelled, on=work)
 
 
 @dataclass(eq=False)

@@ -72,22 +72,20 @@ class Keeper:
 
     @property
     def work(self) -> Work | None:
-        """What is known of the chosen image through the chosen sketches."""
-        return self.work_on(self.choices.image, self.choices.sketches)
+        """What is known of the chosen image through the chosen sketches; None without both."""
+        image, sketches = self.choices.image, self.choices.sketches
+        if image is None or sketches is None:
+            return None
+        return self.work_on(image, sketches)
 
-    def work_on(self, image: Image | None, sketches: Shapes | None) -> Work | None:
+    def work_on(self, image: Image, sketches: Shapes) -> Work:
         """Give what is known of an image through a layer of sketches."""
-        pair = image, sketches
-        return next((work for work in self.works if (work.image, work.sketches) == pair), None)
-
-    def begin(self, image: Image, sketches: Shapes) -> Work:
-        """Give what is known of an image through a layer of sketches, from now on at the latest."""
-        work = self.work_on(image, sketches)
-        if work is None:
-            work = Work(image, sketches, self.viewer)
-            self.works.append(work)
-            self._attend(work)
-        return work
+        for work in self.works:
+            if work.image is image and work.sketches is sketches:
+                return work
+        self.works.append(Work(image, sketches, self.viewer))
+        self._attend(self.works[-1])
+        return self.works[-1]
 
     @property
     def frame(self) -> int:
@@ -278,7 +276,7 @@ class Keeper:
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
         if work.deleted():
-            work.forget()
+            work.remove()
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)

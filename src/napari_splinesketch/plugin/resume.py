@@ -1,15 +1,15 @@
 """The question whether to go on with work that was saved, and how it comes back into the window."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 from napari.layers import Image
 from qtpy.QtWidgets import QFrame
 
-from napari_splinesketch.files import BusyError
-from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import read_with, records_of
@@ -18,14 +18,14 @@ from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, lin
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.saver import Saver
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, read
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, reopen
 from napari_splinesketch.plugin.widgets import Button, TextLabel, stack
 
 RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
 IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
 LABELS_TIP = "Take these curves up as results, as they were judged"
-Found = tuple[Path, Session, Folder]
-"""Where a session was read, the session, and the folder that it goes on in."""
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
+"""Where a session was read, the folder that it goes on in, and what could not be read."""
 
 _log = logging.getLogger(__name__)
 
@@ -84,56 +84,34 @@ def _when(saved: datetime) -> str:
 
 def resume(controller: Controller, saver: Saver) -> None:
     """Bring back all that is offered for the chosen image: one layer of sketches for each."""
-    image, offers = controller.choices.image, saver.offers()
+    image, offers = controller.choices.image, tuple(saver.offers())
     if image is None or not offers or controller.progress:
         return
     frames, size = frame_count(image), size_of(image)
 
-    def show(answer: tuple[list[Found], list[str]]) -> None:
-        found, problems = answer
+    def read(_: OnProgress) -> list[Found]:
+        return [(path, *reopen(path, frames, size)) for path in offers]
+
+    def show(found: list[Found]) -> None:
+        problems = [problem for *_, said in found for problem in said]
         every = (_restore(controller, saver, image, one, problems) for one in reversed(found))
 
         def over() -> None:
             text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
             controller.finish(Notice("failed", text) if problems else Notice())
 
-        controller.drawing.start(image, (step for steps in every for step in steps), over)
+        controller.drawing.start(image, chain.from_iterable(every), over)
 
-    controller.start(lambda _: _read_all(offers, frames, size), show, "Reading the saved work")
-
-
-def _read_all(
-    paths: Iterable[Path], frames: int, size: tuple[int, int]
-) -> tuple[list[Found], list[str]]:
-    """Read what nobody else works on, and say what could not be read."""
-    found, problems = list[Found](), list[str]()
-    for path in paths:
-        folder = Folder()
-        try:
-            try:
-                folder = Folder(path)
-            except OSError as error:  # where it cannot be written to, work goes on in a new one
-                if isinstance(error, BusyError):
-                    raise
-            session, said = read(path, frames, size)
-        except (OSError, LabelsError) as error:
-            session, said = None, (f"{error}.",)
-        problems += said
-        if said:
-            # What could not be read is not written over: the rest goes on in a new folder.
-            folder.release()
-            folder = Folder()
-        if session:
-            folder.holds(session.state.patches)
-            found.append((path, session, folder))
-    return found, problems
+    controller.start(read, show, "Reading the saved work")
 
 
 def _restore(
     controller: Controller, saver: Saver, image: Image, found: Found, problems: list[str]
 ) -> Iterator[None]:
     """Bring one session back, once all of it is there; otherwise its files stay as they are."""
-    path, session, folder = found
+    path, session, folder, _ = found
+    if session is None:
+        return
     drawn = [(frame, shape) for frame, shapes in session.drawn.items() for shape in shapes]
     flat = image.ndim > 2 and bool(drawn) and all(frame == EVERY for frame, _ in drawn)
     points = [s.points if f == EVERY else in_stack(image, f, s.points) for f, s in drawn]
@@ -144,11 +122,10 @@ def _restore(
             yield
         if image in controller.viewer.layers:
             controller.viewer.layers.append(layer)
+            controller.choices.image, controller.choices.sketches = image, layer
             if session.state.records:
-                controller.begin(image, layer)
-                controller.choices.image, controller.choices.sketches = image, layer
                 controller.amend(session.state)
-            saver.take(path, (image, layer), folder)
+            saver.take(path, controller.work_on(image, layer), folder)
             there = True
     except Exception as error:
         _log.exception("Saved work could not be brought back")
@@ -174,7 +151,6 @@ def take_up(controller: Controller) -> None:
     if image is None or layer is None or controller.progress or not read_curves(controller):
         return
     records, beyond = records_of(read_with(layer), frame_count(image))
-    controller.begin(image, layer)
     controller.apply("Continue with labels", State(records=records))
     if beyond:
         controller.say(f"{beyond} curves are beyond the last frame, and stay in the file.")

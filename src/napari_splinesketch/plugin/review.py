@@ -22,7 +22,7 @@ from napari_splinesketch.plugin.columns import STATUS, as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, view_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
 from napari_splinesketch.plugin.widgets import NARROW, Button, CommandButtons, stack
@@ -339,4 +339,16 @@ def open_panel(controller: Controller) -> ReviewPanel:
     corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
     window._qt_window.setCorner(corner, area)
     window.add_dock_widget(panel, name=NAME, area="bottom")
+    resized = controller.viewer.canvas.events.size
+
+    def keep_in_view() -> None:
+        """Bring the selected curve back where the canvas has become too low for it."""
+        resized.disconnect(keep_in_view)
+        work, chosen = controller.work, controller.selected_records()
+        if work and len(chosen) == 1 and chosen[0].frame == controller.frame:
+            view, points = view_of(controller.viewer, work.image), chosen[0].curve.points
+            if ((points < view.low) | (points > view.high)).any():
+                go_to(controller, key_of(chosen[0]))
+
+    resized.connect(keep_in_view)
     return panel

@@ -1,39 +1,41 @@
-"""Writes work down while it is done, and finds what was written before."""
+"""Saves work while it is done, and finds what was saved before."""
 
 import hashlib
 import logging
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from napari.layers import Image, Layer, Shapes
+from napari.layers import Image, Shapes
 from platformdirs import user_data_path
 from psygnal import Signal
 from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
+from napari_splinesketch.files import owned
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import NOTHING, Keeper
+from napari_splinesketch.plugin.keeper import Keeper
 from napari_splinesketch.plugin.layers.drawn import shapes_in
+from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.sessions import Folder, Head, Session, Shape
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
 AGAIN_MS = 5000
-"""After a write that failed, until it is tried again."""
+"""After something that failed, until it is tried again."""
 LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
 LONGEST_NAME = 255
@@ -41,24 +43,26 @@ LONGEST_NAME = 255
 LETTERS, DIGITS = 50, 12
 """Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
-_left: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
-"""Where layers are written that nobody looks after: their dock is closed, or they were removed."""
-Pair = tuple[Image, Shapes]
+_folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
+"""Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
 Order = tuple[Folder, Session, Path]
 """What is to be written, and where its folder is made if there is none yet."""
 
 
 @dataclass(eq=False)
 class Seen:
-    """An image as its sessions name it, where its folder is, and the sessions that were found.
+    """An image as its sessions name it, where new ones go, those that were found; what was not."""
 
-    All are empty while a job still looks.
-    """
+    about: dict[str, object]
+    home: Path
+    found: dict[Path, Head]
+    problem: str = ""
 
-    job: Job | None = None
-    about: dict[str, object] = field(default_factory=dict)
-    folder: Path | None = None
-    found: dict[Path, Head] = field(default_factory=dict)
+
+Kind = Literal["look", "write"]
+KINDS: tuple[Kind, ...] = "look", "write"
+Answer = tuple[dict[Image, Seen], str]
+"""What is known of images, and why something else is not known, or not written."""
 
 
 class Saver(QObject):
@@ -73,11 +77,10 @@ class Saver(QObject):
         super().__init__(parent)
         self._keeper = keeper
         self._seen: dict[Image, Seen] = {}
-        self._folders: dict[Pair, Folder] = {}
-        self._writing: Job | None = None
-        self._problems = {"look": "", "write": ""}
+        self._jobs: dict[Kind, Job] = {}
+        self._problems: dict[Kind, str] = dict.fromkeys(KINDS, "")
         self._choice = keeper.settings.save_work, keeper.settings.work_folder
-        self._soon = qthrottled(self._save, DELAY_MS, leading=False)
+        self._soon = qthrottled(self._go_on, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._follow),
@@ -86,35 +89,42 @@ class Saver(QObject):
             (changes.settings, self._on_settings),
             (layers, self._on_event),
             (layers.removing, self._on_removing),
-            (layers.removed, lambda event: self._let_go(event.value)),
+            (layers.removed, self._on_removed),
         )
         self._follow()
 
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        image, sketches = self._keeper.choices.image, self._keeper.choices.sketches
-        folder = self._folders.get((image, sketches)) if image and sketches else None
-        if folder and folder.path and image in self._seen:
-            return folder.path.parent
-        return self._seen[image].folder if image in self._seen else None
+        image, work = self._keeper.choices.image, self._keeper.work
+        if image not in self._seen:
+            return None
+        path = self.folder(work).path if work else None
+        return path.parent if path else self._seen[image].home
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
-        return " ".join(filter(None, self._problems.values()))
+        found = (seen.problem for seen in self._seen.values())
+        return " ".join(filter(None, (*found, *self._problems.values())))
+
+    def folder(self, work: Work) -> Folder:
+        """Say where work is saved; without a path, as long as there is nothing to save."""
+        return _folders.setdefault(work.image, WeakKeyDictionary()).setdefault(
+            work.sketches, Folder()
+        )
 
     def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
         image = self._keeper.choices.image
         found = self._seen[image].found if image in self._seen else {}
-        mine = {folder.path for folder in self._folders.values()}
+        mine = {self.folder(work).path for work in self._keeper.works}
         others = [pair for pair in found.items() if pair[0] not in mine]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 
-    def take(self, path: Path, pair: Pair, folder: Folder) -> None:
-        """Go on with what was found, which is in these layers now, in a folder."""
-        self._folders[pair] = folder
+    def take(self, path: Path, work: Work, folder: Folder) -> None:
+        """Go on, in a folder, with what was found and is in the window now."""
+        _folders.setdefault(work.image, WeakKeyDictionary())[work.sketches] = folder
         self._forget(path)
 
     def decline(self) -> None:
@@ -122,23 +132,25 @@ class Saver(QObject):
         for path in self.offers():
             names = (path.with_name(f"{path.name}{-n or ''}{sessions.OLD}") for n in count())
             try:
-                folder = Folder(path)
-                path.rename(next(name for name in names if not name.exists()))
-                folder.release()
+                with owned(path):
+                    path.rename(next(name for name in names if not name.exists()))
             except OSError as error:
-                self._problems["look"] = f"Saved work could not be put aside: {error}."
+                said = f"Saved work could not be put aside: {error}."
+                for seen in self._seen.values():
+                    seen.problem = said if path in seen.found else seen.problem
             self._forget(path)
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        looks = [self._seen[image].job for image, _ in self._pairs() if image in self._seen]
-        for job in (*looks, self._writing):
-            if job:
-                job.wait()
-        orders = [] if self._writing else self._orders()
-        if orders:
-            self._on_written(_write(orders))
+        works = [work for work in self._works() if work.records or work.sketches.nshapes]
+        # An image has to be known before its work is written; others may take their time.
+        unknown = {work.image for work in works} - self._seen.keys()
+        for kind in KINDS:
+            if kind in self._jobs and (unknown or kind == "write"):
+                self._jobs[kind].wait()
+            if kind not in self._jobs and (task := self._task(kind, unknown)):
+                self._on_done(kind, task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
@@ -147,29 +159,16 @@ class Saver(QObject):
             self._soon.cancel()
             self._end()
             self._end = None
-            self._let_go(*self._keeper.viewer.layers)
+            self._release(self._keeper.works)
 
-    def _let_go(self, *layers: Layer) -> None:
-        """Leave the folders of some layers to others, and know nothing of them any more."""
-        for image, sketches in [pair for pair in self._folders if not set(pair).isdisjoint(layers)]:
-            folder = self._folders.pop((image, sketches))
-            folder.release()
-            _left.setdefault(image, WeakKeyDictionary())[sketches] = folder
-        self._seen = {image: seen for image, seen in self._seen.items() if image not in layers}
+    def _release(self, works: Sequence[Work]) -> None:
+        for work in works:
+            self.folder(work).release()
 
     def _forget(self, path: Path) -> None:
         for seen in self._seen.values():
             seen.found.pop(path, None)
         self.found.emit()
-
-    def _pairs(self) -> set[Pair]:
-        """Give all that there is to save."""
-        choices = self._keeper.choices
-        pairs = {(work.image, work.sketches) for work in self._keeper.works} | {*self._folders}
-        image, sketches = choices.image, choices.sketches
-        if image is not None and sketches is not None and sketches.nshapes:
-            pairs.add((image, sketches))
-        return {pair for pair in pairs if set(pair) <= set(self._keeper.viewer.layers)}
 
     def _on_event(self, event: Any) -> None:
         """Hear of any layer of the user's: one that is not chosen may be written too."""
@@ -177,113 +176,136 @@ class Saver(QObject):
             self._follow()
 
     def _follow(self) -> None:
-        """Look at the chosen image, unless that was done, and write what has changed, soon."""
-        for image, layer in self._pairs() - self._folders.keys():  # another may be chosen soon
-            folder = _left.get(image, {}).pop(layer, Folder())
-            try:
-                folder.hold()
-            except OSError:
-                _log.info("Another window has taken over %s", folder.path)
-                folder = Folder()
-            self._folders[image, layer] = folder
-        image, (wanted, chosen) = self._keeper.choices.image, self._choice
-        if wanted and image is not None and image not in self._seen:
-            source, data = image.source.path, image.data
-            pixels = data[-1] if image.multiscale else data  # pyright: ignore
-            about = image.name, Path(source) if source else None, pixels, image.ndim - 2
-            job = Job(lambda _: _look(chosen, *about))
-            self._seen[image] = Seen(job)
-            job.done.connect(partial(self._on_looked, image))
-            said = f"{image.name} could not be read, and work on it is not saved: "
-            job.failed.connect(lambda why: self._on_looked(image, (None, f"{said}{why}.")))
-            job.start()
-        self._soon()
-
-    def _tell(self, about: str, problem: str) -> None:
-        self._problems[about] = problem
-        # An answer may come after Qt has deleted the window and all that is in it.
-        if isalive(self):
-            self.found.emit()
-
-    def _on_looked(self, image: Image, answer: tuple[Seen | None, str]) -> None:
-        """Take in what was found; an image that could not be read is tried with the next edit."""
-        seen, problem = answer
-        if image in self._seen and image in self._keeper.viewer.layers:
-            del self._seen[image]
-            if seen:
-                self._seen[image] = seen
-                self._soon()
-            self._tell("look", problem)
+        """Look at an image that is not known yet, and write what has changed, soon."""
+        if self._keeper.choices.image in self._seen or "look" in self._jobs:
+            self._soon()
+        else:
+            self._go_on()
 
     def _on_settings(self) -> None:
-        settings = self._keeper.settings
-        if self._choice != (settings.save_work, settings.work_folder):
+        choice = self._keeper.settings.save_work, self._keeper.settings.work_folder
+        if self._choice != choice:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self.flush()
-            self._choice = settings.save_work, settings.work_folder
-            self._let_go(*self._keeper.viewer.layers)
-            _left.clear()
+            self._release(self._keeper.works)
+            self._choice = choice
+            self._seen.clear()
+            for work in self._keeper.works:
+                _folders[work.image].clear()
             self._follow()
             self.found.emit()
 
     def _on_removing(self, event: Any) -> None:
-        if any(self._keeper.viewer.layers[event.index] in pair for pair in self._pairs()):
+        layer = self._keeper.viewer.layers[event.index]
+        going = [work for work in self._keeper.works if layer in (work.image, work.sketches)]
+        if going:
             self.flush()
+            self._release(going)
 
-    def _save(self) -> None:
-        """Take what there is, and write what of it has changed in a thread."""
-        if self._writing:
-            self._soon()
-        elif orders := self._orders():
-            self._writing = Job(lambda _: _write(orders))
-            self._writing.done.connect(self._on_written)
-            self._writing.failed.connect(self._on_written)
-            self._writing.start()
+    def _on_removed(self, event: Any) -> None:
+        if isinstance(event.value, Image):
+            self._seen.pop(event.value, None)
+            self._problems["look"] = ""  # said again, if it was about another one
 
-    def _orders(self) -> list[Order]:
-        """Take a snapshot of what there is; what of it has changed, its folder knows."""
-        orders = []
-        for image, layer in self._pairs() & self._folders.keys():
-            folder, seen = self._folders[image, layer], self._seen.get(image)
-            if seen is None or seen.folder is None:
+    def _works(self) -> list[Work]:
+        there = set(self._keeper.viewer.layers)
+        return [work for work in self._keeper.works if {work.image, work.sketches} <= there]
+
+    def _go_on(self) -> None:
+        """Find out in a thread what is not known yet, and write in another what has changed."""
+        images = {self._keeper.choices.image, *(work.image for work in self._works())} - {None}
+        for kind in KINDS:
+            if kind in self._jobs:
+                self._soon()
+            elif task := self._task(kind, images):
+                job = self._jobs[kind] = Job(lambda _, task=task: task())
+                job.done.connect(partial(self._on_done, kind))
+                job.start()
+
+    def _task(self, kind: Kind, images: Set[Image]) -> Callable[[], Answer] | None:
+        """Take a snapshot of what is to be found out about images, or of what there is to write."""
+        wanted, chosen = self._choice
+        if kind == "look":
+            looks: dict[Image, tuple[Any, ...]] = {}
+            for image in images - self._seen.keys() if wanted else ():
+                path = image.source.path and Path(image.source.path)
+                pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
+                looks[image] = chosen, image.name, path, pixels, image.ndim - 2
+            return partial(_look_at, looks) if looks else None
+        orders = list[Order]()
+        for work in self._works():
+            seen, folder, layer = self._seen.get(work.image), self.folder(work), work.sketches
+            if seen is None:
                 continue
-            work = self._keeper.work_on(image, layer)
-            state = work.state if work else NOTHING
             drawn: dict[int, list[Shape]] = defaultdict(list)
-            read, every = shapes_in(self._keeper.viewer, layer, image), layer.ndim < image.ndim
-            for kind, (frame, line) in zip(layer.shape_type, read, strict=True):
-                drawn[sessions.EVERY if every else frame].append(Shape(kind, line))
-            if folder.path or drawn or state.records:
-                session = Session(layer.name, seen.about, dict(drawn), state)
-                orders.append((folder, session, seen.folder))
-        return orders
+            viewer, every = self._keeper.viewer, layer.ndim < work.image.ndim
+            read = shapes_in(viewer, layer, work.image)
+            for shape, (frame, line) in zip(layer.shape_type, read, strict=True):
+                drawn[sessions.EVERY if every else frame].append(Shape(shape, line))
+            if folder.path or drawn or work.records:
+                session = Session(layer.name, seen.about, dict(drawn), work.state)
+                orders.append((folder, session, seen.home))
+        return partial(_write, orders) if orders else None
 
-    def _on_written(self, problem: str) -> None:
-        self._writing = None
-        self._soon.setTimeout(AGAIN_MS if problem else DELAY_MS)
-        if problem:
+    def _on_done(self, kind: Kind, answer: Answer) -> None:
+        """Take in what was found, and what went wrong; try that again later."""
+        seen, problem = answer
+        self._jobs.pop(kind, None)
+        there = {image: one for image, one in seen.items() if image in self._keeper.viewer.layers}
+        self._seen |= there
+        # An answer may come after Qt has deleted the window and all that is in it.
+        if self._end is None or not isalive(self):
+            return
+        changed, self._problems[kind] = problem != self._problems[kind], problem
+        failing = any(self._problems.values())
+        self._soon.setTimeout(AGAIN_MS if failing else DELAY_MS)
+        if there or failing:
             self._soon()
-        if problem != self._problems["write"]:
-            self._tell("write", problem)
+        if there or changed:
+            self.found.emit()
 
 
-def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> tuple[Seen, str]:
-    """Find out which image it is, in a thread, and what is written of it; and what is not read."""
+def _write(orders: Sequence[Order]) -> Answer:
+    """Write what was ordered; to be called in a thread."""
+    problems: dict[str, None] = {}
+    for folder, session, parent in orders:
+        try:
+            folder.write(session, parent)
+        except Exception as error:
+            _log.warning("The work could not be saved", exc_info=True)
+            problems[f"The work could not be saved: {error}."] = None
+    return {}, " ".join(problems)
+
+
+def _look_at(looks: Mapping[Image, tuple[Any, ...]]) -> Answer:
+    """Find out about images; to be called in a thread."""
+    seen, problems = dict[Image, Seen](), list[str]()
+    for image, look in looks.items():
+        try:
+            seen[image] = _look(*look)
+        except Exception as error:
+            said = f"{look[1]} could not be read, and work on it is not saved: {error}."
+            problems.append(said)
+    return seen, " ".join(problems)
+
+
+def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
+    """Find out which image it is, and what is saved of it."""
     checksum = _checksum(pixels, frames)
     source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
     about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-    home, folders = _folders(name, path, checksum, chosen)
-    seen, problem = Seen(None, about, home), ""
+    home, folders = _places(name, path, checksum, chosen)
+    seen = Seen(about, home, {})
     for folder in (inner for outer in folders for inner in sorted(outer.iterdir())):
         try:
             wanted = folder.is_dir() and folder.suffix != sessions.OLD
             held = sessions.summary(folder) if wanted else None
         except (OSError, LabelsError) as error:
-            problem = f"Saved work could not be read, and stays where it is: {error}."
+            seen.problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
         if held and held.sha256 == checksum:
             seen.found[folder] = held
-    return seen, problem
+    return seen
 
 
 def _checksum(pixels: Any, frames: int) -> str:
@@ -299,7 +321,7 @@ def _checksum(pixels: Any, frames: int) -> str:
     return digest.hexdigest()
 
 
-def _folders(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[Path, list[Path]]:
+def _places(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[Path, list[Path]]:
     """Give the folder for new work on an image, and those with some, whatever they are called.
 
     New work goes where the user wants it, or beside the file, or with the user's own data where
@@ -319,16 +341,3 @@ def _folders(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[
         parents.insert(0, Path(chosen).expanduser())
     found = [folder for parent in parents for folder in sorted(parent.glob(f"*{ending}"))]
     return parents[0] / called, list(dict.fromkeys(filter(Path.is_dir, found)))
-
-
-def _write(orders: Sequence[Order]) -> str:
-    """Write what was ordered, in a thread; says what went wrong."""
-    problems = []
-    for folder, session, parent in orders:
-        try:
-            folder.make(parent)
-            folder.write(session)
-        except OSError as error:
-            _log.warning("The work could not be saved", exc_info=True)
-            problems.append(f"The work could not be saved: {error}.")
-    return " ".join(dict.fromkeys(problems))

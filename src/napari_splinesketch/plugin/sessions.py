@@ -35,6 +35,8 @@ EVERY = -1
 VERTICES = {"line": (2, 2), "path": (2, 0), "polygon": (3, 0), "rectangle": (4, 4),
             "ellipse": (4, 4)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
+LONGEST_NAME = 1000
+"""Of a layer, letters."""
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 OLD = ".old"
@@ -167,13 +169,14 @@ class Head(_Strict):
     """What a folder holds, for the question whether to go on with it."""
 
     most_bytes = 2**18
-    format: NonNegativeInt
-    layer: Annotated[str, Field(max_length=1000)]
+    software: str = f"napari-splinesketch {__version__}"
+    format: NonNegativeInt = FORMAT
+    image: dict[str, Any]
+    layer: Annotated[str, Field(max_length=LONGEST_NAME)]
+    saved: AwareDatetime
     sketches: NonNegativeInt
     curves: NonNegativeInt
     frames: NonNegativeInt
-    saved: AwareDatetime
-    image: dict[str, Any]
 
     @pydantic.field_validator("format")
     @classmethod
@@ -190,19 +193,17 @@ class Head(_Strict):
 
 def _head_text(session: Session) -> str:
     """Write the head of a session."""
-    frames = {frame for frame, shapes in session.drawn.items() if shapes}
-    values = {
-        "software": f"napari-splinesketch {__version__}",
-        "format": FORMAT,
-        "image": dict(session.image),
-        "layer": session.layer,
-        "saved": datetime.now(UTC).isoformat(),
-        "sketches": sum(map(len, session.drawn.values())),
-        "curves": len(session.state.records),
-        "frames": len(frames.union(record.frame for record in session.state.records)),
-    }
-    # Names of files, and so of layers, may hold what is no text.
-    return json.dumps(values, ensure_ascii=False).encode("utf-8", "replace").decode("utf-8")
+    drawn, records = session.drawn, session.state.records
+    frames = {frame for frame, shapes in drawn.items() if shapes}
+    head = Head.model_construct(
+        image=dict(session.image),
+        layer=session.layer[:LONGEST_NAME],
+        saved=datetime.now(UTC),
+        sketches=sum(map(len, drawn.values())),
+        curves=len(records),
+        frames=len(frames.union(record.frame for record in records)),
+    )
+    return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
 
 
 @once
@@ -255,68 +256,37 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
 
 
 class Folder:
-    """Writes sessions into a folder of its own, made when there is something: what has changed.
+    """Where a session is saved: what has changed of it is written, by one window at a time.
 
-    Nobody else writes there until `release`, or until the process ends. Its `path` is None while
-    there is none.
+    Its `path` is None while there is none; one that is given is owned at once, and BusyError says
+    that another window has it. Nobody else writes there until `release`, or until the process ends.
     """
 
     def __init__(self, path: Path | None = None):
         self.path = path
-        self._hold, self._stamp = ExitStack(), 0
+        self._lock: ExitStack | None = None
+        self._stamp = 0
         self._written: dict[str, object] = {}
         if path is not None:
-            self.hold()
+            self._hold(path)
             # What lies there and is not known to be right is written anew, or goes.
             files = [file.name for file in path.iterdir() if FRAME.fullmatch(file.name)]
             self._written |= dict.fromkeys(files, "")
 
-    def holds(self, pictures: Mapping[int, Patch]) -> None:
-        """Take note of reconstructions that were read from it: they need not be written again."""
-        known = {_name(frame, "npz"): patch for frame, patch in pictures.items()}
-        self._written = {name: known.get(name, "") for name in self._written}
-
-    def hold(self) -> None:
-        """Own it, again maybe; BusyError where another window does, or has written there since."""
-        if self.path is None:
-            return
-        try:
-            self._hold.enter_context(owned(self.path))
-        except BusyError as error:
-            who = str(error).partition(";")[0]
-            raise BusyError(f"{who}: it is open in another window; close it there") from None
-        if self._stamp and self._stamp != self._written_at():
-            self._hold.close()
-            raise BusyError(f"{self.path} was changed by another window")
-
-    def make(self, parent: Path) -> None:
-        """Make it in another folder, unless there is one, with a number that nobody has."""
-        for path in (parent / str(number) for number in count(1)):
-            if self.path is not None:
-                return
-            with suppress(FileExistsError):
-                path.mkdir(parents=True)
-                self.path = path
-                self.hold()
-
-    def _written_at(self) -> int:
-        head = self.path and self.path / HEAD
-        return head.stat().st_mtime_ns if head and head.exists() else 0
-
     def release(self) -> None:
-        """Let others write there; leave no folder behind that holds nothing."""
-        if self.path is not None:
-            self._stamp = self._written_at()
-            self._hold.close()
-            if self.path.is_dir() and not any(self.path.iterdir()):
-                self.path.rmdir()
+        """Let others write there."""
+        if self.path is not None and self._lock is not None:
+            self._stamp = _written_at(self.path)
+            self._lock.close()
+            self._lock = None
 
-    def write(self, session: Session) -> None:
+    def write(self, session: Session, parent: Path | None = None) -> None:
         """Bring the files in step with a session; the head counts them once they are written.
 
-        Pictures, which take longest, come last; one that no longer fits its frame goes first.
+        Where there is no folder, or another window has gone on there since, it gets one in its
+        `parent`. Pictures, which take longest, come last; one that no longer fits goes first.
         """
-        assert self.path is not None
+        path = self._find(parent or Path())
         pages: dict[str, Any] = _pages_of(session)
         every = ((_name(frame, "npz"), patch) for frame, patch in session.state.patches.items())
         patches = {name: patch for name, patch in every if f"{name[:-3]}json" in pages}
@@ -329,18 +299,51 @@ class Folder:
             if self._written.get(name) == what:
                 continue
             if what is None:
-                (self.path / name).unlink(missing_ok=True)
+                (path / name).unlink(missing_ok=True)
                 del self._written[name]
             else:
-                _write(self.path / name, _head_text(session) if name == HEAD else what)
+                _write(path / name, _head_text(session) if name == HEAD else what)
                 self._written[name] = what
+
+    def _hold(self, path: Path) -> None:
+        with ExitStack() as lock:
+            try:
+                lock.enter_context(owned(path))
+            except BusyError as error:
+                who = str(error).partition(";")[0]
+                raise BusyError(f"{who}: it is open in another window; close it there") from None
+            if self._stamp and self._stamp != _written_at(path):
+                raise BusyError(f"{path} was changed by another window")
+            self._lock = lock.pop_all()
+
+    def _find(self, parent: Path) -> Path:
+        """Own a folder: its own, or a new one where another window has gone on there."""
+        if self.path is not None and self._lock is None:
+            try:
+                self._hold(self.path)
+            except OSError:
+                self.path, self._stamp, self._written = None, 0, {}
+        numbers = count(1)
+        while self.path is None:
+            path = parent / str(next(numbers))
+            with suppress(FileExistsError):
+                path.mkdir(parents=True)
+                self._hold(path)
+                self.path = path
+        return self.path
+
+
+def _written_at(path: Path) -> int:
+    head = path / HEAD
+    return head.stat().st_mtime_ns if head.exists() else 0
 
 
 def _write(path: Path, what: str | Patch) -> None:
     """Write a text, or a picture of part of a frame, whole or not at all."""
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, str):
-            temporary.write_text(what + "\n", encoding="utf-8")
+            # Names of files, and so of layers, may hold what is no text.
+            temporary.write_text(what + "\n", encoding="utf-8", errors="replace")
         else:
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
@@ -389,3 +392,29 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
             problems.append(str(error))
     state = State(tuple(records), (), tuple(deleted), patches, notes)
     return Session(head.layer, head.image, drawn, state), tuple(problems)
+
+
+def reopen(
+    path: Path, frames: int, size: tuple[int, int]
+) -> tuple[Session | None, Folder, tuple[str, ...]]:
+    """Read a session that no other window has, and give the folder that it goes on in.
+
+    That is a new one where this cannot be written to, or not all of it could be read: `read` says.
+    """
+    folder, session = Folder(), None
+    try:
+        try:
+            folder = Folder(path)
+        except OSError as error:  # where it cannot be written to, work goes on in a new one
+            if isinstance(error, BusyError):
+                raise
+        session, problems = read(path, frames, size)
+        # Pictures that were read need not be written again.
+        known = {_name(frame, "npz"): patch for frame, patch in session.state.patches.items()}
+        folder._written = {name: known.get(name, "") for name in folder._written}
+    except (OSError, LabelsError) as error:
+        problems = (f"{error}.",)
+    if problems:
+        folder.release()
+        folder = Folder()
+    return session, folder, problems

@@ -215,7 +215,7 @@ def _candidates(
     lines: list[Line] = []
     along = np.zeros((0, len(graph.pieces)), dtype=bool)
     if routes:
-        sampled, total = paths.sampled(graph, routes, scoring.SAMPLES)
+        sampled, total = paths.sampled(graph, routes, scoring.FEW)
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
         best = np.argsort(cost, kind="stable")[: settings.paths]
         best = best[cost[best] < cost[best[0]] + choice.PLAUSIBLE]

@@ -25,115 +25,6 @@ Route = tuple[int, ...]
 """Steps: twice the number of a piece, and one more where it is entered at its second node."""
 
 
-def routes_near(
-    graph: TraceGraph,
-    near: Bool[Array, " E"],
-    weight: Float[Array, " E"],
-    likely: list[int],
-    ahead: Float[Array, " V"] | None,
-    longest: float,
-    most: int,
-) -> Iterator[Route]:
-    """Routes without repeated pieces and without sharp turns, cheapest first from each node.
-
-    Parameters
-    ----------
-    graph
-        Pieces of skeleton.
-    near
-        (E,) which pieces may be used.
-    weight
-        (E,) cost of each piece.
-    likely
-        Nodes to start from.
-    ahead
-        (V,) least cost from each node to where a path ought to end, if that is known.
-    longest
-        No route is longer, px.
-    most
-        Routes in all.
-    """
-    leaving: dict[int, list[int]] = {}
-    for piece in np.flatnonzero(near).tolist():
-        for side in (0, 1):
-            leaving.setdefault(int(graph.ends[piece, side]), []).append(2 * piece + side)
-    ends, lengths, headings, bridges = graph.lists
-    cost, rest = weight.tolist(), (np.zeros(len(graph.nodes)) if ahead is None else ahead).tolist()
-    likely = [node for node in likely if node in leaving]
-    number = count()
-    for start in likely:
-        heap: list = []
-
-        def push(route, used, spent, length, heading, heap=heap):
-            step = route[-1]
-            at = ends[step >> 1][1 - (step & 1)]
-            item = (spent + rest[at], next(number), route, used, spent, length, heading)
-            heapq.heappush(heap, item)
-
-        for step in leaving[start]:
-            push((step,), 1 << (step >> 1), cost[step >> 1], lengths[step >> 1], None)
-        for _ in range(most // len(likely)):
-            if not heap:
-                break
-            _, _, route, used, spent, length, heading = heapq.heappop(heap)
-            piece, left = route[-1] >> 1, 1 - (route[-1] & 1)
-            if not bridges[piece]:
-                yield route
-                heading = headings[piece][left]
-            for step in leaving.get(ends[piece][left], ()):
-                further = step >> 1
-                reached = length + lengths[further]
-                if used >> further & 1 or reached > longest:
-                    continue
-                turn = 0.0
-                if heading is not None and not bridges[further]:
-                    back = headings[further][step & 1]
-                    straight = -(heading[0] * back[0] + heading[1] * back[1])
-                    if straight < TURN:
-                        continue
-                    turn = TURNING * (1 - straight)
-                push(
-                    (*route, step), used | 1 << further, spent + cost[further] + turn, reached,
-                    heading,
-                )  # fmt: skip
-
-
-def sampled(
-    graph: TraceGraph, routes: list[Route], samples: int
-) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
-    """Every route resampled to `samples` points, and its length."""
-    count = np.fromiter(map(len, routes), int, len(routes))
-    there = np.arange(count.max()) < count[:, None]
-    steps = np.zeros(there.shape, dtype=int)
-    steps[there] = np.fromiter(chain.from_iterable(routes), int, count.sum())
-    pieces, sides = steps >> 1, steps & 1
-    points = np.empty((len(routes), 2 * there.shape[1] + 1, 2))
-    points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
-    points[:, 1::2] = graph.middles[pieces]
-    points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
-    half = np.where(there, graph.lengths[pieces] / 2, 0.0)
-    s = np.zeros(points.shape[:2])
-    np.cumsum(np.repeat(half, 2, axis=1), 1, out=s[:, 1:])
-    total = s[:, -1]
-    target = total[:, None] * np.linspace(0, 1, samples)
-    # One search in all rows: each is longer than what lies before it.
-    row = np.arange(len(routes))[:, None]
-    before = row * (1 + total.max())
-    at = np.searchsorted((s[:, 1:] + before).ravel(), (target + before).ravel())
-    at = (at.reshape(target.shape) - row * (s.shape[1] - 1)).clip(0, s.shape[1] - 2)
-    at += row * s.shape[1]
-    left, right = s.take(at), s.take(at + 1)
-    part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
-    points = points.reshape(-1, 2)
-    return points.take(at, 0) * (1 - part) + points.take(at + 1, 0) * part, total
-
-
-def polyline(graph: TraceGraph, route: Route) -> Line:
-    """Points of a route."""
-    parts = [graph.pieces[step >> 1][:: 1 - 2 * (step & 1)] for step in route]
-    return np.concatenate([parts[0], *(p[1:] for p in parts[1:])])
-
-
 def routes_of_sketch(
     graph: TraceGraph,
     unseen: Float[Array, " E"],
@@ -174,8 +65,89 @@ def routes_of_sketch(
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
     near_nodes = np.unique(graph.ends[near])
     likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
-    found: dict[frozenset[int], Route] = {}
-    longest = 3 * length + 2 * reach
-    for route in routes_near(graph, near, weight, likely, ahead, longest, most):
-        found.setdefault(frozenset(step >> 1 for step in route), route)
-    return list(found.values())
+    return list(_routes_near(graph, near, weight, likely, ahead, 3 * length + 2 * reach, most))
+
+
+def _routes_near(
+    graph: TraceGraph,
+    near: Bool[Array, " E"],
+    weight: Float[Array, " E"],
+    likely: list[int],
+    ahead: Float[Array, " V"],
+    longest: float,
+    most: int,
+) -> Iterator[Route]:
+    """Routes without repeated pieces and without sharp turns, cheapest first from each node.
+
+    Of those over the same pieces the first. `weight` is the cost of each piece that is `near`,
+    `ahead` the least cost from each node to where a path ought to end; no route is longer than
+    `longest` px.
+    """
+    ends, lengths, headings, bridges = graph.lists
+    cost, rest = weight.tolist(), ahead.tolist()
+    leaving: dict[int, list[tuple]] = {}
+    for piece in np.flatnonzero(near).tolist():
+        for side in (0, 1):
+            at, beyond = ends[piece][side], ends[piece][1 - side]
+            back, out = headings[piece][side], headings[piece][1 - side]
+            step = 2 * piece + side, beyond, 1 << piece, cost[piece], lengths[piece]
+            more = (None, None) if bridges[piece] else (back, out)
+            leaving.setdefault(at, []).append((*step, *more))
+    number, found = count(), set[int]()
+    for start in likely:
+        heap: list = [(0.0, next(number), (), start, 0, 0.0, 0.0, None, False)]
+        for _ in range(1 + most // len(likely)):
+            if not heap:
+                break
+            _, _, route, at, used, spent, length, heading, ends_here = heapq.heappop(heap)
+            if ends_here and used not in found:
+                found.add(used)
+                yield route
+            for step, beyond, piece, price, further, back, out in leaving.get(at, ()):
+                reached = length + further
+                if used & piece or reached > longest:
+                    continue
+                paid = spent + price
+                if heading and back:
+                    straight = -(heading[0] * back[0] + heading[1] * back[1])
+                    if straight < TURN:
+                        continue
+                    paid += TURNING * (1 - straight)
+                item = (*route, step), beyond, used | piece, paid, reached, out or heading
+                heapq.heappush(heap, (paid + rest[beyond], next(number), *item, back is not None))
+
+
+def sampled(
+    graph: TraceGraph, routes: list[Route], samples: int
+) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
+    """Every route resampled to `samples` points, and its length."""
+    count = np.fromiter(map(len, routes), int, len(routes))
+    there = np.arange(count.max()) < count[:, None]
+    steps = np.zeros(there.shape, dtype=int)
+    steps[there] = np.fromiter(chain.from_iterable(routes), int, count.sum())
+    pieces, sides = steps >> 1, steps & 1
+    points = np.empty((len(routes), 2 * there.shape[1] + 1, 2))
+    points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
+    points[:, 1::2] = graph.middles[pieces]
+    points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
+    half = np.where(there, graph.lengths[pieces] / 2, 0.0)
+    s = np.zeros(points.shape[:2])
+    np.cumsum(np.repeat(half, 2, axis=1), 1, out=s[:, 1:])
+    total = s[:, -1]
+    target = total[:, None] * np.linspace(0, 1, samples)
+    # One search in all rows: each is longer than what lies before it.
+    row = np.arange(len(routes))[:, None]
+    before = row * (1 + total.max())
+    at = np.searchsorted((s[:, 1:] + before).ravel(), (target + before).ravel())
+    at = (at.reshape(target.shape) - row * (s.shape[1] - 1)).clip(0, s.shape[1] - 2)
+    at += row * s.shape[1]
+    left, right = s.take(at), s.take(at + 1)
+    part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
+    points = points.reshape(-1, 2)
+    return points.take(at, 0) * (1 - part) + points.take(at + 1, 0) * part, total
+
+
+def polyline(graph: TraceGraph, route: Route) -> Line:
+    """Points of a route."""
+    parts = [graph.pieces[step >> 1][:: 1 - 2 * (step & 1)] for step in route]
+    return np.concatenate([parts[0], *(p[1:] for p in parts[1:])])

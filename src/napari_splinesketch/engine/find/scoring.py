@@ -9,7 +9,9 @@ from scipy import ndimage
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Array
 
-SAMPLES = 48
+SAMPLES, FEW = 48, 16
+"""Points at which a path is compared with its sketch; fewer tell as well which of the many routes
+through the graph are worth a closer look."""
 SEEN = 0.8
 """Evidence from here on is a body for sure."""
 FARTHEST = 3.0
@@ -62,10 +64,10 @@ def hit(half_width: float, clicked_length: float = 0.0) -> float:
     return HIT * half_width + HIT_PX + HIT_LONG * clicked_length
 
 
-def tolerance(sketch: Line, half_width: float) -> Float[Array, " S"]:
-    """How far a sketch usually is from its body at SAMPLES points, px: least at its vertices."""
+def tolerance(sketch: Line, half_width: float, samples: int = SAMPLES) -> Float[Array, " S"]:
+    """How far a sketch usually is from its body at S points, px: least at its vertices."""
     s = spline.arc_length(sketch)
-    at = np.linspace(0, s[-1], SAMPLES)
+    at = np.linspace(0, s[-1], samples)
     bulge = np.abs(at[:, None] - s[None]).min(1)
     return half_width + DRAWN + STROKE * float(s[-1]) + BULGE * bulge
 
@@ -85,8 +87,9 @@ def features(
 ) -> Float[Array, "C F"]:
     """(C, F) what is known of paths for one sketch, in the order of FEATURES."""
     length = float(spline.arc_length(sketch)[-1])
-    usual = tolerance(sketch, half_width)
-    apart = _distance(lines - spline.resample(sketch, SAMPLES)) / usual
+    samples = lines.shape[1]
+    usual = tolerance(sketch, half_width, samples)
+    apart = _distance(lines - spline.resample(sketch, samples)) / usual
     sharpest = _kinks(lines, total, half_width)
     return np.column_stack(
         [
@@ -112,7 +115,7 @@ def _kinks(
 
     They are smoothed first: skeletons zigzag where bodies cross, and bodies do not.
     """
-    spacing = total / (SAMPLES - 1)
+    spacing = total / (lines.shape[1] - 1)
     smooth = np.clip(np.rint(2 * SMOOTH * half_width / spacing) / 2, 0.5, WIDEST)
     sharpest = np.zeros(len(lines))
     for sigma in np.unique(smooth):
@@ -136,17 +139,16 @@ def _missed(
     known, so that each factor counts the same.
     """
     few = sketch[np.linspace(0, len(sketch) - 1, min(len(sketch), VERTICES)).astype(int)]
-    row, column = (np.ascontiguousarray(lines[..., axis]) for axis in (0, 1))
+    row, column = (np.ascontiguousarray(lines[..., axis].T) for axis in (0, 1))
+    down, across = np.diff(row, axis=0), np.diff(column, axis=0)
+    inverse = 1 / (down**2 + across**2 + 1e-9)
+    least = np.empty((len(lines), len(few)))
     # One vertex after the other, so that what is computed stays in the cache.
-    apart = ((row - r) ** 2 + (column - c) ** 2 for r, c in few)
-    nearest = np.stack([squared.argmin(1) for squared in apart], axis=1)
-    rows = np.arange(len(lines))[:, None]
-    least = np.full(nearest.shape, np.inf)
-    for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, lines.shape[1] - 2)):
-        a, step = lines[rows, first], lines[rows, first + 1] - lines[rows, first]
-        part = ((few - a) * step).sum(2) / ((step**2).sum(2) + 1e-9)
-        foot = a + np.clip(part, 0, 1)[..., None] * step
-        np.minimum(least, ((few - foot) ** 2).sum(2), out=least)
+    for k, vertex in enumerate(few):
+        below, aside = vertex[0] - row[:-1], vertex[1] - column[:-1]
+        part = np.clip((below * down + aside * across) * inverse, 0, 1)
+        squared = (below - part * down) ** 2 + (aside - part * across) ** 2
+        least[:, k] = squared.min(0)
     inside = (~tips).sum(1)
     if not clicked(sketch):
         return ON * inside + 0.5 * np.log1p(least.mean(1) / hit(half_width) ** 2)

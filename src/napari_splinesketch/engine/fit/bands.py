@@ -26,7 +26,7 @@ from napari_splinesketch.engine.types import Array
 SAMPLES, PER_KNOT = 64, 2.6
 """Samples of a curve that pixels are told the nearest of: at least, and for each knot."""
 CURVES = (16, 128, 1024, 8192)
-PIXELS = tuple(TILE * n for n in (4, 16, 64))
+PIXELS = tuple(TILE * n for n in (8, 32, 128))
 """Sizes that arrays are padded to, so that few programs are ever compiled."""
 MOVES, MOVES_PX = 0.8, 4.0
 """Longest move of a knot in one step, half-widths, and px at least."""
@@ -147,7 +147,8 @@ def make_bands(
 ) -> tuple[Bands, Float[Array, "n D"], Float[Array, "N D"]]:
     """Pad everything, and move every curve to its own centre.
 
-    `hold` is the inverse covariance of the knots around where they start, px⁻².
+    `pixels` are the bands of the n curves, and of bodies beside them that stay as they are; `hold`
+    is the inverse covariance of the knots around where they start, px⁻².
 
     Returns
     -------
@@ -156,17 +157,18 @@ def make_bands(
     """
     count, d = theta.shape
     k = (d - len(GLOBALS)) // 2
-    n, m = padded(count, CURVES), padded(max(map(len, pixels)), PIXELS)
-    n *= -(-count // n)  # beyond the largest size, multiples of it
+    n, m = padded(len(pixels), CURVES), padded(max(map(len, pixels)), PIXELS)
+    n *= -(-len(pixels) // n)  # beyond the largest size, multiples of it
     slots = np.full((n, m), n * m - 1, dtype=np.int32)
     position = np.full((n, 2, m), FAR, dtype=np.float32)
     values, weight = np.zeros((2, n, m), np.float32)
     centre = theta[:, : 2 * k].reshape(count, 2, k).mean(2)
+    tiles = np.zeros(n, np.int32)
     for i, (own, slot) in enumerate(zip(pixels, _numbered(pixels), strict=True)):
-        here = slice(len(own))
+        here, tiles[i] = slice(len(own)), -(-len(own) // TILE)
         slots[i, here], values[i, here], weight[i, here] = slot, image.ravel()[own], 1.0
-        position[i, :, here] = np.stack(np.divmod(own, image.shape[1])) - centre[i, :, None]
-    tiles = -(-weight.sum(1).astype(np.int32) // TILE)
+        if i < count:
+            position[i, :, here] = np.stack(np.divmod(own, image.shape[1])) - centre[i, :, None]
 
     shift, begin = np.zeros((count, d)), np.zeros((n, d), np.float32)
     shift[:, : 2 * k] = np.repeat(centre, k, axis=1)

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
-from napari_splinesketch.engine.find.finding import Start
-from napari_splinesketch.engine.fit import bands, fitting, pairs
+from napari_splinesketch.engine.find.finding import Found, Start
+from napari_splinesketch.engine.fit import bands, fitting, pairs, side_by_side
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Hold, Settings
@@ -103,34 +103,67 @@ def fit_scene(
         found = finding.believed(seen, sketches)
     seen, starts = found.seen, found.starts
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
-    groups: dict[int, list[int]] = {}
-    for members in found.clusters:
-        groups.setdefault(max(needs[i] for i in members), []).extend(members)
-    done: dict[int, Body] = {}
-    held: set[int] = set()
-    others: list[Body] = []
-    for _, members in sorted(groups.items()):
-
-        def on_fit(share, current, members=members):
-            def lines():
-                now = {**done, **dict(zip(members, current(), strict=False))}
-                return [now[i].points() if i in now else s.line for i, s in enumerate(starts)]
-
-            finished = (len(done) + share * len(members)) / len(starts)
-            report("polishing", 0.4 + 0.6 * finished, lines)
-
-        mine = [starts[i] for i in members]
-        holds = [settings.hold[i] for i in members] if settings.hold else []
-        own = [needs[i] for i in members]
-        fitted, kept = _fit_group(seen, mine, still, own, settings.sweeps, holds, on_fit)
-        held |= {members[row] for row in kept}
-        done.update(zip(members, fitted, strict=False))
-        others = fitted[len(members) :]
-    bodies = [done[i] for i in range(len(starts))]
+    bodies, others, held = _fit_batches(seen, found, still, needs, settings, report)
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
         bodies = pairs.settle_pairs(seen, starts, bodies, free, others, settings.sweeps)
     return SceneFit(seen, bodies, others, starts, held)
+
+
+def _fit_batches(
+    seen: Scene,
+    found: Found,
+    still: list[tuple[Line, float, float]],
+    needs: list[int],
+    settings: Settings,
+    report: Reporter,
+) -> tuple[list[Body], list[Body], set[int]]:
+    """Fit all bodies, in batches side by side, and the look of those that stay still.
+
+    Returns
+    -------
+    A body for each start and for each that stays still; and which curves stay on their paths.
+    """
+    starts = found.starts
+    groups: dict[int, list[int]] = {}
+    for members in found.clusters:
+        groups.setdefault(max(needs[i] for i in members), []).extend(members)
+    drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in still]
+    meets = bands.touching([fitting.around(seen, *one) for one in drawn])
+    batches = side_by_side.batches([members for _, members in sorted(groups.items())], meets)
+    near = [set(np.flatnonzero(meets[len(starts) :, batch].any(1)).tolist()) for batch in batches]
+    near[-1] |= set(range(len(still))).difference(*near)
+    done: dict[int, Body] = {}
+    shares = [0.0] * len(batches)
+
+    def fit_batch(number: int, alone: Callable[[side_by_side.Step], None]):
+        members, beside = batches[number], sorted(near[number])
+
+        def on_fit(share: float, current: Callable[[], list[Body]]) -> None:
+            def lines() -> list[Line]:
+                now = {**done, **dict(zip(members, current(), strict=False))}
+                return [now[i].points() if i in now else s.line for i, s in enumerate(starts)]
+
+            def tell() -> None:
+                shares[number] = share * len(members)
+                report("polishing", 0.4 + 0.6 * sum(shares) / len(starts), lines)
+
+            alone(tell)
+
+        fitted, kept = _fit_group(
+            seen, [starts[i] for i in members], [still[k] for k in beside],
+            [needs[i] for i in members], settings.sweeps,
+            [settings.hold[i] for i in members] if settings.hold else [], on_fit,
+        )  # fmt: skip
+        alone(lambda: done.update(zip(members, fitted, strict=False)))
+        return dict(zip(beside, fitted[len(members) :], strict=True)), {members[k] for k in kept}
+
+    others: dict[int, Body] = {}
+    held: set[int] = set()
+    for fixed, kept in side_by_side.side_by_side(fit_batch, len(batches)):
+        others |= fixed
+        held |= kept
+    return [done[i] for i in range(len(starts))], [others[k] for k in range(len(still))], held
 
 
 def _width_of(curve: Float[Array, "P 3"]) -> float:
@@ -194,9 +227,16 @@ def _fit_group(
                 continue
             again[row] = True
         if again.any():
-            found = fitting.fit_curves(
-                seen, now, priors, sweeps[:HOLDING], moving=count, hold=hold, first=again
-            )
+            meets = bands.touching([body.pixels for body in found])
+            some = again | meets[again].any(0)
+            beside = meets[some].any(0) & ~some
+            fitted = fitting.fit_curves(
+                seen, now[some], priors._replace(mean=priors.mean[some]), sweeps[:HOLDING],
+                moving=int(some[:count].sum()), hold=hold[some], first=again[some],
+                beside=[found[row] for row in np.flatnonzero(beside)],
+            )  # fmt: skip
+            for row, body in zip(np.flatnonzero(some), fitted, strict=True):
+                found[row] = body
     numbers = [*own, *[knots] * len(still)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
 

@@ -100,6 +100,7 @@ def fit_curves(
     moving: int | None = None,
     hold: Float[Array, "n 2K 2K"] | None = None,
     first: Bool[Array, " n"] | None = None,
+    beside: Sequence[Body] = (),
     report: Report | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves.
@@ -122,6 +123,8 @@ def fit_curves(
     first
         (n,) which curves are fitted in any case, the others only where what they touch has moved;
         None for all.
+    beside
+        Bodies that stay as they are.
     report
         See `Report`.
     """
@@ -133,8 +136,11 @@ def fit_curves(
     widths = np.clip(widths, 0.5 * seen.half_width, 2 * seen.half_width)
     pixels = [around(seen, *one) for one in zip(lines_of(theta), widths, strict=True)]
     meets = pad.touching(pixels)
-    bands, shift, begin = pad.make_bands(seen.normal, pixels, theta, seen.half_width, priors, hold)
+    every = [*pixels, *(body.pixels for body in beside)]
+    bands, shift, begin = pad.make_bands(seen.normal, every, theta, seen.half_width, priors, hold)
     fit = solver.start(begin, bands.values.shape[1])
+    for row, body in enumerate(beside, n):
+        fit.own[row, : len(body.own)] = body.own
     bands, fit, level, basis = jax.device_put(
         (bands, fit, pad.level(seen, priors, knots), pad.spline_basis(knots))
     )

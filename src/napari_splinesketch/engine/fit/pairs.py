@@ -74,12 +74,9 @@ def _fit_beside(
     """Two bodies side by side where a pair is, fitted beside bodies that stay."""
     lines, width = _beside(seen, one)
     contrast = float(np.mean([b["contrast"] for b in one]))
-    still = [(b.points(64), float(np.exp(b["log_width_0"])), b["contrast"]) for b in rest]
-    knots = max(len(b.knots) for b in (*one, *rest))
-    theta, priors = bands.begin([*[(x, width, contrast) for x in lines], *still], knots, seen)
-    for row, body in zip(theta[2:], rest, strict=True):
-        row[2 * knots :] = body.parameters
-    return fitting.fit_curves(seen, theta, priors, sweeps, moving=2)[:2]
+    knots = max(len(b.knots) for b in one)
+    theta, priors = bands.begin([(x, width, contrast) for x in lines], knots, seen)
+    return fitting.fit_curves(seen, theta, priors, sweeps, beside=rest)
 
 
 def _likelier(

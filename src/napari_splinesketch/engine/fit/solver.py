@@ -19,7 +19,7 @@ from napari_splinesketch.engine.types import AnyArray as Array
 HUBER = 4.0
 """Residuals beyond this many standard deviations of the noise count linearly."""
 
-TILE = 704
+TILE = 352
 """Pixels worked on at a time: a curve costs what its band needs, whatever it is padded to, and
 the Jacobian stays in the cache."""
 
@@ -224,9 +224,13 @@ def _linearise(one: Bands, level: Level, theta, others, basis: Basis) -> _Look:
         residual = values - model
         size = jnp.abs(residual) / level.noise
         robust = weight * jnp.minimum(1.0, HUBER / (size + 1e-9))
-        rows = jnp.concatenate([jacobian, residual[None]])
+        columns = jnp.concatenate([jacobian, residual[:, None]], axis=1)
         own = jax.lax.dynamic_update_slice_in_dim(own, here, t * TILE, 0)
-        return own, gram + (rows * robust) @ rows.T, cost + (weight * _huber(size)).sum()
+        return (
+            own,
+            gram + columns.T @ (columns * robust[:, None]),
+            cost + (weight * _huber(size)).sum(),
+        )
 
     d = len(theta)
     nothing = jnp.zeros_like(one.values), jnp.zeros((d + 1, d + 1)), jnp.asarray(0.0)

@@ -33,10 +33,14 @@ NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
 RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
-LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 2.0
-"""Width and height of a letter, and how far a mark is from its body, px of the screen."""
+LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0
+"""Width and height of a letter, and how far a mark is from its body's halo, px of the screen."""
+GAP, LEAST_GAP = 1.2, 4.0
+"""From a body's edge to its halo: relative to a curve's line, and px of the screen at least."""
 MOST = 60
 """Marks at once: more are not read, and napari's time for text grows with their number."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+"""Steps of so much fill the interval from 0 to 1 evenly."""
 PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
 """Where along a curve a mark may stand, the best first."""
 
@@ -57,7 +61,12 @@ def breadth(curves: Sequence[Curve]) -> float:
     widths = np.array([_half_width(curve) for curve in curves])
     finite = widths[np.isfinite(widths)]
     wanted = np.clip(0.6 * np.median(finite), 0.6, 8.0) if finite.size else 1.0
-    return float(STEP ** np.round(np.log(wanted) / np.log(STEP)))
+    return stepped(float(wanted))
+
+
+def stepped(size: float) -> float:
+    """Round a size to a step: what differs by less is not drawn anew."""
+    return float(STEP ** np.round(np.log(size) / np.log(STEP)))
 
 
 def line_width(size: tuple[int, int]) -> float:
@@ -79,6 +88,11 @@ def outline(curve: Curve) -> Line:
 def reach(curve: Curve) -> float:
     """How far a body goes from its centreline, px; a guess where it is not known."""
     return float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
+
+
+def gap(curves: Sequence[Curve], pixel: float) -> float:
+    """How far a halo is from the edge of a body, px; `pixel` is what one of the screen covers."""
+    return max(GAP * breadth(curves), LEAST_GAP * pixel)
 
 
 def halo(curve: Curve, gap: float) -> Line:
@@ -127,7 +141,10 @@ def severity(curve: Curve) -> tuple[int, float]:
 def readable(
     records: Sequence[Record], view: View
 ) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
-    """Choose the curves whose marks can be read, the worst first, and where each mark stands."""
+    """Choose the curves whose marks can be read, the worst first, and where each mark stands.
+
+    Among curves that are equally bad, those chosen are spread over the frame.
+    """
     frame = [record for record in records if record.frame == view.frame]
     here = [record for record in frame if MARKS[record.curve.status]]
     if not here:
@@ -138,7 +155,7 @@ def readable(
     box = np.array([LINE_HEIGHT, 3 * LETTER]) * view.pixel / 2
     bodies = KDTree(np.concatenate([r.curve.points[::4] for r in frame]) / box, balanced_tree=False)
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
-    for record in sorted(here, key=lambda r: severity(r.curve), reverse=True):
+    for record in sorted(here, key=_urgency, reverse=True):
         size = np.array([LINE_HEIGHT, LETTER * len(mark_of(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
@@ -151,6 +168,15 @@ def readable(
             count += 1
         if count == MOST:
             return
+
+
+def _urgency(record: Record) -> tuple[tuple[int, float], float]:
+    """Give severity, and for curves of the same one an order that skips over the frame.
+
+    Neighbours have similar numbers, and steps of the golden ratio fill an interval evenly. It stays
+    as it is while the camera moves.
+    """
+    return severity(record.curve), record.id * GOLDEN % 1
 
 
 def mark_of(record: Record) -> str:
@@ -170,5 +196,6 @@ def _places(curve: Curve, size: Float[np.ndarray, "2"], view: View) -> Float[np.
     """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
     points, up = _stands(curve)
     half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
-    away = (reach(curve) + BESIDE * float(view.pixel.mean()) + half) * up
+    pixel = float(view.pixel.mean())
+    away = (reach(curve) + gap([curve], pixel) + BESIDE * pixel + half) * up
     return np.stack([points + away, points - away], axis=1).reshape(-1, 2)

@@ -50,9 +50,11 @@ TYPICAL = 0.995
 """Share of the residuals that the colours span."""
 BODY = "body"
 """Name of the axis along which a stack has its bodies."""
-THIN, GAP = 0.5, 1.2
-"""Breadth of outlines and halos, and from a body's edge to its halo, relative to a curve's line."""
+THIN = 0.5
+"""Breadth of outlines and halos, relative to a curve's line."""
 
+HALO = 2.0
+"""Breadth of halos at least, px of the screen."""
 KEPT = 4
 """Planes that are remembered: the one in view is read again with every change of the look."""
 
@@ -89,32 +91,29 @@ class Planes:
         return self.shape[0]
 
 
-class Film(Planes):
-    """A film of the frames that are known, on one grid; NaN elsewhere.
+def film_of(
+    pictures: Mapping[int, Patch],
+    leading: tuple[int, ...],
+    make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+) -> tuple[Planes, Grid]:
+    """Put the frames that are known on one grid; NaN elsewhere.
 
     Of the `pictures` by frame, those on another step than the last one are left out; `make` gives
     the pixels that are shown of one. `leading` are the lengths of the axes before (row, col).
     """
+    step = list(pictures.values())[-1].grid.step
+    same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
+    grid, first, ends = around_all(list(same.values()))
+    places = dict(zip(same, map(slices, first, ends), strict=True))
+    shape = (*leading, *np.max(ends, axis=0).tolist())
 
-    def __init__(
-        self,
-        pictures: Mapping[int, Patch],
-        leading: tuple[int, ...],
-        make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
-    ):
-        step = list(pictures.values())[-1].grid.step
-        same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
-        self.grid, first, ends = around_all(list(same.values()))
-        places = dict(zip(same, map(slices, first, ends), strict=True))
-        shape = (*leading, *np.max(ends, axis=0).tolist())
+    def plane(number: int) -> Float[np.ndarray, "H W"]:
+        frame = np.full(shape[-2:], np.nan, dtype=np.float32)
+        if number in same:
+            frame[places[number]] = make(number, same[number])
+        return frame
 
-        def plane(number: int) -> Float[np.ndarray, "H W"]:
-            frame = np.full(shape[-2:], np.nan, dtype=np.float32)
-            if number in same:
-                frame[places[number]] = make(number, same[number])
-            return frame
-
-        super().__init__(shape, np.float32, plane)
+    return Planes(shape, np.float32, plane), grid
 
 
 def _patches(work: Work) -> list[Any]:
@@ -141,8 +140,8 @@ def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | 
     """Pictures of the frames that are known."""
     if not patches:
         return None
-    film = Film(patches, frame_shape(work.image), *make)
-    return Made(film, placement_on(work.image, film.grid.origin, film.grid.step), look)
+    film, grid = film_of(patches, frame_shape(work.image), *make)
+    return Made(film, placement_on(work.image, grid.origin, grid.step), look)
 
 
 def _rest(
@@ -201,19 +200,25 @@ def _outlines(work: Work) -> Made:
 def _halos(work: Work) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
-    lines = looks.coarse([looks.halo(curve, GAP * looks.breadth(curves)) for curve in curves])
-    return _around(work, work.selected, lines, [palette.MOVING] * len(curves))
+    gap = looks.gap(curves, work.screen)
+    lines = looks.coarse([looks.halo(curve, gap) for curve in curves])
+    colours = [palette.MOVING] * len(curves)
+    return _around(work, work.selected, lines, colours, HALO * work.screen)
 
 
 def _around(
-    work: Work, records: Sequence[Record], lines: Sequence[looks.Line], colours: Sequence[str]
+    work: Work,
+    records: Sequence[Record],
+    lines: Sequence[looks.Line],
+    colours: Sequence[str],
+    least: float = 0.0,
 ) -> Made:
-    """Show lines around bodies, each in the frame of its curve and in its colour."""
+    """Show lines around bodies in the colours of their curves, so broad at least."""
     frames = [record.frame for record in records]
     data, counts = in_vectors(work.image, list(zip(frames, lines, strict=True)))
     if not records:
         return Made(data)
-    width = THIN * looks.breadth([record.curve for record in records])
+    width = max(THIN * looks.breadth([record.curve for record in records]), least)
     look = {"edge_width": width, "edge_color": np.repeat(looks.rgba(colours), counts, axis=0)}
     return Made(data, look)
 
@@ -255,7 +260,7 @@ MAKERS: dict[str, Maker] = {
     "outlines": Maker(Vectors, "outlines",
                       lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
-                      lambda work: [record.curve for record in work.selected], _halos),
+                      lambda work: [(r.curve, work.screen) for r in work.selected], _halos),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",

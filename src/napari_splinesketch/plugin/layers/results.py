@@ -11,13 +11,19 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.layers.base import ActionType
-from superqt.utils import qdebounced
+from superqt.utils import qdebounced, qthrottled
 
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.slot import OWNER, Following, Marks, Slot, undisturbed
-from napari_splinesketch.plugin.layers.space import Ruler, in_stack, size_of, to_pixels
+from napari_splinesketch.plugin.layers.slot import Following, Marks, Slot, undisturbed
+from napari_splinesketch.plugin.layers.space import (
+    Ruler,
+    in_stack,
+    screen_pixel,
+    size_of,
+    to_pixels,
+)
 from napari_splinesketch.plugin.model import (
     Changes,
     History,
@@ -32,6 +38,8 @@ OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws a whole layer of shapes anew."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
+AFTER_MS = 120
+"""Marks and halos follow the camera when it has stood still for so long."""
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
 
@@ -130,7 +138,7 @@ class Work:
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
-        self.image, self.sketches, self._viewer = image, sketches, viewer
+        self.image, self.sketches, self.viewer = image, sketches, viewer
         self.changes = Changes()
         self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
@@ -139,15 +147,24 @@ class Work:
         self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
         self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", self)
         self._marks = Marks(viewer, self)
-        slots: dict[str, Any] = {**self.made, "curves": self.curves, "marks": self._marks}
-        self._slots, self._over = slots, {role: slots[role] for role in OVER}
+        self._slots: dict[str, Any] = {
+            **self.made,
+            "curves": self.curves,
+            "marks": self._marks,
+        }
         self._busy = False
         self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
+        self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
 
     @property
     def name(self) -> str:
         """What names of layers begin with."""
         return self.sketches.name.removesuffix(drawn.SUFFIX)
+
+    @property
+    def screen(self) -> float:
+        """What a pixel of the screen covers, px of the image, in steps."""
+        return looks.stepped(float(screen_pixel(self.viewer, self.image).mean()))
 
     @property
     def state(self) -> State:
@@ -170,10 +187,10 @@ class Work:
         return self.sketches if role == "sketches" else self._slots[role].layer
 
     def remove(self) -> None:
-        """Remove the layers of results."""
-        layers = self._viewer.layers
-        for layer in [layer for layer in layers if layer.metadata.get(OWNER) is self]:
-            layers.remove(layer)
+        """Remove the layers of results; they are made anew when there is something to show."""
+        with self._by_us():
+            for slot in self._slots.values():
+                slot.remove()
 
     def ask(self, role: str, on: bool) -> bool:
         """Show or hide what the model says; False if there is nothing to show."""
@@ -193,7 +210,7 @@ class Work:
         """
         yield from self._suggest()
         for step in (self._prepare(), self._add(), self.follow(), self._fill()):
-            while self.image in self._viewer.layers:
+            while self.image in self.viewer.layers:
                 with self._by_us():
                     if next(step, step) is step:
                         break
@@ -217,12 +234,6 @@ class Work:
     def deleted(self) -> bool:
         """Whether the user has removed the layer of curves, and so the results."""
         return self.curves.made and self.curves.layer is None
-
-    def forget(self) -> None:
-        """Make all lines anew when there is something to show again."""
-        with self._by_us():
-            for slot in self._over.values():
-                slot.remove()
 
     def select(self, keys: tuple[Key, ...]) -> None:
         """Select curves, here and, soon where there are many, in their layer."""
@@ -249,14 +260,15 @@ class Work:
 
     def _update(self, picture: Following) -> None:
         before = picture.layer
-        if self.image in self._viewer.layers:
+        if self.image in self.viewer.layers:
             picture.update()
         if picture.layer is not None and picture.layer is not before:
             picture.layer.events.visible.connect(self._on_visible)
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
-        for role, slot in self._over.items() if self.records else ():
+        for role in OVER if self.records else ():
+            slot = self._slots[role]
             if slot.layer is None:
                 layer = slot.make(visible=False)
                 if role in ("outlines", "curves"):
@@ -267,6 +279,9 @@ class Work:
                     layer.mouse_drag_callbacks.append(self._on_press)
                 yield
                 if role == "marks":
+                    moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
+                    for moved in (*moves, layer.events.visible):
+                        moved.connect(self._on_move)
                     self._marks.update()  # to write text and to draw it first takes 0.1 s each
                     yield
                 if slot.layer is layer:
@@ -285,7 +300,7 @@ class Work:
     def _suggest(self) -> Iterator[None]:
         """Add and remove suggested lines, some at each step."""
         layer, wanted = self.sketches, self.state.suggestions
-        if not {self.image, layer} <= set(self._viewer.layers):
+        if not {self.image, layer} <= set(self.viewer.layers):
             return
         gone = set(self._suggested).difference(wanted)
         old = self.positions(gone)
@@ -297,7 +312,7 @@ class Work:
             yield
         if fresh := [one for one in wanted if one not in self._suggested]:
             points = np.concatenate([in_stack(self.image, one.frame, one.line) for one in fresh])
-            vertices = to_pixels(self._viewer, self.image, layer, points).astype(np.float32)
+            vertices = to_pixels(self.viewer, self.image, layer, points).astype(np.float32)
             shapes = np.split(vertices, np.cumsum([len(one.line) for one in fresh])[:-1])
             self._suggested |= dict(zip(fresh, shapes, strict=True))
             style = drawn.line_style(size_of(self.image))
@@ -307,10 +322,10 @@ class Work:
     def _fade(self) -> None:
         """Let the lines that have become curves step back behind them, and no others."""
         layer = self.sketches
-        if not {self.image, layer} <= set(self._viewer.layers) or not layer.nshapes:
+        if not {self.image, layer} <= set(self.viewer.layers) or not layer.nshapes:
             return
         refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
-        frames, lines = zip(*drawn.shapes_in(self._viewer, layer, self.image), strict=True)
+        frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
         back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
         before = np.round(colours[:, 3], 3)
@@ -341,10 +356,21 @@ class Work:
         """Change layers without taking our own edits for the user's."""
         self._busy = True
         try:
-            with undisturbed(self._viewer):
+            with undisturbed(self.viewer):
                 yield
         finally:
             self._busy = False
+
+    def _on_move(self, event: object) -> None:
+        if self.records:
+            self._soon_seen()
+
+    def _look(self) -> None:
+        """Bring in step with the camera what depends on it."""
+        if self._marks.shown:
+            self._marks.update()
+        if self.made["selected"].shown:
+            self._update(self.made["selected"])
 
     def _on_visible(self, event: Any) -> None:
         if self._busy:

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Vectors
 from qtpy.QtCore import QTimer
-from superqt.utils import qthrottled
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin.layers import looks
@@ -29,8 +28,6 @@ STEP_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
 FIRST_MS = 5
 """Before the first one: what has changed the state is still to be seen in the dock."""
-AFTER_MS = 120
-"""Marks follow the camera when it has stood still for so long."""
 _log = logging.getLogger(__name__)
 
 
@@ -215,7 +212,7 @@ class Preview(Slot):
 
 
 class Marks(Slot):
-    """The layer of marks; it follows camera and frame."""
+    """The layer of marks."""
 
     kind = Points
     style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
@@ -224,20 +221,11 @@ class Marks(Slot):
     def __init__(self, viewer: ViewerModel, work: Work):
         super().__init__(viewer, work.image, "marks", f"{work.name} marks", work)
         self._work = work
-        self._soon = qthrottled(self.update, AFTER_MS, leading=False)
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it, and follow what is in view."""
+        """Add the layer, with nothing in it."""
         self._shown = ()
-        made = super().make(*data, **how)
-        moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
-        for moved in (*moves, made.events.visible):
-            moved.connect(self._on_move)
-        return made
-
-    def _on_move(self, event: object) -> None:
-        if self._work.records and self.shown:
-            self._soon()
+        return super().make(*data, **how)
 
     def update(self) -> None:
         """Mark the curves in view, and no others."""

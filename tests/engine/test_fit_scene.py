@@ -1,0 +1,77 @@
+"""All bodies of a scene: which are fitted again, and with what beside them."""
+
+import numpy as np
+import pytest
+
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.fit import fit_scene, fitting
+from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.settings import SETTINGS
+
+LINES = [
+    np.array([[40.0, 20.0], [40.0, 120.0]]),
+    np.array([[25.0, 70.0], [155.0, 70.0]]),  # crosses the first and the third
+    np.array([[140.0, 20.0], [140.0, 120.0]]),
+    np.array([[20.0, 190.0], [160.0, 190.0]]),  # touches none
+]
+
+
+def image_of(lines: list[np.ndarray]) -> np.ndarray:
+    rows, columns = np.indices((180, 220))
+    image = 0.03 * np.random.default_rng(0).normal(size=rows.shape)
+    for (top, left), (bottom, right) in lines:
+        near = np.hypot(
+            np.maximum(np.maximum(top - rows, rows - bottom), 0),
+            np.maximum(np.maximum(left - columns, columns - right), 0),
+        )
+        image = np.maximum(image, np.clip(3.5 - near, 0, 1))
+    return image
+
+
+def fitted(monkeypatch, again: int | None):
+    """The bodies, and what was asked of `fit_curves`; the sketch `again` is fitted again."""
+    calls, plain = [], fitting.fit_curves
+
+    def fit_curves(seen, theta, *given, **options):
+        calls.append((theta, options))
+        return plain(seen, theta, *given, **options)
+
+    def ended(body, start):
+        mine = again is not None and start.sketch is sketches[again]
+        return body.points(256) if mine else None
+
+    monkeypatch.setattr(fitting, "fit_curves", fit_curves)
+    monkeypatch.setattr(fit_scene, "_ended", ended)
+    monkeypatch.setattr(fit_scene, "_strayed", lambda *_: False)
+    sketches = [line + 1.0 for line in LINES]
+    ((_, seen),) = scene.read_scenes(image_of(LINES), sketches, "bright", 3.0)
+    found = fit_scene.fit_scene(seen, sketches, (), SETTINGS["balanced"], silent)
+    return found.bodies, calls
+
+
+@pytest.mark.parametrize(
+    ("again", "with_it", "beside"), [(0, {0, 1}, {2}), (1, {0, 1, 2}, set()), (3, {3}, set())]
+)
+def test_only_what_touches_a_curve_is_fitted_again_with_it(monkeypatch, again, with_it, beside):
+    first, (only,) = fitted(monkeypatch, None)
+    assert len(only[0]) == 4
+    second, calls = fitted(monkeypatch, again)
+    theta, options = calls[1]
+    assert {_of(row) for row in theta} == with_it
+    assert {_of(body.theta) for body in options["beside"]} == beside
+    assert options["first"].sum() == 1
+    for i, (a, b) in enumerate(zip(first, second, strict=True)):
+        if i not in with_it:
+            np.testing.assert_array_equal(a.theta, b.theta)
+            np.testing.assert_array_equal(a.own, b.own)
+        assert spline.apart(a.points(), b.points(512)).max() < 1.0
+
+
+def silent(stage: str, fraction: float, centrelines: object = None) -> None:
+    pass
+
+
+def _of(theta: np.ndarray) -> int:
+    """Which of LINES a curve lies on."""
+    knots = theta[: len(theta) - len(fitting.GLOBALS)].reshape(2, -1).T
+    return int(np.argmin([np.linalg.norm(knots.mean(0) - line.mean(0)) for line in LINES]))

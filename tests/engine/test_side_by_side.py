@@ -1,0 +1,95 @@
+"""Batches of curves that do not touch, on as many cores as there are."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine.fit import fitting, side_by_side
+from napari_splinesketch.engine.types import CANCELLED
+
+
+@pytest.fixture(params=[1, 2])
+def cores(request, monkeypatch) -> int:
+    monkeypatch.setattr(side_by_side, "cores", lambda: request.param)
+    return request.param
+
+
+def crowd() -> tuple[np.ndarray, list[np.ndarray]]:
+    made = synthetic.scene(3, bodies=24, shape=(320, 330), length=45, crossing=False)
+    return made.image, [synthetic.displace(c, 2, 40) for c in made.centrelines]
+
+
+def test_heaps_of_curves_that_touch_stay_whole(monkeypatch):
+    monkeypatch.setattr(side_by_side, "CURVES", (3,))
+    meets = np.zeros((9, 9), dtype=bool)
+    for i, j in ((0, 4), (4, 8), (8, 2), (1, 3), (5, 6)):
+        meets[i, j] = meets[j, i] = True
+    found = side_by_side.batches([[0, 1, 2, 3, 4, 8], [5, 6, 7]], meets)
+    assert [sorted(batch) for batch in found] == [[0, 2, 4, 8], [5, 6, 7], [1, 3]]
+
+
+def test_two_cores_give_the_same_curves_to_the_last_bit(monkeypatch):
+    image, sketches = crowd()
+    found, threads = [], []
+    fit_curves = fitting.fit_curves
+
+    def watched(*given, **options):
+        threads[-1].add(threading.get_ident())
+        return fit_curves(*given, **options)
+
+    monkeypatch.setattr(fitting, "fit_curves", watched)
+    for count in (1, 2):
+        monkeypatch.setattr(side_by_side, "cores", lambda count=count: count)
+        threads.append(set())
+        found.append(refine(image, sketches))
+    assert [len(used) for used in threads] == [1, 2]
+    for one, two in zip(*(result.curves for result in found), strict=True):
+        for name in ("knots", "points", "half_width", "sd"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+        assert (one.status, one.reasons) == (two.status, two.reasons)
+
+
+def test_a_cancel_stops_all_threads(cores):
+    image, sketches = crowd()
+    stages: list[str] = []
+
+    def on_progress(now):
+        stages.append(now.stage)
+        return stages.count("polishing") < 3
+
+    before = threading.active_count()
+    found = refine(image, sketches, on_progress=on_progress)
+    assert all(curve.reasons == (CANCELLED,) for curve in found.curves)
+    assert stages.count("polishing") == 3  # never asked again
+    assert threading.active_count() == before
+
+
+def test_what_fails_first_is_raised(cores):
+    both, asked = threading.Barrier(cores), []
+
+    def run(number, alone):
+        if number < cores:
+            both.wait(10)
+        for _ in range(50):
+            alone(lambda: asked.append(number))
+            if len(asked) > 20:
+                alone(lambda: 1 / 0)
+
+    with pytest.raises(ZeroDivisionError):
+        side_by_side.side_by_side(run, 6)
+    assert len(asked) < 30
+
+
+def test_results_come_in_order(cores):
+    assert side_by_side.side_by_side(lambda i, _: i * i, 9) == [i * i for i in range(9)]
+
+
+def test_cores_are_those_that_may_be_used(monkeypatch):
+    monkeypatch.setattr(side_by_side.os, "sched_getaffinity", lambda _: {0, 2, 5}, raising=False)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    assert side_by_side.cores() == 3
+    for wanted, found in (("2", 2), ("8", 3), ("0", 3), ("", 3)):
+        monkeypatch.setenv("OMP_NUM_THREADS", wanted)
+        assert side_by_side.cores() == found
