@@ -83,18 +83,21 @@ def _likelier(
     seen: Scene, pair: list[Body], one: list[Body], rest: list[Body], starts: list[Start]
 ) -> bool:
     """Whether two bodies side by side explain more than what was found, and may be meant."""
+    near = np.unique(np.concatenate([b.pixels for b in (*pair, *one)]))
     pixels = sum(len(b.pixels) for b in one)
 
     def more(bodies: list[Body]) -> list[float]:
         mine = zip(_each_its_side(bodies, starts), starts, strict=True)
         return [sum(finding.dearer(seen, x, body.points()).values()) for body, x in mine]
 
-    def score(bodies: list[Body], rivals: list[Body]) -> float:
-        misfit = _misfit(seen, bodies, rivals, rest) * seen.noise**2 * pixels
-        return misfit + PIXELS * sum(more(bodies))
+    def misfit(bodies: list[Body]) -> float:
+        left = seen.normal.ravel()[near] - fitting.drawn([*bodies, *rest], near)
+        return float(np.mean(left**2)) * pixels
 
-    meant = _aside(*pair) >= ASIDE and max(more(pair)) < choice.PLAUSIBLE
-    return meant and score(pair, one) < score(one, pair)
+    costs = more(pair)
+    if _aside(*pair) < ASIDE or max(costs) >= choice.PLAUSIBLE:
+        return False
+    return misfit(pair) - misfit(one) < PIXELS * (sum(more(one)) - sum(costs))
 
 
 def _matched(a: Line, b: Line) -> tuple[Line, Line]:
@@ -137,10 +140,3 @@ def _aside(a: Body, b: Body) -> float:
     apart = spline.apart(a.points(64)[8:-8], b.points(64))
     widths = np.exp(a["log_width_0"]) + np.exp(b["log_width_0"])
     return float(np.median(apart) / widths)
-
-
-def _misfit(seen: Scene, bodies: list[Body], rivals: list[Body], rest: list[Body]) -> float:
-    """Mean squared residual in the bands of the bodies and of their rivals, noise² = 1."""
-    near = np.unique(np.concatenate([b.pixels for b in (*bodies, *rivals)]))
-    drawn = fitting.drawn([*bodies, *rest], near)
-    return float(np.mean(((seen.normal.ravel()[near] - drawn) / seen.noise) ** 2))
