@@ -60,7 +60,7 @@ def refine(
     fixed
         Curves that take part in the rendering but do not move; failed ones do not take part.
     on_progress
-        Called with a `Progress` now and then; returning False cancels.
+        Called with a `Progress` now and then, from one thread at a time; returning False cancels.
     seed
         Of the random numbers, where a preset uses any.
 
