@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import jax
 import numpy as np
 from jaxtyping import Bool
 from scipy.sparse.csgraph import connected_components
@@ -21,8 +22,10 @@ def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list
     """The curves of some groups in batches, the largest first.
 
     Curves of a group that touch, directly or by others, come into one batch: small arrays cost
-    little memory, and the curves are the same however many batches there are at a time.
+    little memory, and the curves are the same however many batches there are at a time. A GPU gets
+    as many curves at a time as there are.
     """
+    most = CURVES[0 if jax.default_backend() == "cpu" else -1]
     found: list[list[int]] = []
     for members in groups:
         label = connected_components(meets[np.ix_(members, members)], directed=False)[1]
@@ -31,7 +34,7 @@ def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list
         for heap in sorted(heaps, key=len, reverse=True):
             if len(heap) > room:
                 found.append([])
-                room = CURVES[0]
+                room = most
             found[-1] += heap
             room -= len(heap)
     return sorted(found, key=len, reverse=True)
