@@ -39,12 +39,16 @@ def is_result(layer: Layer) -> bool:
 @contextmanager
 def undisturbed(viewer: ViewerModel) -> Iterator[None]:
     """Change layers without taking the active one from the user."""
-    active = viewer.layers.selection.active
+    selection = viewer.layers.selection
+    active, chosen = selection.active, set(selection)
     try:
         yield
     finally:
-        if active in viewer.layers and active is not viewer.layers.selection.active:
-            viewer.layers.selection.active = active
+        if active is None and selection.active is not None:
+            selection.clear()
+            selection.update(chosen.intersection(viewer.layers))
+        elif active in viewer.layers and active is not selection.active:
+            selection.active = active
 
 
 def in_vectors(
@@ -105,15 +109,9 @@ class Slot:
         size = {} if data else {"ndim": self.image.ndim}
         style = {"vector_style": "line"} if self.kind is Vectors else self.style
         layer = self.kind(*data, **size, **placement(self.image) | self._keywords | style | how)
-        layers, selection = self.viewer.layers, self.viewer.layers.selection
-        chosen, active = set(selection), selection.active
-        with selection.events.blocker_all():
+        layers = self.viewer.layers
+        with layers.selection.events.blocker_all(), undisturbed(self.viewer):
             layers.insert(len(layers) if at is None else at, layer)
-            if active is None:
-                selection.clear()
-                selection.update(chosen)
-            else:
-                selection.active = active
         self._layer = layer
         return layer
 
