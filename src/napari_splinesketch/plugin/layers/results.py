@@ -147,11 +147,8 @@ class Work:
         self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
         self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", self)
         self._marks = Marks(viewer, self)
-        self._slots: dict[str, Any] = {
-            **self.made,
-            "curves": self.curves,
-            "marks": self._marks,
-        }
+        ours = {"curves": self.curves, "marks": self._marks}
+        self._slots: dict[str, Any] = self.made | ours
         self._busy = False
         self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
