@@ -95,3 +95,14 @@ def test_the_rim_of_a_plate_does_not_draw_a_curve_away(seed):
 def test_a_body_that_is_cut_off_is_followed_to_the_border(seed):
     _, apart = only_body("leaving", seed)
     assert apart < 0.6
+
+
+@pytest.mark.parametrize("half_width", [2.5, 5.0])
+def test_a_body_across_the_image_ends_with_it(half_width):
+    rows, columns = np.mgrid[:120, :90]
+    noise = 0.02 * np.random.default_rng(1).standard_normal(rows.shape)
+    image = np.clip(half_width - np.abs(columns - 45), 0, 1) + noise
+    sketch = np.array([(0.0, 45.0), (40, 45), (80, 45), (119, 45)])
+    curve = refine(image, [sketch]).curves[0]
+    ends = curve.points[[0, -1], 0]
+    assert -0.5 <= ends[0] < 1 and 118 < ends[1] <= 119.5

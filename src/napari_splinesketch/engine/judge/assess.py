@@ -14,6 +14,8 @@ from napari_splinesketch.engine.types import POINTS, Array, Curve
 ENDS = np.array([0.0, 1.0])
 AHEAD = 0.7
 """Cosine of the angle within which a cap points at the end of the sketch that it reaches for."""
+FINE = 32
+"""Points of a curve for each of its knots, at which it is looked for where it leaves the image."""
 SAME_BODY = 0.5
 ON_TOP = 0.6
 """Two curves are on the same body where they run along each other, closer than so many half-widths,
@@ -46,7 +48,8 @@ def outline(
     """A body with the round caps that the model draws at its ends, as far as its sketch goes.
 
     A blunt body is drawn as well by a spline that ends where its cap begins as by one that ends at
-    its tip: only the sketch tells.
+    its tip: only the sketch tells. Nor does the image tell how far a body goes on beyond it: a
+    curve leaves the image only as far as its sketch does.
 
     Parameters
     ----------
@@ -68,7 +71,13 @@ def outline(
     caps = at + (cap / speed)[:, None] * ahead
     inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)
     cap = np.where(inside & tips, np.minimum(cap / speed, 0.5 / count), 0)
-    low, high = -cap[0], 1 + cap[1]
+    u = np.linspace(0, 1, FINE * count)
+    line = spline.even_basis(count, FINE * count) @ body.knots
+    least = np.minimum(sketch.min(0), -0.5)
+    most = np.maximum(sketch.max(0), np.array(shape) - 0.5)
+    there = u[((line >= least) & (line <= most)).all(1)]
+    first, last = (there[0], there[-1]) if len(there) > 1 else (0.0, 1.0)
+    low, high = first or -cap[0], last if last < 1 else 1 + cap[1]
 
     def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
         beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
