@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from jaxtyping import Float
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion
@@ -14,15 +13,13 @@ MEMORY = 7
 """Frames that tell a body's usual length and width."""
 LENGTHS = 40
 """Frames that tell its usual length."""
-HIDDEN = 10
-"""Frames in which a part of it is hidden that tell whether it is."""
 EVEN = 0.01
 """Share of a body's length by which that varies at least."""
 SHORT, SURELY = 0.5, 1.5
 """Half-widths, and standard deviations of its length, by which a curve is shorter than its body
 where something may hide the rest."""
 
-Along = Float[np.ndarray, " P"]
+
 INFERRED = "inferred from the frames around it"
 
 
@@ -50,26 +47,12 @@ class Body:
         Frames since.
     lengths
         Those of more frames, px.
-    shown
-        How bright the image was along it where all of it was seen, the latest last.
-    hidden
-        Its points and how bright the image was there, in the frames since a part of it is hidden.
     """
 
     id: int
     seen: tuple[tuple[int, Curve], ...]
     misses: int = 0
     lengths: tuple[float, ...] = ()
-    shown: tuple[Along, ...] = ()
-    hidden: tuple[tuple[motion.Points, Along], ...] = ()
-
-    @property
-    def brightness(self) -> Along | None:
-        """How bright the image usually is along it; None where nothing is known."""
-        if not np.isfinite(self.shown).any():
-            return None
-        known = np.ma.masked_invalid(np.array(self.shown))
-        return np.ma.median(known, axis=0).filled(float(np.ma.median(known)))
 
     @property
     def length(self) -> float:
@@ -78,9 +61,8 @@ class Body:
 
     @property
     def length_sd(self) -> float:
-        """By how much its length varies, px; what is hidden of it is held to that more tightly."""
-        varies = 0.0 if self.hidden else float(np.std(self.lengths or (0.0,)))
-        return max(varies, EVEN * self.length)
+        """By how much its length varies, px."""
+        return max(float(np.std(self.lengths or (0.0,))), EVEN * self.length)
 
     def lacks(self, curve: Curve) -> bool:
         """Whether a curve is so short that something may hide the rest."""
@@ -97,19 +79,13 @@ class Body:
         found = motion.ahead(lines_of(self.seen), frame)
         return found._replace(line=motion.of_length(found.line, self.length))
 
-    def with_curve(self, frame: int, curve: Curve, bright: Along | None = None) -> "Body":
-        """Give the body after a frame in which it can be trusted, so bright along itself."""
+    def with_curve(self, frame: int, curve: Curve) -> "Body":
+        """Give the body after a frame in which it can be trusted."""
         seen = (*self.seen, (frame, curve))[-MEMORY:]
         lengths = self.lengths or tuple(c.length for _, c in self.seen)
-        shown, hidden = self.shown, self.hidden
-        if curve_inferred(curve):
-            hidden = hidden if bright is None else (*hidden, (curve.points, bright))[-HIDDEN:]
-        elif not (hidden and self.lacks(curve)):
-            lengths, hidden = (*lengths, curve.length), ()
-            shown = shown if bright is None else (*shown, bright)[-MEMORY:]
-        return replace(
-            self, seen=seen, lengths=lengths[-LENGTHS:], misses=0, shown=shown, hidden=hidden
-        )
+        if not curve_inferred(curve):
+            lengths = (*lengths, curve.length)
+        return replace(self, seen=seen, lengths=lengths[-LENGTHS:], misses=0)
 
     def missed(self) -> "Body":
         """Give the body after a frame in which it cannot."""

@@ -11,7 +11,6 @@ from scipy.spatial.distance import cdist
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.surface import normals
 from napari_splinesketch.tracking.types import Line, View
 
 LONGER = 1.3
@@ -31,8 +30,6 @@ FAINT = 0.35
 """Brightness along the curve, as a share of the bodies' contrast, below which nothing is there."""
 UNLIKE = 1.6
 """Factor by which the contrast may change from frame to frame."""
-ACROSS = np.linspace(-1.2, 1.2, 7)
-"""Half-widths from a body's centreline at which its brightness is measured."""
 NEAR = 2.3
 """Half-widths between curves of which one may be taken for the other."""
 BESIDE = 1.5
@@ -98,38 +95,27 @@ def apart_either_way(a: Line, b: Line) -> float:
     return min(distance(a, way) for way in (b, b[::-1]))
 
 
-class Light:
-    """What a frame shows beside its background: positive where bodies are.
+def seeing(
+    view: View, refinement: Refinement, usual: float | None
+) -> Callable[[Line], Bool[np.ndarray, " P"]]:
+    """Give what says at which points of a line, px of the image, the image shows a body.
 
     `usual` is the contrast of the frames before: one that differs much from it is of nothing.
     """
+    # Of a copy: the frames that are held back do not keep the picture that is made here.
+    pixels = np.nan_to_num(view.pixels.astype(float) - copy(refinement).background)
+    smooth = ndimage.gaussian_filter(pixels, 0.5)
+    contrast = abs(refinement.model.contrast)
+    if usual:
+        contrast = float(np.clip(contrast, usual / UNLIKE, usual * UNLIKE))
+    sign = 1.0 if refinement.model.polarity == "bright" else -1.0
+    least = FAINT * max(contrast, 1e-30)
 
-    def __init__(self, view: View, refinement: Refinement, usual: float | None):
-        model = refinement.model
-        self._place = view.place
-        # Of a copy: the frames that are held back do not keep the picture that is made here.
-        pixels = np.nan_to_num(view.pixels.astype(float) - copy(refinement).background)
-        self._pixels = pixels if model.polarity == "bright" else -pixels
-        self._smooth = ndimage.gaussian_filter(self._pixels, 0.5)
-        contrast = abs(model.contrast)
-        if usual:
-            contrast = float(np.clip(contrast, usual / UNLIKE, usual * UNLIKE))
-        self._least = FAINT * max(contrast, 1e-30)
+    def shows(line: Line) -> Bool[np.ndarray, " P"]:
+        at = view.place.to_block(line).T
+        return sign * ndimage.map_coordinates(smooth, at, order=1) >= least
 
-    def shows(self, line: Line) -> Bool[np.ndarray, " P"]:
-        """At which points of a line, px of the image, there is a body."""
-        return ndimage.map_coordinates(self._smooth, self._at(line), order=1) >= self._least
-
-    def along(self, line: Line, half_width: float) -> Float[np.ndarray, " P"]:
-        """How bright it is at each point of a line, mean over a body's width, if that is known."""
-        if not np.isfinite(half_width):
-            return np.full(len(line), np.nan)
-        across = half_width * ACROSS[:, None, None] * normals(line)
-        found = ndimage.map_coordinates(self._pixels, self._at(line + across), order=1)
-        return found.reshape(len(ACROSS), -1).mean(0)
-
-    def _at(self, line: Float[Array, "... 2"]) -> Float[np.ndarray, "2 N"]:
-        return self._place.to_block(line.reshape(-1, 2)).T
+    return shows
 
 
 def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:

@@ -52,8 +52,7 @@ def parts(
     shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], shows, [False]]))).reshape(-1, 2)
     alone = apart_from(line, others)
-    free = [(i, k, i + np.flatnonzero(alone[i:k])) for i, k in edges.tolist()]
-    runs = [(j[0] * step, (j[-1] + 1) * step) for i, k, j in free if len(j) > ALONE * (k - i)]
+    runs = [(i * step, k * step) for i, k in edges.tolist() if alone[i:k].mean() > ALONE]
     usual = body.length
     for (begin, end), (start, stop) in pairwise(r for r in runs if r[1] - r[0] > PART * usual):
         one, other, gap = end - begin, stop - start, start - end

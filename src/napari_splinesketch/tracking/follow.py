@@ -119,8 +119,7 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
     for number, curve in result.by_id.items():
         body = known[number]
         trusted = number not in result.drifting
-        bright = result.brightness.get(number)
-        known[number] = body.with_curve(result.frame, curve, bright) if trusted else body.missed()
+        known[number] = body.with_curve(result.frame, curve) if trusted else body.missed()
     for number in result.missing:
         known[number] = known[number].missed()
     return {number: body for number, body in known.items() if number not in result.lost}
@@ -222,7 +221,6 @@ def _judged(
         frozenset(drifting),
         missing,
         frozenset(lost),
-        brightness={one.id: one.brightness for one in here},
     )
 
 

@@ -1,10 +1,13 @@
 """Placing the bodies of one frame: first where they are expected, then wherever they may be."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening
 
+from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import SETTINGS, Hold, PresetName, Settings
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import (
@@ -15,15 +18,14 @@ from napari_splinesketch.engine.types import (
     Progress,
     Refinement,
 )
-from napari_splinesketch.tracking.bodies import Along, Body
-from napari_splinesketch.tracking.covered import completed, partly
+from napari_splinesketch.tracking.bodies import INFERRED, Body
 from napari_splinesketch.tracking.drift import (
-    Light,
     apart_from,
     doubts,
     explains_less,
     on_one_body,
     on_others,
+    seeing,
     slid,
 )
 from napari_splinesketch.tracking.events import Parts, parts
@@ -40,10 +42,14 @@ SURE = 0.8
 LOOSE, STRICT = 3.0, 0.5
 """Errors of a prediction go together along a body: each of about ten knots is to be believed by
 the square root of that less, or the curve lags behind its body; and by so much across it where a
-curve that is free to leave its body does."""
+curve that is free to leave its body does, or where something hides a part of it."""
+COVERED = 1.0
+"""Half-widths around the stretches that something hides in which the image is not asked, beside
+those of the body itself."""
 LEAST, MOST = 0.5, 0.8
-"""Share of a curve that the image must show, and below which the rest is said to be inferred or
-the body may have divided."""
+"""Share of a curve that the image must show, and below which the rest is said to be inferred ..."""
+UNSEEN = 0.04
+"""... or, where something seems to hide it, the share that is not shown above which it is."""
 AT_ONCE = 2
 """Frames in which a body is missed after which only what stands out in the image is tried again:
 other attempts hardly ever find it."""
@@ -65,8 +71,6 @@ class Found:
     said: tuple[str, ...]
     empty: bool
     """Whether hardly anything is there."""
-    brightness: Along
-    """How bright the image is along it; not a number where others are."""
 
     @property
     def trusted(self) -> bool:
@@ -141,10 +145,32 @@ class Search:
 
         loose = replace(settings, hold=tuple(hold(b, LOOSE) for b in bodies))
         self._attempt(0, bodies, lines, loose, found)
-        again = [body for body in bodies if not found[body.id].trusted]
-        strict = replace(settings, hold=tuple(hold(body, STRICT) for body in again))
-        self._attempt(0, again, lines, strict, found)
+        short = {b.id for b in bodies if b.lacks(found[b.id].curve)}
+        again = [b for b in bodies if not found[b.id].trusted or b.id in short]
+        holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
+        self._attempt(0, again, lines, replace(settings, hold=holds), found, hidden=short)
         return found
+
+    def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
+        """Where the image does not show a body for its width, or for half of that at an end."""
+        seen = np.asarray(binary_closing(self._seen(line)), bool)
+        width = _points(body, line)
+        beyond = np.pad(~seen, width, constant_values=True)
+        return np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
+
+    def _uncovered(self, view: View, bodies: Sequence[Body], lines: Mapping[int, Line]) -> View:
+        """The view without the pixels where bodies should be, but the image does not show them."""
+        pixels = view.pixels.astype(float)
+        for body in bodies:
+            line = lines[body.id]
+            width = _points(body, line)
+            near = np.asarray(binary_dilation(self._unseen(body, line), iterations=width), bool)
+            for run in np.ma.clump_masked(np.ma.array(near, mask=near)):
+                at = view.place.to_block(line[run])
+                reach = (1 + COVERED) * self._unit * body.half_width
+                rows, columns, mask = band(at, reach, pixels.shape)
+                pixels[rows, columns][mask] = np.nan
+        return replace(view, pixels=pixels)
 
     def _as_suggested(self, bodies: Sequence[Body], found: Mapping[int, Found]) -> dict[int, Line]:
         """What the image itself suggests for bodies in doubt."""
@@ -164,8 +190,14 @@ class Search:
         lines: Mapping[int, Line],
         preset: PresetName | Settings,
         found: dict[int, Found],
+        *,
+        hidden: Collection[int] = (),
     ) -> None:
-        """Refine the lines of some bodies among the others; keep what is better than before."""
+        """Refine the lines of some bodies among the others; keep what is better than before.
+
+        Of bodies that are `hidden` in part, the image is not asked where it does not show them, and
+        their curves replace others against which as much speaks.
+        """
         bodies = [body for body in bodies if body.id in lines]
         if not bodies:
             return
@@ -174,62 +206,50 @@ class Search:
         fixed = [*self._given.values(), *(one.curve for one in others if not one.empty)]
         wanted = [lines[b.id] for b in bodies]
         view = self._view.around(wanted) if self.refinement else self._view
-        refinement = self._refined(view, wanted, fixed, preset, number)
+        covered = [b for b in bodies if b.id in hidden]
+        shown = self._uncovered(view, covered, lines) if covered else view
+        refinement = self._refined(shown, wanted, fixed, preset, number)
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         around = {**self._given, **{one.id: one.curve for one in others}}
         everyone = [*curves, *around.values()]
         shared = on_one_body(everyone)
         names = [body.id for body in bodies] + list(around)
-        light = Light(view, refinement, self._contrast)
+        seen = seeing(view, refinement, self._contrast)
+        if not self.refinement:
+            self._seen = seen
         held = isinstance(preset, Settings) and preset.hold is not None
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
+            said = doubts(body, curve, self._expected[body.id])
+            there = float(seen(curve.points).mean())
             rest = [other for other in everyone if other is not curve]
-            one = self._judged(body, lines[body.id], curve, rest, light, held=held)
+            if self._smooth:
+                alone = apart_from(curve.points, rest)
+                if not alone.all() and explains_less(body, curve):
+                    said.append("it crosses others and explains the image less well than before")
+                if slid(curve.points, alone, body.half_width, seen):
+                    said.append("it slid along its path onto another body")
+                if there < MOST and (torn := parts(body, curve, rest, seen)):
+                    self.parts[body.id] = torn
+            partly = held and LEAST < there < MOST
+            if partly or (body.id in hidden and self._unseen(body, curve.points).mean() > UNSEEN):
+                reasons = (*curve.reasons, f"part of it is {INFERRED}")
+                curve = replace(curve, status="check", reasons=reasons)
             if i in shared and not (held and on_others(lines[body.id], [everyone[shared[i]]])):
-                why = f"it lies on the same body as curve {names[shared[i]]}"
-                one = replace(one, said=(*one.said, why))
-            if body.id not in found or one.score < found[body.id].score:
+                said.append(f"it lies on the same body as curve {names[shared[i]]}")
+            near = agrees(curve.points, self._foretold[body.id], body.half_width)
+            if not (held or near) and on_others(curve.points, rest):
+                said.append("it lies on other curves, away from where it was expected")
+            failed = curve.status == "failed"
+            empty = failed or there <= LEAST
+            one = Found(body.id, lines[body.id], curve, tuple(said), empty)
+            if body.id not in found or one.score < found[body.id].score + (body.id in hidden):
                 found[body.id] = one
                 kept = True
         if kept:
             before = self.refinement
             corner = self._view.place.to_block(view.place.origin)
             self.refinement = _pasted(before, refinement, corner) if before else refinement
-
-    def _judged(
-        self,
-        body: Body,
-        line: Line,
-        curve: Curve,
-        rest: Sequence[Curve],
-        light: Light,
-        *,
-        held: bool,
-    ) -> Found:
-        """A body's curve among the rest, made whole where something hides a part of it."""
-        foretold = self._foretold[body.id]
-        there = float(light.shows(curve.points).mean())
-        whole = completed(body, curve, foretold, rest, light) if held else None
-        ends = whole is curve
-        curve = whole or curve
-        said = [] if ends else doubts(body, curve, self._expected[body.id])
-        alone = apart_from(curve.points, rest)
-        if self._smooth:
-            if not alone.all() and explains_less(body, curve):
-                said.append("it crosses others and explains the image less well than before")
-            if slid(curve.points, alone, body.half_width, light.shows):
-                said.append("it slid along its path onto another body")
-            if there < MOST and (torn := parts(body, curve, rest, light.shows)):
-                self.parts[body.id] = torn
-        if held and not whole and LEAST < there < MOST:
-            curve = partly(curve)
-        near = agrees(curve.points, foretold, body.half_width)
-        if not (held or near) and on_others(curve.points, rest):
-            said.append("it lies on other curves, away from where it was expected")
-        empty = curve.status == "failed" or there <= LEAST
-        bright = np.where(alone, light.along(curve.points, body.half_width), np.nan)
-        return Found(body.id, line, curve, tuple(said), empty, bright)
 
     def _refined(
         self,
@@ -255,6 +275,12 @@ class Search:
         if all(CANCELLED in curve.reasons for curve in refinement.curves):
             raise Cancelled
         return refinement
+
+
+def _points(body: Body, line: Line) -> int:
+    """How many points of a line lie within a half-width, where that is known; at least one."""
+    count = body.half_width / body.length * len(line)
+    return max(round(count), 1) if np.isfinite(count) else 1
 
 
 @dataclass(frozen=True)

@@ -115,8 +115,6 @@ class Tracked:
         Why the frame could not be read or refined; empty otherwise.
     entered
         Lines over bodies that have come into view; nobody follows them.
-    brightness
-        How bright the image is along the curves, by number; NaN where other curves are.
     """
 
     frame: int
@@ -131,7 +129,6 @@ class Tracked:
     view: View | None = None
     error: str = ""
     entered: tuple[Line, ...] = ()
-    brightness: Mapping[int, Float[np.ndarray, " P"]] = field(default_factory=dict)
 
     @property
     def by_id(self) -> dict[int, Curve]:
