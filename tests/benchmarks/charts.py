@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from collect import Results
 from frames import COUNTS, LINE_KINDS, SWEEPS, TABLE_KINDS, Cell
-from methods import LABELS, OURS
+from methods import LABELS
 from scaling import Point
 from stats import FAR, Summary
 
@@ -27,15 +27,13 @@ from matplotlib.ticker import NullFormatter  # noqa: E402
 
 STYLES = {
     "sketch": ("#999999", "s"),
-    "fast": ("#56b4e9", "o"),
     "balanced": ("#0072b2", "o"),
-    "thorough": ("#003f5c", "o"),
     "paper": ("#009e73", "D"),
     "active_contour": ("#d55e00", "^"),
     "filaments": ("#e69f00", "v"),
     "splender": ("#cc79a7", "P"),
 }
-SWEEP_METHODS = (*OURS, "paper", "active_contour", "filaments", "splender")
+SWEEP_METHODS = ("balanced", "paper", "active_contour", "filaments", "splender")
 SWEEP_NAMES = {"rotation": "rotation, °", "displacement": "displacement, px", "scaling": "scale"}
 
 
@@ -79,9 +77,6 @@ def _cells(counts: Sequence[int], kinds: Sequence[tuple[str, float]]) -> list[Ce
 
 
 def _points(panel: Axes, found: dict[str, Summary]) -> None:
-    line = [(s.seconds, s.median) for name in OURS if (s := found.get(name))]
-    if line:
-        panel.plot(*zip(*line, strict=True), color=STYLES["balanced"][0], linewidth=1)
     for name, s in found.items():
         color, marker = STYLES[name]
         panel.errorbar(

@@ -17,22 +17,18 @@ import reference
 from frames import Frame
 
 import napari_splinesketch
-from napari_splinesketch.engine.settings import PRESETS
 from napari_splinesketch.metrics import resample
 
 ALL_PARTS = frozenset({"table", "lines", "sweep", "scaling"})
 DRAWN = ALL_PARTS - {"scaling"}
 LABELS = {
     "sketch": "sketch",
-    "fast": "ours, fast",
     "balanced": "ours, balanced",
-    "thorough": "ours, thorough",
     "paper": "ours, paper",
     "active_contour": "active contour",
     "filaments": "napari-filaments",
     "splender": "splender",
 }
-OURS = ("fast", "balanced", "thorough")
 PACKAGES = {"splender": "splender", "filaments": "napari_filaments"}
 
 
@@ -76,8 +72,6 @@ def missing(name: str) -> str | None:
     """Say why a method cannot run here, or None if it can."""
     if name in PACKAGES and find_spec(PACKAGES[name]) is None:
         return f"{PACKAGES[name]} is not installed: pip install '.[benchmarks]' brings it"
-    if name in (*OURS, "paper") and name not in PRESETS:
-        return f"there is no preset {name!r}"
     return None
 
 
@@ -206,7 +200,7 @@ def _is_text(node: ast.stmt) -> bool:
 
 _MAKERS: dict[str, Callable[[], Method]] = {
     "sketch": _sketch,
-    **{preset: partial(_ours, preset) for preset in OURS},
+    "balanced": partial(_ours, "balanced"),
     "paper": _paper,
     "active_contour": _active_contour,
     "filaments": _filaments,

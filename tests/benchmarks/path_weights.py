@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 from napari_splinesketch.engine import islands
 from napari_splinesketch.engine.find import choice, finding, scoring
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.metrics import average_dtw
 
 FIRST = 200
@@ -71,9 +71,7 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
         pixels = island.pose.cut(image)
         for members, seen in scene.read_scenes(pixels, island.sketches, "auto", None):
             mine = [island.sketches[i] for i in members]
-            graph, candidates = finding.candidates_of(
-                seen, mine, SETTINGS["balanced"], lambda _: None
-            )
+            graph, candidates = finding.candidates_of(seen, mine, Settings(), lambda _: None)
             usual = finding.usual_length(mine)
             length, price = choice.prices(graph, seen.half_width, usual)
             none = np.zeros(len(graph.pieces), dtype=bool)

@@ -15,7 +15,7 @@ from skimage.filters import sato
 from skimage.graph import route_through_array
 
 import napari_splinesketch
-from napari_splinesketch.engine.settings import PRESETS
+from napari_splinesketch.engine.settings import OFFERED
 
 FLOOR = 0.05
 """What a pixel without any ridge costs less than infinity by; sato's strongest response is 1."""
@@ -92,22 +92,20 @@ RUNS: dict[str, Run] = {
     "as_drawn": _as_drawn,
     "minimal_path": _minimal_path,
     "active_contour": _active_contour,
-    **{preset: _ours(preset) for preset in ("fast", "balanced", "thorough", "paper")},
+    **{preset: _ours(preset) for preset in OFFERED},
 }
 LABELS = {
     "as_drawn": "the sketch itself",
     "minimal_path": "minimal path",
     "active_contour": "active contour",
-    "fast": "ours, fast",
     "balanced": "ours, balanced",
-    "thorough": "ours, thorough",
     "paper": "the paper's method",
 }
 
 
 def version(name: str) -> str:
     """Digest of whatever decides a method's results."""
-    if name in PRESETS:
+    if name in OFFERED:
         return methods.make(name).version
     here = Path(__file__).read_text(encoding="utf-8")
     also = Path(active_contour.__file__).read_text(encoding="utf-8")

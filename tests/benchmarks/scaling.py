@@ -72,13 +72,13 @@ def run(names: list[str], *, largest: int) -> None:
     for name in names:
         most = min(largest, MOST.get(name, largest))
         tasks = [("count", n, side_for(n)) for n in BODIES if n <= most]
-        sides = SIDES if name in methods.OURS else SIDES[:2]
+        sides = SIDES if name == "balanced" else SIDES[:2]
         tasks += [("side", BODIES_IN_SIDES, side) for side in sides]
         for what, bodies, side in tasks:
             if (name, what, bodies, side) not in done:
                 points += _probe(name, what, [(bodies, side)], repeats=3 if bodies < 300 else 1)
                 _write(points)
-        if name in methods.OURS and (name, "cold", 1, SMALLEST) not in done:
+        if name == "balanced" and (name, "cold", 1, SMALLEST) not in done:
             points += first_calls(name)
             _write(points)
 

@@ -21,7 +21,7 @@ from stability_rows import FOLDER, Row, Store, measure
 from napari_splinesketch.engine.settings import PresetName
 
 PAGE = FOLDER.parent / "limits.md"
-PRESETS: tuple[PresetName, ...] = ("fast", "balanced", "thorough")
+PRESETS: tuple[PresetName, ...] = ("balanced",)
 PARTS = ("sweep", "weights", "real", "pictures", "page")
 
 

@@ -69,9 +69,9 @@ def write_csv(rows: dict[str, list[Row]], path: Path) -> None:
 
 
 def table(rows: dict[str, list[Row]]) -> str:
-    """One line for each case: share lost in each preset, and what balanced marks."""
-    presets = list(rows)
-    header = ["case", *presets, "of those marked", "found, yet marked", "median DTW, px"]
+    """One line for each case: share lost, and what is marked."""
+    lost = [f"lost, {preset}" for preset in rows]
+    header = ["case", *lost, "of those marked", "found, yet marked", "median DTW, px"]
     lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
     for group, cases in by_group().items():
         lines.append(f"| **{group}** |" + " |" * (len(header) - 1))

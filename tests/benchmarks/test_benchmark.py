@@ -148,7 +148,6 @@ def test_ours_and_the_reference_are_compared_on_the_frames_that_both_have():
 
 def test_what_decides_about_the_papers_method_is_not_what_decides_about_the_others():
     assert len({make(name).version for name in ("balanced", "paper")}) == 2
-    assert make("balanced").version == make("fast").version
     assert source_digest(without="paper.result") != source_digest()
 
 

@@ -35,22 +35,22 @@ def test_reasons_are_counted_without_their_numbers():
 
 def test_rows_are_kept_until_the_version_changes(tmp_path, monkeypatch):
     monkeypatch.setattr(stability_rows, "FOLDER", tmp_path)
-    store = Store("fast", "1")
+    store = Store("balanced", "1")
     store.add([FOUND, LOST])
     store.add([replace(FOUND, seed=1)])
     assert store.has("plain", 1)
     with store.path.open("a", encoding="utf-8") as file:
         file.write("1,plain,7")  # as after a power cut
-    again = Store("fast", "1")
+    again = Store("balanced", "1")
     assert again.rows == [FOUND, LOST, replace(FOUND, seed=1)]
     assert not again.has("plain", 7)
-    assert Store("fast", "2").rows == []
+    assert Store("balanced", "2").rows == []
     assert list(read(store.path)) == []
 
 
 def test_a_trial_is_measured_body_by_body():
     case = CASES["empty"]
-    rows = measure("1", case, 0, "fast")
+    rows = measure("1", case, 0, "balanced")
     assert [row.body for row in rows] == [0, 1]
     assert np.isfinite(rows[0].dtw)
     assert np.isnan(rows[1].dtw)

@@ -29,7 +29,7 @@ def test_places():
 
 
 def row(points: int, within: tuple[float, ...], place: str = "middle") -> Row:
-    return Row("1", "fast", "usual", 1, 0, place, points, 0.1, 0.2, within)
+    return Row("1", "balanced", "usual", 1, 0, place, points, 0.1, 0.2, within)
 
 
 def test_shares_are_weighed_by_points():
@@ -45,7 +45,7 @@ def test_rows_survive_the_disk(tmp_path, monkeypatch):
 
 
 def test_a_frame_is_measured_place_by_place():
-    rows = uncertainty.measure("1", "fast", "usual", 2, 7_001)
+    rows = uncertainty.measure("1", "balanced", "usual", 2, 7_001)
     assert [r.place for r in rows] == ["middle", "beside", "end"]
     assert sum(r.points for r in rows) <= 200
     assert rows[0].points > 40

@@ -41,7 +41,6 @@ if __name__ == "__main__":
     print(json.dumps(told), file=sys.stderr)
     sys.exit(code)
 """
-PRESET = ("--preset", "fast")
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def measure(
     """Refine a film; `processes` work for it too."""
     output = folder / "labels.csv"
     command = [sys.executable, "-c", REFINE, "refine", f"{frames}.tif", f"{frames}.csv"]
-    command += ["-o", str(output), *PRESET, "--overwrite", *options]
+    command += ["-o", str(output), "--overwrite", *options]
     busy, worked, began = _busy(), _cpu(processes), time.perf_counter()
     before = os.times()
     run = subprocess.Popen(

@@ -27,7 +27,7 @@ from napari_splinesketch.metrics import average_dtw, resample
 
 PAGE = FOLDER.parent / "limits.md"
 PATH = FOLDER / "rows" / "uncertainty.csv"
-PRESETS: tuple[PresetName, ...] = ("fast", "balanced", "thorough")
+PRESETS: tuple[PresetName, ...] = ("balanced",)
 BODIES = (1, 2, 3)
 LOOKS: dict[str, dict] = {
     "usual": {},

@@ -13,7 +13,7 @@ from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
 from napari_splinesketch.engine.fit import fit_scene
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Polarity
 
 HALF_WIDTH = 3.0
@@ -37,7 +37,7 @@ def drawn(lines: list[np.ndarray], half_width=HALF_WIDTH, noise=0.03) -> np.ndar
 
 def found(image, sketches, fixed=(), polarity: Polarity = "auto") -> finding.Found:
     ((_, seen),) = scene.read_scenes(image, sketches, polarity, None)
-    return finding.find(seen, sketches, list(fixed), SETTINGS["balanced"], lambda share: None)
+    return finding.find(seen, sketches, list(fixed), Settings(), lambda share: None)
 
 
 def turned(line: np.ndarray, angle: float) -> np.ndarray:
@@ -87,7 +87,7 @@ def test_where_nothing_is_the_sketch_stays_and_is_not_found():
     image[:, 110] += 20
     sketch = np.array([[20.0, 20.0], [25.0, 60.0], [20.0, 90.0]])
     ((_, seen),) = scene.read_scenes(image, [sketch], "bright", 3.0)
-    (start,) = finding.find(seen, [sketch], [], SETTINGS["balanced"], lambda _: None).starts
+    (start,) = finding.find(seen, [sketch], [], Settings(), lambda _: None).starts
     assert not start.found
     np.testing.assert_array_equal(start.line, sketch)
     (curve,) = refine(image, [sketch], polarity="bright", half_width=3.0).curves
@@ -232,7 +232,7 @@ def test_routes_run_on_from_the_nearest_and_none_repeats_a_piece():
     graph = tracing.trace(ndimage.gaussian_filter(image, 1) > 0.5, HALF_WIDTH)
     sketch = cross()[0][::20]
     unseen = np.zeros(len(graph.pieces))
-    routes = paths.routes_of_sketch(graph, unseen, sketch, HALF_WIDTH, 40.0, 5.0, 500)
+    routes = paths.routes_of_sketch(graph, unseen, sketch, HALF_WIDTH, 40.0, 5.0)
     assert len(routes) > 10
     assert all(len({step >> 1 for step in r}) == len(r) for r in routes)
     sampled, total = paths.sampled(graph, routes, 20)
@@ -245,7 +245,7 @@ def test_routes_run_on_from_the_nearest_and_none_repeats_a_piece():
 def test_no_pieces_no_routes():
     graph = tracing.trace(np.zeros(SHAPE, bool), HALF_WIDTH)
     sketch = cross()[0][::20]
-    assert paths.routes_of_sketch(graph, np.zeros(0), sketch, HALF_WIDTH, 40.0, 5.0, 500) == []
+    assert paths.routes_of_sketch(graph, np.zeros(0), sketch, HALF_WIDTH, 40.0, 5.0) == []
 
 
 def test_two_sketches_do_not_take_one_body():

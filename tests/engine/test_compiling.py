@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 import jax
 import numpy as np
-import pytest
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import compile_cache
@@ -46,14 +45,13 @@ def test_compilations_are_counted():
     assert len(programs) == 1
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced"])
-def test_another_number_of_sketches_or_image_size_compiles_nothing(preset):
+def test_another_number_of_sketches_or_image_size_compiles_nothing():
     made = straight(1, (128, 128))
-    assert refine(made.image, sketches_of(made), preset).model.knots == (8,)
+    assert refine(made.image, sketches_of(made)).model.knots == (8,)
     with compiled() as later:
         for bodies, shape in ((2, (128, 128)), (3, (150, 131)), (5, (170, 210)), (1, (97, 113))):
             made = straight(bodies, shape, seed=bodies)
-            found = refine(made.image, sketches_of(made), preset)
+            found = refine(made.image, sketches_of(made))
             assert set(found.model.knots) == {8}
     assert later == []
 

@@ -6,7 +6,7 @@ import pytest
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import fit_scene, fitting
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.settings import SETTINGS
+from napari_splinesketch.engine.settings import Settings
 
 LINES = [
     np.array([[40.0, 20.0], [40.0, 120.0]]),
@@ -45,7 +45,7 @@ def fitted(monkeypatch, again: int | None):
     monkeypatch.setattr(fit_scene, "_strayed", lambda *_: False)
     sketches = [line + 1.0 for line in LINES]
     ((_, seen),) = scene.read_scenes(image_of(LINES), sketches, "bright", 3.0)
-    found = fit_scene.fit_scene(seen, sketches, (), SETTINGS["balanced"], silent)
+    found = fit_scene.fit_scene(seen, sketches, (), Settings(), silent)
     return found.bodies, calls
 
 

@@ -6,13 +6,12 @@ import pytest
 from napari_splinesketch import Progress, refine, synthetic
 from napari_splinesketch.engine.fit import fitting, solver
 from napari_splinesketch.engine.refine import _Progress
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import CANCELLED
 
 from .scenes import SHAPE, frame, sketches_of
 
 
-def watched(stop_at: int | None = None, bodies: int = 2, preset: PresetName = "balanced"):
+def watched(stop_at: int | None = None, bodies: int = 2):
     """The result, and every progress record; cancelled at one of them."""
     made, records = frame(2, bodies), []
 
@@ -20,12 +19,11 @@ def watched(stop_at: int | None = None, bodies: int = 2, preset: PresetName = "b
         records.append(progress)
         return stop_at is None or len(records) <= stop_at
 
-    return refine(made.image, sketches_of(made), preset, on_progress=on_progress), records
+    return refine(made.image, sketches_of(made), on_progress=on_progress), records
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced", "thorough"])
-def test_fractions_never_fall_and_stages_are_named(preset):
-    _, records = watched(preset=preset)
+def test_fractions_never_fall_and_stages_are_named():
+    _, records = watched()
     fractions = [r.fraction for r in records]
     assert fractions == sorted(fractions)
     assert all(0 <= f <= 1 for f in fractions)
@@ -108,8 +106,7 @@ def test_watching_changes_nothing():
         np.testing.assert_array_equal(a.knots, b.knots)
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced", "thorough"])
-def test_little_is_computed_between_two_chances_to_cancel(preset, monkeypatch):
+def test_little_is_computed_between_two_chances_to_cancel(monkeypatch):
     """At most one call of the solver, for at most CHUNK curves, from one record to the next."""
     since, most = [], []
     sweep = solver.sweep
@@ -124,7 +121,7 @@ def test_little_is_computed_between_two_chances_to_cancel(preset, monkeypatch):
 
     monkeypatch.setattr(solver, "sweep", counted)
     made = synthetic.scene(3, bodies=6, shape=(150, 170), length=45, crossing=False)
-    refine(made.image, sketches_of(made), preset, on_progress=on_progress)
+    refine(made.image, sketches_of(made), on_progress=on_progress)
     calls, visits = (max(m[i] for m in most) for i in (0, 1))
     assert calls == 1
     assert visits <= fitting.CHUNK * 10

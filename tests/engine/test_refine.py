@@ -382,14 +382,13 @@ def test_sketches_may_be_lists_of_integers():
     assert miss(found.curves[0], made.centrelines[0]) < 0.7
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced", "thorough"])
-def test_presets(preset):
-    made = frame(1, 3)
+@pytest.mark.parametrize("preset", ["fast", "thorough"])
+def test_other_names_of_the_same_engine_give_the_same_curves(preset):
+    made, plain = frame(1, 3), refined(1, 3)
     found = refine(made.image, sketches_of(made), preset)
     assert_whole(found, 3)
-    assert (
-        np.median([miss(c, t) for c, t in zip(found.curves, made.centrelines, strict=True)]) < 0.6
-    )
+    for a, b in zip(found.curves, plain.curves, strict=True):
+        np.testing.assert_array_equal(a.knots, b.knots)
 
 
 def test_the_result_is_complete_and_immutable():

@@ -72,11 +72,11 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     form = box.widgets["save_work"].native.parentWidget()
     said = [label.text() for label in form.findChildren(QLabel) if label.text()]
     assert said == ["Bodies are", "Half-width"], "a box has its name beside it, once"
-    dock.preset.native.setCurrentIndex(0)
+    dock.preset.native.setCurrentIndex(1)
     refine(dock)
     assert fake.calls[0]["polarity"] == "bright"
     assert fake.calls[0]["half_width"] == pytest.approx(3.0)
-    assert fake.calls[0]["preset"] == "fast"
+    assert fake.calls[0]["preset"] == "paper"
     # Another key, in napari's preferences; the one that had it is free again.
     chosen: Any = get_plugin_settings(PLUGIN)
     chosen.keys.next = "H"
@@ -88,17 +88,17 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert chosen.keys.draw == "", "a key does one thing"
     # Another dock, another session, napari's preferences.
     kept = settings.load()
-    assert (kept.preset, kept.polarity, kept.half_width) == ("fast", "bright", 1.5)
+    assert (kept.preset, kept.polarity, kept.half_width) == ("paper", "bright", 1.5)
     written = Path(str(get_plugin_settings(PLUGIN).config_path))
     assert "half_width: 1.5" in written.read_text(encoding="utf-8")
     viewer.window.remove_dock_widget(dock)
     again = add_dock(viewer)
-    assert again.preset.native.currentText() == "Fast"
+    assert again.preset.native.currentText() == "Paper"
     assert again.settings_form.half_width.value() == 1.5
     assert again.controller.actions["next"].key == "H"
     kept_by_napari: Any = get_plugin_settings(PLUGIN)
-    kept_by_napari.refining.preset = "thorough"
-    assert again.preset.native.currentText() == "Thorough"
+    kept_by_napari.refining.preset = "balanced"
+    assert again.preset.native.currentText() == "Balanced"
     click(again.settings.title)
     pixels = again.settings_form.widgets["lengths_in_pixels"].native
     QTest.mouseClick(pixels, Qt.MouseButton.LeftButton, pos=QPoint(8, pixels.height() // 2))

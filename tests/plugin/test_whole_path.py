@@ -89,14 +89,12 @@ def test_cancel_while_it_really_runs(viewer: Any, real: SplinesketchDock) -> Non
     made = scene(5, bodies=3, shape=(160, 160))
     viewer.add_image(made.image, name="x")
     viewer.add_shapes([line[[0, 50, 99]] for line in made.centrelines], shape_type="path")
-    real.controller.choose(preset="thorough")
     click(real.refine)
     until(lambda: real.controller.progress and real.controller.progress.fraction > 0)
     click(real.progress.cancel)
     assert real.refine.isEnabled()
     QTest.qWait(500)
     assert len(viewer.layers) == 2
-    real.controller.choose(preset="fast")
     refine(real)
     assert len(real.controller.records()) == 3
 

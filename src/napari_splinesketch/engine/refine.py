@@ -14,7 +14,7 @@ from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.report import assemble
 from napari_splinesketch.engine.report.assemble import Part
-from napari_splinesketch.engine.settings import PRESETS, SETTINGS, PresetName, Settings
+from napari_splinesketch.engine.settings import PRESETS, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Array,
@@ -52,7 +52,8 @@ def refine(
     sketches
         (N, 2) polylines, N ≥ 2, (row, col) in pixels, pixel centres at integers.
     preset
-        "fast", "balanced", "thorough" or "paper"; or settings of your own.
+        "balanced" or "paper", or settings of your own; "fast" and "thorough" are the same as
+        "balanced".
     polarity
         Whether bodies are "bright" or "dark" against the background; "auto" looks.
     half_width
@@ -112,7 +113,7 @@ def _fitted(
         from napari_splinesketch.paper.result import fit_paper
 
         return fit_paper(island, seen, seed, report)
-    settings = SETTINGS[preset] if isinstance(preset, str) else preset
+    settings = Settings() if isinstance(preset, str) else preset
     if settings.hold is not None:
         settings = replace(settings, hold=tuple(settings.hold[i] for i in island.members))
     found = fit_scene(seen, island.sketches, island.fixed, settings, report)

@@ -1,4 +1,4 @@
-"""Presets: where on the speed-accuracy chart to work."""
+"""What may be asked of a refinement."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
@@ -7,6 +7,8 @@ from napari_splinesketch.engine.types import Polarity
 
 PresetName = Literal["fast", "balanced", "thorough", "paper"]
 PRESETS: tuple[PresetName, ...] = get_args(PresetName)
+OFFERED: tuple[PresetName, ...] = ("balanced", "paper")
+"""Those that differ: "fast" and "thorough" are the same as "balanced"."""
 MARGIN = 40
 """Image that is looked at around a sketch, px, beside half of the sketch's length."""
 
@@ -46,11 +48,12 @@ class Asked(Look):
     Attributes
     ----------
     preset
-        Speed or accuracy.
+        This engine, or the recipe of the paper.
     """
 
     preset: PresetName = field(
-        default="balanced", metadata={"help": "speed or accuracy (default: {default})"}
+        default="balanced",
+        metadata={"help": "this engine, or the recipe of the paper (default: {default})"},
     )
 
 
@@ -79,16 +82,12 @@ class Hold:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a preset stands for.
+    """How this engine works.
 
     Attributes
     ----------
-    weigh
-        Paths looked at for each sketch, at most.
-    paths
-        Candidate paths kept for each sketch.
-    sweeps
-        Evaluations of each curve in each sweep over all curves.
+    traced
+        Whether paths are looked for in the graph of traces, beside those along the sketch.
     knots
         Numbers of knots that a curve may have, in rising order.
     hold
@@ -96,15 +95,6 @@ class Settings:
         their sketches by so much. None searches.
     """
 
-    weigh: int = 3000
-    paths: int = 20
-    sweeps: tuple[int, ...] = (5, 4, 4, 4, 4, 4)
+    traced: bool = True
     knots: tuple[int, ...] = (8, 12, 16, 24, 48, 96)
     hold: tuple[Hold, ...] | None = None
-
-
-SETTINGS: dict[PresetName, Settings] = {
-    "fast": Settings(sweeps=(6, 4, 4)),
-    "balanced": Settings(),
-    "thorough": Settings(weigh=6000, paths=40),
-}

@@ -1,7 +1,5 @@
 """Compile what the first click needs before it comes."""
 
-from dataclasses import replace
-
 import numpy as np
 
 LINES = (1, 20)
@@ -20,10 +18,10 @@ def warm_up() -> None:
     user's cache. Call it in a worker thread.
     """
     from napari_splinesketch.engine.refine import refine
-    from napari_splinesketch.engine.settings import SETTINGS
+    from napari_splinesketch.engine.settings import Settings
 
     for knots in KNOTS:
-        settings = replace(SETTINGS["balanced"], knots=(knots,))
+        settings = Settings(knots=(knots,))
         for count in LINES:
             image, sketches = _lines(count)
             refine(image, sketches, settings, half_width=HALF_WIDTH)

@@ -16,7 +16,7 @@ from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from napari.settings import get_plugin_settings
 
-from napari_splinesketch.engine.settings import PRESETS, Asked
+from napari_splinesketch.engine.settings import OFFERED, Asked
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.plugin.columns import COLOUR_BY
 from napari_splinesketch.plugin.layers.slot import is_result
@@ -148,7 +148,7 @@ class Settings(Asked):
 
     def __post_init__(self) -> None:
         """Refuse what nobody can have chosen."""
-        known = {"preset": PRESETS, "polarity": get_args(Polarity), "colour_by": COLOUR_BY}
+        known = {"preset": OFFERED, "polarity": get_args(Polarity), "colour_by": COLOUR_BY}
         for name, allowed in known.items():
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
@@ -177,8 +177,8 @@ class Settings(Asked):
 
 POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}
 FORM: dict[str, dict[str, Any]] = {
-    "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in PRESETS],
-               "tooltip": "Speed or accuracy"},
+    "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in OFFERED],
+               "tooltip": "This engine, or that of the paper"},
     "polarity": {"label": "Bodies are", "choices": list(POLARITIES.items()),
                  "tooltip": "Whether bodies are brighter or darker than what is around them"},
     "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5,

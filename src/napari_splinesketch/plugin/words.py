@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.tracking import Tracked
 
 PRESET_TIPS: dict[PresetName, str] = {
-    "fast": "Fast: one guess for each line; for bodies that lie apart",
-    "balanced": "Balanced: compares the best few guesses; for most images",
-    "thorough": "Thorough: compares many guesses; for crowds and crossings",
+    "balanced": "Balanced: fast and accurate",
     "paper": "Paper: the recipe of the published method; slow",
 }
 NOTES_TIP = "Which parts of the model this image needed, and why"

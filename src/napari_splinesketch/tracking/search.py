@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening
 
 from napari_splinesketch.engine.look.band import band
-from napari_splinesketch.engine.settings import SETTINGS, Hold, PresetName, Settings
+from napari_splinesketch.engine.settings import Hold, PresetName, Settings
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import (
     CANCELLED,
@@ -33,7 +33,7 @@ from napari_splinesketch.tracking.identity import agrees, place
 from napari_splinesketch.tracking.motion import Foretold
 from napari_splinesketch.tracking.types import Line, Refine, View
 
-LOCAL = replace(SETTINGS["balanced"], weigh=0)
+LOCAL = Settings(traced=False)
 """Without a search through the traces: the nearest body is the one."""
 POINTS = 12
 """Of the line along which a body is searched for."""
@@ -137,18 +137,17 @@ class Search:
         lines = {b.id: self._foretold[b.id].line for b in bodies}
         if self._preset == "paper":
             return found
-        settings = SETTINGS[self._preset]
 
         def hold(body: Body, across: float) -> Hold:
             sd = self._foretold[body.id].sd
             return Hold(*(self._unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
-        loose = replace(settings, hold=tuple(hold(b, LOOSE) for b in bodies))
+        loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
         self._attempt(0, bodies, lines, loose, found)
         short = {b.id for b in bodies if b.lacks(found[b.id].curve)}
         again = [b for b in bodies if not found[b.id].trusted or b.id in short]
         holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
-        self._attempt(0, again, lines, replace(settings, hold=holds), found, hidden=short)
+        self._attempt(0, again, lines, Settings(hold=holds), found, hidden=short)
         return found
 
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:

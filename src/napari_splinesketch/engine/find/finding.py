@@ -28,6 +28,8 @@ BODY = 0.45
 """Evidence from which a pixel is body."""
 FARTHER, FARTHER_WIDTHS = 1.3, 4.0
 """The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
+KEPT = 20
+"""Paths through the graph that are kept for each sketch, at most."""
 BOW = 0.7
 """A body may bow out by so much of the longest segment of its sketch."""
 STRIPS = (1.0, 0.4)
@@ -208,16 +210,16 @@ def _candidates(
     """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
     half_width, evidence = WIDTHS[rung], seen.evidence(rung)
     tolerance = float(scoring.tolerance(sketch, half_width).min())
-    routes = paths.routes_of_sketch(
-        graph, unseen, sketch, half_width, _reach(sketch, half_width), tolerance,
-        settings.weigh,
-    )  # fmt: skip
+    routes = list[paths.Route]()
+    if settings.traced:
+        reach = _reach(sketch, half_width)
+        routes = paths.routes_of_sketch(graph, unseen, sketch, half_width, reach, tolerance)
     lines: list[Line] = []
     along = np.zeros((0, len(graph.pieces)), dtype=bool)
     if routes:
         sampled, total = paths.sampled(graph, routes, scoring.FEW)
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
-        best = np.argsort(cost, kind="stable")[: settings.paths]
+        best = np.argsort(cost, kind="stable")[:KEPT]
         best = best[cost[best] < cost[best[0]] + choice.PLAUSIBLE]
         lines = [paths.polyline(graph, routes[i]) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)

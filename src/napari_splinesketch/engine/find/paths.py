@@ -14,6 +14,8 @@ from napari_splinesketch.engine.types import Array
 
 TURN = np.cos(np.deg2rad(110))
 """Sharpest turn at a node, as a cosine: skeletons turn sharply where bodies cross."""
+MOST = 3000
+"""Routes that are looked at for each sketch."""
 STARTS = 12
 """Most nodes that the paths of one sketch start from."""
 BASE, UNSEEN, TURNING = 0.05, 0.3, 1.0
@@ -32,7 +34,6 @@ def routes_of_sketch(
     half_width: float,
     reach: float,
     tolerance: float,
-    most: int,
 ) -> list[Route]:
     """Routes that a sketch may mean.
 
@@ -48,8 +49,6 @@ def routes_of_sketch(
         Pieces farther from the sketch are not looked at, px.
     tolerance
         How far sketches usually are from their bodies, px.
-    most
-        Routes.
     """
     length = float(spline.arc_length(sketch)[-1])
     if not len(graph.pieces):
@@ -65,7 +64,7 @@ def routes_of_sketch(
     from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
     near_nodes = np.unique(graph.ends[near])
     likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
-    return list(_routes_near(graph, near, weight, likely, ahead, 3 * length + 2 * reach, most))
+    return list(_routes_near(graph, near, weight, likely, ahead, 3 * length + 2 * reach))
 
 
 def _routes_near(
@@ -75,7 +74,6 @@ def _routes_near(
     likely: list[int],
     ahead: Float[Array, " V"],
     longest: float,
-    most: int,
 ) -> Iterator[Route]:
     """Routes without repeated pieces and without sharp turns, cheapest first from each node.
 
@@ -96,7 +94,7 @@ def _routes_near(
     number, found = count(), set[int]()
     for start in likely:
         heap: list = [(0.0, next(number), (), start, 0, 0.0, 0.0, None, False)]
-        for _ in range(1 + most // len(likely)):
+        for _ in range(1 + MOST // len(likely)):
             if not heap:
                 break
             _, _, route, at, used, spent, length, heading, ends_here = heapq.heappop(heap)

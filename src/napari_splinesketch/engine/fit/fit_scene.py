@@ -106,7 +106,7 @@ def fit_scene(
     bodies, others, held = _fit_batches(seen, found, still, needs, settings, report)
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
-        bodies = pairs.settle_pairs(seen, starts, bodies, free, others, settings.sweeps)
+        bodies = pairs.settle_pairs(seen, starts, bodies, free, others)
     return SceneFit(seen, bodies, others, starts, held)
 
 
@@ -152,7 +152,7 @@ def _fit_batches(
 
         fitted, kept = _fit_group(
             seen, [starts[i] for i in members], [still[k] for k in beside],
-            [needs[i] for i in members], settings.sweeps,
+            [needs[i] for i in members],
             [settings.hold[i] for i in members] if settings.hold else [], on_fit,
         )  # fmt: skip
         alone(lambda: done.update(zip(members, fitted, strict=False)))
@@ -189,7 +189,6 @@ def _fit_group(
     starts: list[Start],
     still: list[tuple[Line, float, float]],
     own: list[int],
-    sweeps: tuple[int, ...],
     holds: Sequence[Hold],
     report: fitting.Report,
 ) -> tuple[list[Body], set[int]]:
@@ -211,7 +210,7 @@ def _fit_group(
             hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
         if not start.found:
             hold[row] += np.eye(2 * knots) / bands.PIN**2
-    found = fitting.fit_curves(seen, theta, priors, sweeps, moving=count, hold=hold, report=report)
+    found = fitting.fit_curves(seen, theta, priors, moving=count, hold=hold, report=report)
     free, strayed = {row for row, s in enumerate(starts) if s.found and not holds}, set()
     for last in (False, True):
         now, again = np.array([body.theta for body in found]), np.zeros(len(theta), dtype=bool)
@@ -231,7 +230,7 @@ def _fit_group(
             some = again | meets[again].any(0)
             beside = meets[some].any(0) & ~some
             fitted = fitting.fit_curves(
-                seen, now[some], priors._replace(mean=priors.mean[some]), sweeps[:HOLDING],
+                seen, now[some], priors._replace(mean=priors.mean[some]), fitting.SWEEPS[:HOLDING],
                 moving=int(some[:count].sum()), hold=hold[some], first=again[some],
                 beside=[found[row] for row in np.flatnonzero(beside)],
             )  # fmt: skip

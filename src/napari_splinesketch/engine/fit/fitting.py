@@ -16,6 +16,8 @@ from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
+SWEEPS = (5, 4, 4, 4, 4, 4)
+"""Evaluations of each curve in each sweep over all curves, at most."""
 GAIN = 5.0
 """A curve that improved its χ² by less in a visit is not visited again, until one that it touches
 has moved."""
@@ -95,7 +97,7 @@ def fit_curves(
     seen: Scene,
     theta: Float[Array, "n D"],
     priors: pad.Priors,
-    sweeps: Sequence[int],
+    sweeps: Sequence[int] = SWEEPS,
     *,
     moving: int | None = None,
     hold: Float[Array, "n 2K 2K"] | None = None,

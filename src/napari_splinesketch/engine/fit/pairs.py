@@ -1,7 +1,5 @@
 """Two bodies side by side that look like one thick one: their traces run into each other."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -35,7 +33,6 @@ def settle_pairs(
     bodies: list[Body],
     free: list[bool],
     others: list[Body],
-    sweeps: Sequence[int],
 ) -> list[Body]:
     """Lay the two curves of a pair side by side where that is likelier, each on its own side.
 
@@ -49,8 +46,6 @@ def settle_pairs(
         Which of them may move.
     others
         Bodies without a sketch of this call.
-    sweeps
-        See `fitting.fit_curves`.
     """
     lines = [b.points(100) for b in bodies]
     next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
@@ -61,22 +56,20 @@ def settle_pairs(
         one, drawn = [found[i], found[j]], [starts[i], starts[j]]
         near = set(np.flatnonzero(meets[[i, j]].any(0)).tolist()) - {i, j}
         rest = [found[k] for k in sorted(near)]
-        pair = _fit_beside(seen, one, rest, sweeps)
+        pair = _fit_beside(seen, one, rest)
         found[i], found[j] = _each_its_side(
             pair if _likelier(seen, pair, one, rest, drawn) else one, drawn
         )
     return found[: len(bodies)]
 
 
-def _fit_beside(
-    seen: Scene, one: list[Body], rest: list[Body], sweeps: Sequence[int]
-) -> list[Body]:
+def _fit_beside(seen: Scene, one: list[Body], rest: list[Body]) -> list[Body]:
     """Two bodies side by side where a pair is, fitted beside bodies that stay."""
     lines, width = _beside(seen, one)
     contrast = float(np.mean([b["contrast"] for b in one]))
     knots = max(len(b.knots) for b in one)
     theta, priors = bands.begin([(x, width, contrast) for x in lines], knots, seen)
-    return fitting.fit_curves(seen, theta, priors, sweeps, beside=rest)
+    return fitting.fit_curves(seen, theta, priors, beside=rest)
 
 
 def _likelier(
