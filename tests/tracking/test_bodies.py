@@ -8,6 +8,7 @@ import pytest
 from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
+from napari_splinesketch.tracking.drift import ShownPlaces, doubts
 from napari_splinesketch.tracking.motion import Foretold
 from napari_splinesketch.tracking.search import Search
 
@@ -25,7 +26,9 @@ def at(frame: int, first: float = 0, last: float = LENGTH) -> np.ndarray:
 BODY = Body(1, tuple((t, curve(at(t), HALF_WIDTH)) for t in range(6)))
 
 
-def held(line: np.ndarray, first: float = 0, last: float = LENGTH) -> Curve:
+def held(
+    line: np.ndarray, first: float = 0, last: float = LENGTH, places: ShownPlaces | None = None
+) -> Curve:
     """The body where it is foretold so, in an image of a part of it."""
     shown = at(6, first + CAP, last - CAP)
     rng = np.random.default_rng(0)
@@ -33,7 +36,7 @@ def held(line: np.ndarray, first: float = 0, last: float = LENGTH) -> Curve:
     apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
     pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
     foretold = {1: Foretold(line, 0.7)}
-    search = Search(View(pixels), foretold, {}, refine, "fast", lambda told: None)
+    search = Search(View(pixels), foretold, {}, refine, "fast", lambda told: None, shown=places)
     return search.held([BODY])[1].curve
 
 
@@ -42,6 +45,28 @@ def test_what_something_hides_is_added_at_the_end_that_is_not_seen(part) -> None
     found = held(at(6), *part)
     np.testing.assert_allclose(found.points[[0, -1]], at(6)[[0, -1]], atol=1)
     assert curve_inferred(found)
+
+
+def test_nothing_hides_a_body_where_one_was_seen_before() -> None:
+    """Its tail lags in what is foretold, and nothing but the film before says that it does."""
+    lagging, shown = moved(at(6), 0, -4), ShownPlaces()
+    for frame in range(6):
+        shown.add(at(frame, 0, 34 + 12 - 2 * frame), HALF_WIDTH)
+    found = [held(lagging, 0, 34, places) for places in (None, shown)]
+    before, now = (abs(curve.points[0, 1] - at(6)[0, 1]) for curve in found)
+    assert before > 3 and now < 2
+    assert curve_inferred(found[1])
+
+
+def test_a_curve_is_longer_than_its_body_by_what_lengths_have_varied() -> None:
+    longer = curve(at(6, 0, LENGTH + 5))
+    known = replace(BODY, lengths=(LENGTH, LENGTH + 0.5, LENGTH - 0.5) * 3)
+    assert known.exceeded(longer) and not BODY.exceeded(longer)
+    assert any("length" in said for said in doubts(known, longer, at(6)))
+    assert not known.exceeded(curve(at(6, 0, LENGTH + 2)))
+    wild = replace(known, lengths=(LENGTH - 3, LENGTH, LENGTH + 3) * 3)
+    assert not wild.exceeded(longer)
+    assert replace(known, lengths=(*known.lengths, 80.0)).length_sd < 1
 
 
 @pytest.mark.parametrize("by", [-1.5, 1.5])

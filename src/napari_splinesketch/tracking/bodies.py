@@ -15,6 +15,10 @@ LENGTHS = 40
 """Frames that tell its usual length."""
 EVEN = 0.01
 """Share of a body's length by which that varies at least."""
+NORMAL = 1.48
+"""Standard deviations of a normal distribution in its median deviation."""
+LONG, LONGER = 1.0, 5.0
+"""Half-widths, and standard deviations of its length, by which a curve is longer than its body."""
 SHORT, SURELY = 0.5, 1.5
 """Half-widths, and standard deviations of its length, by which a curve is shorter than its body
 where something may hide the rest."""
@@ -62,7 +66,13 @@ class Body:
     @property
     def length_sd(self) -> float:
         """By how much its length varies, px."""
-        return max(float(np.std(self.lengths or (0.0,))), EVEN * self.length)
+        off = np.abs(np.array(self.lengths or (self.length,)) - self.length)
+        return max(NORMAL * float(np.median(off)), EVEN * self.length)
+
+    def exceeded(self, curve: Curve) -> bool:
+        """Whether a curve is longer than its body can be, if that has been seen often enough."""
+        usual = max(LONG * self.half_width, LONGER * self.length_sd)
+        return len(self.lengths) >= MEMORY and curve.length - self.length > usual
 
     def lacks(self, curve: Curve) -> bool:
         """Whether a curve is so short that something may hide the rest."""

@@ -42,12 +42,15 @@ SAME = 0.6
 ALONG = 0.5
 """... for this share of the length of one of them."""
 
+AROUND = np.argwhere(np.ones((3, 3))) - 1
+"""A place and those beside it."""
+
 
 def doubts(body: Body, curve: Curve, expected: Line) -> list[str]:
     """Say what looks unlike the body so far, in words for the user."""
     found = []
     usual = body.length
-    if not usual / LONGER < curve.length < usual * LONGER:
+    if body.exceeded(curve) or not usual / LONGER < curve.length < usual * LONGER:
         found.append(f"its length jumped from {usual:.0f} to {curve.length:.0f} px")
     before, now = body.half_width, float(np.median(curve.half_width))
     if np.isfinite(before) and abs(now - before) > max(WIDER * before, THIN):
@@ -116,6 +119,26 @@ def seeing(
         return sign * ndimage.map_coordinates(smooth, at, order=1) >= least
 
     return shows
+
+
+class ShownPlaces:
+    """Where frames have shown bodies: nothing that stays in its place hides a body there."""
+
+    def __init__(self) -> None:
+        self._cells: set[tuple[int, int]] = set()
+        self._size = 1.0
+
+    def add(self, points: Line, half_width: float) -> None:
+        """Take points at which a body of such a half-width is seen, px of the image."""
+        if not self._cells and np.isfinite(half_width):
+            self._size = half_width / 2
+        cells = np.rint(points / self._size).astype(int)[:, None] + AROUND
+        self._cells.update(map(tuple, cells.reshape(-1, 2).tolist()))
+
+    def at(self, line: Line) -> Bool[np.ndarray, " P"]:
+        """Which points of a line lie there."""
+        cells = np.rint(line / self._size).astype(int).tolist()
+        return np.array([tuple(cell) in self._cells for cell in cells], bool)
 
 
 def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:

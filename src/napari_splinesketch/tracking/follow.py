@@ -10,6 +10,7 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.tracking.bodies import Body
+from napari_splinesketch.tracking.drift import ShownPlaces
 from napari_splinesketch.tracking.events import Entering, Parts
 from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
 from napari_splinesketch.tracking.types import (
@@ -80,7 +81,7 @@ def follow(
 
         refine = cast(Refine, engine)
     step = _Step(read, refine, preset, smooth, pictures)
-    window = Window(refine, preset, pictures)
+    window = Window(refine, preset, pictures, step.shown)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
         try:
@@ -134,6 +135,7 @@ class _Step:
         self._read, self._refine, self._pictures = read, refine, pictures
         self._smooth, self._patience = smooth, PATIENCE if smooth else AT_ONCE
         self._entering = Entering()
+        self.shown = ShownPlaces()
         self._parts: Mapping[int, Parts] = {}
         self.contrast: float | None = None
         self._preset: PresetName = preset
@@ -152,7 +154,7 @@ class _Step:
             inside = [body for body in wanted if _inside(view, foretold[body.id].line)]
             search = Search(
                 view, foretold, given.curves, self._refine, self._preset, report,
-                self.contrast, self._smooth,
+                self.contrast, self._smooth, self.shown,
             )  # fmt: skip
             found = search(inside) if inside else {}
         except Cancelled:

@@ -52,14 +52,22 @@ def ahead(known: Sequence[Known], frame: float) -> Foretold:
     frame
         Where to look.
     """
+    return _going(known)(frame)
+
+
+def _going(known: Sequence[Known]) -> Callable[[float], Foretold]:
+    """What foretells a body in any frame beyond those known."""
     if len(known) < 2:
-        return Foretold(known[-1][1], np.inf)
-    lag = abs(frame - known[-1][0])
+        return lambda frame: Foretold(known[-1][1], np.inf)
     base = min(BASE, max((len(known) - 1) // 2, 1))
     mover, error = _best(known, base)
     older, newer = known[-1 - base], known[-1]
-    line = mover(older[1], newer[1], steps_to(older, newer, frame))
-    return Foretold(line, error * max(lag, 1.0) ** GROWTH)
+
+    def there(frame: float) -> Foretold:
+        line = mover(older[1], newer[1], steps_to(older, newer, frame))
+        return Foretold(line, error * max(abs(frame - newer[0]), 1.0) ** GROWTH)
+
+    return there
 
 
 def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Foretold:
@@ -76,11 +84,12 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Fo
     """
     first, last = before[-1][0], after[-1][0]
     share = (frame - first) / (last - first)
-    sides = ahead(before, frame), ahead(after, frame)
+    ways = _going(before), _going(after)
+    sides = ways[0](frame), ways[1](frame)
     blend = share**2 * (3 - 2 * share)
     # What each side misses at the far end of the gap is put right in proportion.
-    forth = sides[0].line + share**2 * (after[-1][1] - ahead(before, last).line)
-    back = sides[1].line + (1 - share) ** 2 * (before[-1][1] - ahead(after, first).line)
+    forth = sides[0].line + share**2 * (after[-1][1] - ways[0](last).line)
+    back = sides[1].line + (1 - share) ** 2 * (before[-1][1] - ways[1](first).line)
     sds = [side.sd for side in sides if np.isfinite(side.sd)]
     sd = float(np.sqrt(1 / sum(e**-2.0 for e in sds))) if sds else BEFORE
     apart = float(np.sqrt(((forth - back) ** 2).sum(1).mean()))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.ndimage import binary_closing, binary_dilation, binary_opening
+from scipy.ndimage import binary_closing, binary_dilation, binary_erosion, binary_opening
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import Hold, PresetName, Settings
@@ -18,8 +18,9 @@ from napari_splinesketch.engine.types import (
     Progress,
     Refinement,
 )
-from napari_splinesketch.tracking.bodies import INFERRED, Body
+from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
 from napari_splinesketch.tracking.drift import (
+    ShownPlaces,
     apart_from,
     doubts,
     explains_less,
@@ -39,6 +40,8 @@ POINTS = 12
 """Of the line along which a body is searched for."""
 SURE = 0.8
 """Half-widths: where a body is known so well, it is not searched for."""
+PARTLY = 3.0
+"""The same of a body that something hides in part: a search finds the rest of it at best."""
 LOOSE, STRICT = 3.0, 0.5
 """Errors of a prediction go together along a body: each of about ten knots is to be believed by
 the square root of that less, or the curve lags behind its body; and by so much across it where a
@@ -87,8 +90,9 @@ class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
     Where each body is foretold, and the curves that stay as they are, are given by number; the
-    usual contrast is that of the frames before. With `smooth`, a body whose place is known well is
-    fitted there without a search, and parts of bodies that divide are looked for.
+    usual contrast, and where bodies have been shown, are those of the frames before. With `smooth`,
+    a body whose place is known well is fitted there without a search, and parts of bodies that
+    divide are looked for.
     """
 
     def __init__(
@@ -101,7 +105,9 @@ class Search:
         report: OnProgress,
         contrast: float | None = None,
         smooth: bool = True,
+        shown: ShownPlaces | None = None,
     ):
+        self._shown = shown or ShownPlaces()
         self._contrast, self._smooth = contrast, smooth
         self.parts: dict[int, Parts] = {}
         """Of bodies that may have divided, by number."""
@@ -115,21 +121,26 @@ class Search:
 
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
-        near = SURE * self._smooth
-        found = self.held([b for b in bodies if self._foretold[b.id].sd < near * b.half_width])
+        found = self.held([b for b in bodies if self._smooth and self._known(b)])
         rest = [body for body in bodies if body.id not in found]
         self._attempt(0, rest, self._expected, self._preset, found)
         for number, preset in enumerate((self._preset, LOCAL, self._preset), start=1):
-            doubted = [
-                b
-                for b in bodies
-                if not found[b.id].trusted and (number == 3 or b.misses <= AT_ONCE)
-            ]
+            doubted = [b for b in bodies if not found[b.id].trusted]
+            doubted = [b for b in doubted if b.misses <= AT_ONCE or (number == 3 and b.misses % 2)]
             # The first attempt was the same if there was nobody else to get out of the way.
-            if doubted and (number > 1 or len(doubted) < len(bodies)):
+            if doubted and (number > 1 or doubted != rest):
                 lines = self._as_suggested(doubted, found) if number == 3 else self._expected
                 self._attempt(number, doubted, lines, preset, found)
+        for body in bodies if self._smooth else ():
+            line = found[body.id].curve.points
+            inside = binary_erosion(self._seen(line), iterations=_points(body, line))
+            self._shown.add(line[np.asarray(inside, bool)], body.half_width)
         return found
+
+    def _known(self, body: Body) -> bool:
+        """Whether it is known where a body is, or a part of it that is not hidden."""
+        near = PARTLY if curve_inferred(body.seen[-1][1]) else SURE
+        return self._foretold[body.id].sd < near * body.half_width
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are foretold, with how surely, without any search."""
@@ -144,18 +155,23 @@ class Search:
 
         loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
         self._attempt(0, bodies, lines, loose, found)
-        short = {b.id for b in bodies if b.lacks(found[b.id].curve)}
-        again = [b for b in bodies if not found[b.id].trusted or b.id in short]
+        hidden = {b.id for b in bodies if self._hidden(b, found[b.id].curve)}
+        again = [b for b in bodies if b.id in hidden or not found[b.id].trusted]
         holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
-        self._attempt(0, again, lines, Settings(hold=holds), found, hidden=short)
+        self._attempt(0, again, lines, Settings(hold=holds), found, hidden=hidden)
         return found
+
+    def _hidden(self, body: Body, curve: Curve) -> bool:
+        """Whether something may hide a part of a body that has been fitted as if it were whole."""
+        return body.lacks(curve) or self._unseen(body, curve.points).mean() > UNSEEN
 
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
         """Where the image does not show a body for its width, or for half of that at an end."""
         seen = np.asarray(binary_closing(self._seen(line)), bool)
         width = _points(body, line)
         beyond = np.pad(~seen, width, constant_values=True)
-        return np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
+        unseen = np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
+        return unseen & ~self._shown.at(line)
 
     def _uncovered(self, view: View, bodies: Sequence[Body], lines: Mapping[int, Line]) -> View:
         """The view without the pixels where bodies should be, but the image does not show them."""
@@ -201,8 +217,8 @@ class Search:
         if not bodies:
             return
         tried = {body.id for body in bodies}
-        others = [one for one in found.values() if one.id not in tried]
-        fixed = [*self._given.values(), *(one.curve for one in others if not one.empty)]
+        others = [one for one in found.values() if one.id not in tried and one.trusted]
+        fixed = [*self._given.values(), *(one.curve for one in others)]
         wanted = [lines[b.id] for b in bodies]
         view = self._view.around(wanted) if self.refinement else self._view
         covered = [b for b in bodies if b.id in hidden]
@@ -224,7 +240,7 @@ class Search:
             rest = [other for other in everyone if other is not curve]
             if self._smooth:
                 alone = apart_from(curve.points, rest)
-                if not alone.all() and explains_less(body, curve):
+                if not alone.all() and body.id not in hidden and explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
                 if slid(curve.points, alone, body.half_width, seen):
                     said.append("it slid along its path onto another body")

@@ -17,7 +17,7 @@ from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
-from napari_splinesketch.tracking.drift import distance, folds, near_others
+from napari_splinesketch.tracking.drift import ShownPlaces, distance, folds, near_others
 from napari_splinesketch.tracking.motion import Foretold
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
@@ -63,7 +63,8 @@ class _Stretch:
 class Window:
     """Holds back the frames that are not decided yet."""
 
-    def __init__(self, refine: Refine, preset: PresetName, pictures: bool):
+    def __init__(self, refine: Refine, preset: PresetName, pictures: bool, shown: ShownPlaces):
+        self._shown = shown
         self._refine, self._pictures = refine, pictures
         self._preset: PresetName = preset
         self._held: list[Tracked] = []
@@ -259,8 +260,9 @@ class Window:
             noise = result.refinement.model.noise / max(contrast, 1e-30)
             near = joined(views).around([foretold[body.id].line for body in rest])
             search = Search(
-                near, foretold, others | sure, self._refine, self._preset, lambda p: None, contrast
-            )
+                near, foretold, others | sure, self._refine, self._preset, lambda p: None,
+                contrast, shown=self._shown,
+            )  # fmt: skip
             for i, one in search.held(rest).items():
                 likely = identity.agrees(one.curve.points, foretold[i], bodies[i].half_width)
                 if one.empty or not likely or folds(bodies[i], one.curve):
