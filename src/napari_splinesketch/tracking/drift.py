@@ -125,7 +125,7 @@ class ShownPlaces:
     """Where frames have shown bodies: nothing that stays in its place hides a body there."""
 
     def __init__(self) -> None:
-        self._cells: set[tuple[int, int]] = set()
+        self._cells: set[tuple[int, ...]] = set()
         self._size = 1.0
 
     def add(self, points: Line, half_width: float) -> None:
