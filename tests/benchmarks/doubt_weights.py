@@ -133,13 +133,14 @@ def _done(task: Task) -> list[Example]:
 
 
 def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
-    """What is collected of each curve, in the order of the sketches."""
+    """What is collected of each curve whose path was found, in the order of the sketches."""
     known: dict[tuple[float, ...], doubt.Evidence] = {}
     collect = doubt.collect
 
-    def record(points, sd, *others):
-        evidence = collect(points, sd, *others)
-        known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
+    def record(points, sd, sketch, half_width, start):
+        evidence = collect(points, sd, sketch, half_width, start)
+        if start.found:  # others are marked unless a body shows, whatever the signs say
+            known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
         return evidence
 
     doubt.collect = record
@@ -148,9 +149,10 @@ def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
     finally:
         doubt.collect = collect
     for i, curve in enumerate(curves):
-        if curve.status != "failed":
-            signs = known[tuple(sorted(curve.sd))].signs
-            yield Example(source, scene, signs, bool(wrong(i, curve)), curve.status != "good")
+        evidence = known.get(tuple(sorted(curve.sd)))
+        if evidence is not None:
+            marked = curve.status != "good"
+            yield Example(source, scene, evidence.signs, bool(wrong(i, curve)), marked)
 
 
 def fit(
