@@ -267,12 +267,17 @@ def test_a_sketch_that_is_right_already_keeps_its_body():
     assert away(line, start.line) < 2
 
 
-@pytest.mark.parametrize("off", [0.0, 1.5])
-@pytest.mark.parametrize("aside", [5.0, 6.0])
-def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside, off):
-    """Without the search between rims its curve lies on one of them."""
+@pytest.mark.parametrize(
+    ("aside", "rim", "off"),
+    [(5.0, 1.0, 0.0), (6.0, 1.0, 0.0), (5.0, 1.0, 1.5), (6.0, 1.0, 1.5), (7.0, 1.5, 2.5)],
+)
+def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside, rim, off):
+    """Without the search between rims its curve lies on one of them.
+
+    Rims that are broad and near to the line stand out at half-widths of their own.
+    """
     line = cross(0.0)[0]
-    rims = drawn([np.add(line, [side, 0.0]) for side in (-aside, aside)], half_width=1.0)
+    rims = drawn([np.add(line, [side, 0.0]) for side in (-aside, aside)], half_width=rim)
     image = np.maximum(rims, 0.15 * drawn([line], half_width=aside, noise=0.0))
     sketch = np.add(line[::16], [off, 0.0])
     (curve,) = refine(image, [sketch]).curves

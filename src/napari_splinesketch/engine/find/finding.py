@@ -16,6 +16,7 @@ from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import CREST, Scene
 from napari_splinesketch.engine.look.sketched import (
+    ENOUGH,
     SLENDER,
     half_width_across,
     look_around,
@@ -261,20 +262,24 @@ def _candidates(
 
 
 def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
-    """The wider body whose hollow middle a clicked sketch lies on, if there is one: its path."""
+    """The wider bodies whose hollow middle a clicked sketch may lie on: paths at their rungs."""
     length = spline.arc_length(sketch)[-1]
     wider = range(rung + 2, int(np.searchsorted(WIDTHS, SLENDER * length, side="right")))
     if not wider:
         return
     side = 0 if seen.contrast > 0 else 1
-    wide = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side].rung
-    if wide not in wider:
-        return
-    reach = NARROW * WIDTHS[wide] + NARROW_PX
-    line = strip.ordered_path(seen.evidence(wide), sketch, WIDTHS[wide], reach)
-    line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
-    if _between_rims(seen.evidence(rung), spline.resample(line, scoring.SAMPLES), WIDTHS[wide]):
-        yield wide, line
+    around = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side]
+    heights = np.array(around.profile[wider.start :])
+    # The rims are ridges too, at half-widths of their own: each that stands out is tried.
+    dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
+    for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
+        wide = wider.start + int(first + np.argmax(part >= ENOUGH * part.max()))
+        reach = NARROW * WIDTHS[wide] + NARROW_PX
+        line = strip.ordered_path(seen.evidence(wide), sketch, WIDTHS[wide], reach)
+        line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
+        sampled = spline.resample(line, scoring.SAMPLES)
+        if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
+            yield wide, line
 
 
 def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
