@@ -3,10 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Array
 
@@ -30,13 +29,15 @@ SEEN = 0.6
 Line = Float[Array, "N 2"]
 
 
-def joined(graph: TraceGraph, evidence: Float[Array, "H W"], half_width: float) -> list[Line]:
-    """Lines of a graph of whole chains, cut where they kink and joined where they go on.
+def joined(
+    skeleton: list[Int[Array, "N 2"]], evidence: Float[Array, "H W"], half_width: float
+) -> list[Line]:
+    """Lines of a skeleton's chains, cut where they kink and joined where they go on.
 
     Where bodies cross, or evidence has a gap, the cheapest joins are made first, and every end is
     joined once.
     """
-    chains = [part for piece in graph.pieces for part in _unkinked(piece, half_width)]
+    chains = [part for whole in skeleton for part in _unkinked(whole.astype(float), half_width)]
     if not chains:
         return []
     mate: dict[int, int] = {}

@@ -11,7 +11,7 @@ from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import checks
 from napari_splinesketch.engine.find.joining import joined
-from napari_splinesketch.engine.find.tracing import trace
+from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
@@ -200,9 +200,8 @@ def _traced(
     width = WIDTHS[rung]
     body = apply_hysteresis_threshold(evidence, *BODY)
     body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
-    graph = trace(body, width, np.inf, gap=0.0)
     found = []
-    for line in joined(graph, evidence, width):
+    for line in joined(traced(body, width), evidence, width):
         length = arc_length(line)[-1]
         if length < SHORTEST * width:
             continue

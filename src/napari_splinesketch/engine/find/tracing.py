@@ -72,9 +72,7 @@ class TraceGraph:
         return np.array([piece[len(piece) // 2] for piece in self.pieces]).reshape(-1, 2)
 
 
-def trace(
-    mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0, *, gap: float = GAP
-) -> TraceGraph:
+def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> TraceGraph:
     """The graph of a mask's skeleton, with straight links across its gaps.
 
     Parameters
@@ -85,10 +83,8 @@ def trace(
         Typical half-width of the bodies, px; every length scales with it.
     usual
         Usual length of the bodies, px, as far as it is known.
-    gap
-        Gaps up to so many half-widths are bridged.
     """
-    chains = _pruned(skeletonize(mask), SPUR * half_width)
+    chains = traced(mask, half_width)
     degree = _degrees(chains)
 
     number: dict[tuple, int] = {}
@@ -105,7 +101,7 @@ def trace(
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree[node] == 1 for node in number], dtype=bool)
     headings = [[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces]
-    for a, b in _gaps(nodes, tips, ends, headings, gap * half_width):
+    for a, b in _gaps(nodes, tips, ends, headings, GAP * half_width):
         ends.append([a, b])
         pieces.append(nodes[[a, b]])
         bridges.append(False)
@@ -124,7 +120,7 @@ def trace(
 
 def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     """Pairs of nodes between which a body may go on unseen: what a free end points at."""
-    if reach <= 0 or tips.sum() < 1 or len(nodes) < 3:
+    if tips.sum() < 1 or len(nodes) < 3:
         return []
     out: dict[int, list[Float[Array, 2]]] = {}
     for pair, both in zip(ends, headings, strict=True):
@@ -204,14 +200,16 @@ def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[i
     return pixels, links
 
 
-def _pruned(skeleton: Bool[Array, "H W"], spur: float) -> list[Int[Array, "N 2"]]:
-    """The chains of a skeleton without short ones that hang on a junction."""
+def traced(mask: Bool[Array, "H W"], half_width: float) -> list[Int[Array, "N 2"]]:
+    """The chains of a mask's skeleton without short ones that hang on a junction."""
+    skeleton = skeletonize(mask)
     chains = list(_chains(skeleton))
     degree = _degrees(chains)
     kept = skeleton.copy()
     for chain in chains:
         first, last = degree[tuple(chain[0])], degree[tuple(chain[-1])]
-        if min(first, last) == 1 and max(first, last) > 2 and arc_length(chain)[-1] < spur:
+        spur = min(first, last) == 1 and max(first, last) > 2
+        if spur and arc_length(chain)[-1] < SPUR * half_width:
             free = chain[:-1] if first == 1 else chain[1:]
             kept[tuple(free.T)] = False
     return chains if kept.sum() == skeleton.sum() else list(_chains(kept))
