@@ -1,6 +1,7 @@
 """The table of actions and the keys that they are bound to."""
 
 from importlib.resources import files
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,8 @@ def table(heard: list[str]) -> Commands:
     viewer = ViewerModel()
     viewer.bind_key("K", lambda viewer: heard.append("other"))
     rows = tuple(Command(n, n, k, lambda c, n=n: heard.append(n), n) for n, k in ("aJ", "bK"))
-    return Commands(viewer, heard, lambda: True, rows)
+    controller: Any = SimpleNamespace(viewer=viewer, is_meant=lambda: True)
+    return Commands(controller, rows)
 
 
 def test_keys_run_actions_and_are_given_back(table: Commands, heard: list[str]) -> None:
@@ -58,7 +60,7 @@ def test_keys_run_actions_and_are_given_back(table: Commands, heard: list[str]) 
 def test_a_second_table_takes_the_keys_over(table: Commands, heard: list[str]) -> None:
     viewer: Any = table._viewer
     rows = (Command("a", "a", "J", lambda c: heard.append("again"), "a"),)
-    again = Commands(viewer, heard, lambda: True, rows)
+    again = Commands(table._controller, rows)
     table.close()
     press(viewer, "J")
     assert heard == ["again"]

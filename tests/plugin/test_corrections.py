@@ -196,7 +196,7 @@ def test_knots_lead_a_curve(
     fit_view(viewer)
     before = controller.work and controller.work.state
     shown: list[float] = []
-    preview = viewer.layers["film edited"]
+    preview = viewer.layers["film on the way"]
     preview.events.data.connect(lambda event: shown.append(preview.data[:, 0, 1].max()))
     place = tuple(knots.data[5, 1:])
     hand.drag(place, (place[0] + 12, place[1]))
@@ -243,5 +243,5 @@ def test_knots_that_are_taken_back_or_kept(
     hand.press("U")
     viewer.layers.remove(name)
     assert not controller.knots
-    assert "film edited" not in viewer.layers
+    assert "film on the way" not in viewer.layers
     assert len(fake.calls) == 1

@@ -403,12 +403,12 @@ def test_curves_that_cannot_be_brought_back_stay_in_their_files(
         first.refine()
     files = {path: path.read_bytes() for path in home.rglob("*.*") if path.is_file()}
 
-    def broken(state: Any) -> None:
+    def broken(what: str, state: Any) -> None:
         raise ValueError("napari does not like it")
 
     with bench() as again:
         again.image()
-        monkeypatch.setattr(again.controller, "amend", broken)
+        monkeypatch.setattr(again.controller, "apply", broken)
         again.resume()
         assert "napari does not like it" in again.controller.notice.text
         until(lambda: counts(home) == [(2, 2), (2, 0)], SOON)

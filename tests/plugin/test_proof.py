@@ -108,7 +108,7 @@ def test_proofs_follow_while_they_are_in_view(
     assert not dock.eyes.entries["masks"].isChecked()
     made = []
     maker = pictures.MAKERS["masks"]
-    slow = replace(maker, make=lambda known: made.append(1) or maker.make(known))
+    slow = replace(maker, make=lambda *known: made.append(1) or maker.make(*known))
     assert dock.controller.work is not None
     dock.controller.work.made["masks"].maker = slow
     click(dock.undo)

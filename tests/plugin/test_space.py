@@ -10,7 +10,6 @@ from napari.layers import Image, Shapes
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import (
     current_frame,
-    frame_index,
     frame_numbers,
     in_stack,
     pixel_size,
@@ -92,11 +91,13 @@ def test_fractions_of_frames_are_rounded_in_the_image() -> None:
 
 def test_frames_over_several_axes_are_counted_through() -> None:
     image = Image(np.zeros((2, 3, 8, 9)))
-    assert [frame_index(image, n) for n in (0, 2, 3, 5)] == [(0, 0), (0, 2), (1, 0), (1, 2)]
+    begin = np.zeros((1, 2))
+    index = [in_stack(image, n, begin)[0, :2].tolist() for n in (0, 2, 3, 5)]
+    assert index == [[0, 0], [0, 2], [1, 0], [1, 2]]
     points = in_stack(image, 5, np.array([[4.0, 5.0]]))
     np.testing.assert_array_equal(points, [[1, 2, 4, 5]])
     assert frame_numbers(image, points) == [5]
-    assert frame_index(Image(np.zeros((8, 9))), 0) == ()
+    assert in_stack(Image(np.zeros((8, 9))), 0, begin).tolist() == [[0, 0]]
 
 
 def test_planes_that_cannot_be_sketched_on_are_named() -> None:

@@ -1,6 +1,8 @@
 """Suggest in the window: ordinary lines, taken back by one step, never in the user's way."""
 
+import threading
 from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,10 @@ from qtpy.QtCore import Qt
 
 from napari_splinesketch import suggest
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
+from .bench import LINES, SOON, bench
 from .fakes import FakeEngine
 from .hand import QTest, canvas, click, draw, drawn, fit_view, refine, until
 
@@ -138,3 +142,26 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
     click(dock.undo)
     until(lambda: layer.nshapes == 0, 20)
     assert not dock.undo.isEnabled(), "however far it was moved, it is one step"
+
+
+def test_lines_go_into_the_layer_that_they_were_suggested_for(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go = threading.Event()
+
+    def held(*task: Any) -> Any:
+        assert go.wait(SOON)
+        return SimpleNamespace(choose=lambda sensitivity: tuple(LINES))
+
+    monkeypatch.setattr(engine, "suggest", held)
+    with bench() as made:
+        made.image()
+        mine = made.sketches([], name="mine")
+        made.controller.suggestions.suggest()
+        other = made.sketches([], name="other")
+        go.set()
+        made.rest()
+        assert (mine.nshapes, other.nshapes) == (2, 0)
+        made.controller.choices.sketches = mine
+        made.controller.undo()
+        until(lambda: mine.nshapes == 0, SOON)

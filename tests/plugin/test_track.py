@@ -80,7 +80,7 @@ def test_back_to_the_first_frame_is_one_step_and_a_single_one_shows_it(
     film.controller.delete(*[(t, i) for t in (0, 1, 2, 3) for i in (1, 2)])
     work = film.controller.work
     assert work is not None
-    work.history.value = replace(work.state, deleted=())
+    work.history.amend(replace(work.state, deleted=()))
     fake.calls.clear()
     click(film.track.buttons["previous_frame"])
     over(film)
@@ -203,8 +203,13 @@ def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
         Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view()),
     ]
     told: list[Any] = []
-    elsewhere: Any = SimpleNamespace(work=None, finish=told.append)
-    going = Tracking(elsewhere, cast(Any, object()), range(1, 4))
+    elsewhere: Any = SimpleNamespace(
+        work=None,
+        finish=told.append,
+        apply=lambda *step, work: None,
+        show=lambda work, last: last(),
+    )
+    going = Tracking(elsewhere, cast(Any, SimpleNamespace(state=State())), range(1, 4))
     going.results += results
     pictures = [weakref.ref(one.view) for one in results]
     results.clear()

@@ -66,7 +66,7 @@ class CurveBox(qt.QWidget):
         self._controller = controller
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        self._corrections = widgets.CommandButtons(controller.actions, "curve", 4, even=False)
+        self._corrections = widgets.CommandButtons(controller.actions, "curve", 4)
         self._corrections.setStyleSheet("QPushButton { padding: 3px 1px; }")
         self.buttons = self._corrections.buttons
         widgets.stack(self, self.title, self._corrections)
@@ -115,40 +115,37 @@ class EyeBox(qt.QWidget):
         super().__init__()
         self._controller = controller
         self.buttons = {role: widgets.Button(name, tip) for role, (name, tip) in words.EYES.items()}
-        for role, made in self.buttons.items():
-            made.setCheckable(True)
-            made.clicked.connect(partial(self._show, role))
         more = widgets.Button("More", "Show more: residual, background, uncertainty, masks")
         menu: Any = qt.QMenu(more)
         menu.setToolTipsVisible(True)
         self.entries: dict[str, Any] = {}
-        for proof, maker in ((role, maker) for role, maker in MAKERS.items() if maker.title):
-            entry = self.entries[proof] = menu.addAction(maker.title)
-            entry.setToolTip(maker.tip)
-            entry.setCheckable(True)
-            entry.triggered.connect(partial(self._ask, proof))
+        for role, maker in MAKERS.items():
+            if maker.title:
+                self.entries[role] = menu.addAction(maker.title)
+                self.entries[role].setToolTip(maker.tip)
         more.setMenu(menu)
-        widgets.grid(self, [*self.buttons.values(), more], 3)
+        eyes: dict[str, Any] = {**self.buttons, **self.entries}
+        for role, eye in eyes.items():
+            eye.setCheckable(True)
+            (eye.triggered if role in self.entries else eye.clicked).connect(
+                partial(self._ask, role)
+            )
+        made = [*self.buttons.values(), more]
+        widgets.stack(self, made[:3], made[3:])
 
     def show_state(self) -> None:
         """Show which layers are visible."""
         work = self._controller.work
-        for role, made in self.buttons.items():
+        for role, eye in (self.buttons | self.entries).items():
             layer = work.layer(role) if work else None
-            made.setEnabled(layer is not None)
-            made.setChecked(layer is not None and layer.visible)
-        for proof, entry in self.entries.items():
-            entry.setChecked(work is not None and work.made[proof].shown)
+            eye.setEnabled(layer is not None or role in self.entries)
+            eye.setChecked(layer is not None and layer.visible)
 
-    def _show(self, role: str, on: bool) -> None:
-        if (work := self._controller.work) and (layer := work.layer(role)) is not None:
-            layer.visible = on
-
-    def _ask(self, proof: str, on: bool) -> None:
+    def _ask(self, role: str, on: bool) -> None:
         work = self._controller.work
-        if work is not None and not work.ask(proof, on):
-            self.entries[proof].setChecked(False)
-            self._controller.say(MAKERS[proof].nothing)
+        if work is not None and not work.ask(role, on):
+            self.show_state()
+            self._controller.say(MAKERS[role].nothing)
 
 
 class RefineMenu(qt.QToolButton):
@@ -190,9 +187,9 @@ class SuggestBox(qt.QWidget):
         self.slider.setValue(round(100 * controller.suggestions.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        name, ends = qt.QLabel("Sensitivity"), qt.QWidget()
-        name.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        widgets.grid(ends, (qt.QLabel("clear only"), name, qt.QLabel("faint too")), 3, even=False)
+        ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
+        for label, side in zip(ends[1:], ("AlignHCenter", "AlignRight"), strict=True):
+            label.setAlignment(getattr(Qt.AlignmentFlag, side) | Qt.AlignmentFlag.AlignVCenter)
         widgets.stack(self, ends, self.slider)
         self.slider.valueChanged.connect(self._on_slider)
         self._on_slider(self.slider.value())

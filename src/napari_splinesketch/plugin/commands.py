@@ -24,8 +24,8 @@ else:
 REACH = 8.0
 """How far from a curve the pointer may be to mean it, px, where its body is not broader."""
 NO_CURVES = "There are no curves yet: refine first"
-Place = Literal["", "curve", "film", "review"]
-"""Where a command has a button: with the selected curve, with a film, in the table of curves."""
+Place = Literal["", "curve", "film", "steps", "review"]
+"""Where a command has a button: with the selected curve, a film, Undo, in the table of curves."""
 ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
 """How many curves a command is for."""
 
@@ -223,11 +223,11 @@ COMMANDS = (
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
     Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(),
-            "Undo the last step",
+            "Undo the last step", "steps",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
     Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(),
-            "Redo what was undone",
+            "Redo what was undone", "steps",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
@@ -262,20 +262,14 @@ COMMANDS = (
 
 
 class Commands:
-    """The commands that act on a controller, bound to keys of a viewer where those are `heard`.
+    """The commands that act on a controller, bound to keys of its viewer.
 
     The keys of napari's layers and of other plugins come first: these are only heard where
     nobody else wants them.
     """
 
-    def __init__(
-        self,
-        viewer: ViewerModel,
-        controller: Any,
-        heard: Callable[[], bool],
-        table: tuple[Command, ...] = COMMANDS,
-    ):
-        self._viewer, self._controller, self._heard = viewer, controller, heard
+    def __init__(self, controller: Controller, table: tuple[Command, ...] = COMMANDS):
+        self._controller, self._viewer = controller, controller.viewer
         self._commands = {command.id: command for command in table}
         self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
         self.rebind({})
@@ -308,6 +302,8 @@ class Commands:
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
         command = self._commands[name]
+        if command.place == "review" and command.key:  # where there is room for it
+            return f"{command.name} ({command.key})"
         return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
@@ -322,7 +318,7 @@ class Commands:
             if key and (taken is None or getattr(taken, "__module__", "") == __name__):
 
                 def press(viewer: ViewerModel, run: Callable[[Any], object] = chosen.run) -> None:
-                    if self._heard():
+                    if self._controller.is_meant():
                         run(self._controller)
 
                 press.__name__, press.__doc__ = chosen.id, chosen.tip

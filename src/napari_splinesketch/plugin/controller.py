@@ -24,7 +24,7 @@ from napari_splinesketch.plugin.keeper import Keeper, Notice
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers import drawn
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import Preview, is_result
+from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
@@ -52,13 +52,13 @@ class Controller(Keeper):
         self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
-        self._preview: Preview | None = None
+        self._moving: Work | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
         self._told: list[Image] = []
         self._began = 0.0
         self.suggestions = Suggestions(self)
-        self.actions = Commands(viewer, self, self._is_meant)
+        self.actions = Commands(self)
         self.actions.rebind(self.settings.keys)
         self.changes.clicked.connect(lambda shift: pick(self, add=shift))
         self.changes.layers.connect(self._follow)
@@ -88,8 +88,13 @@ class Controller(Keeper):
         lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)
         work_out = partial(engine.run, block, lines, wanted.fixed, self.how(image))
-        self._preview = Preview(self.viewer, image, wanted.frame, f"{work.name} on the way")
-        self.start(work_out, partial(self._on_refined, work, wanted), "Refining", on=work)
+        self._moving = work
+
+        def see(progress: Progress) -> None:
+            if progress.centrelines:
+                work.move(wanted.frame, progress.centrelines)
+
+        self.start(work_out, partial(self._on_refined, work, wanted), "Refining", see, on=work)
 
     def start(
         self,
@@ -140,9 +145,9 @@ class Controller(Keeper):
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
-        if self._preview:
-            self._preview.remove()
-        self._job = self._preview = self.progress = self._on = None
+        if self._moving:
+            self._moving.move()
+        self._job = self._moving = self.progress = self._on = None
         self.tell(notice)
         self.changes.busy.emit()
 
@@ -255,7 +260,7 @@ class Controller(Keeper):
         elif not self.progress:  # at the end of what runs, all is looked at anyway
             self._soon()
 
-    def _is_meant(self) -> bool:
+    def is_meant(self) -> bool:
         """Whether a key is meant for us: a layer that we have to do with is active, or none."""
         layer = self.viewer.layers.selection.active
         return layer in (None, self.choices.image, self.choices.sketches) or is_result(layer)
@@ -265,8 +270,6 @@ class Controller(Keeper):
         share, spent = progress.fraction, perf_counter() - self._began
         known = spent > KNOWN_AFTER and share > 0.05
         self.left = spent * (1 - share) / share if known else None
-        if self._preview and progress.centrelines:
-            self._preview.show(progress.centrelines)
         self.changes.progress.emit()
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
@@ -279,7 +282,6 @@ class Controller(Keeper):
         ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
         state = work.state.set_aside([(plan.frame, t.id) for t in targets if t.again])
-        work.history.apply(what, state.refined(plan.frame, fresh, refined))
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
@@ -288,7 +290,7 @@ class Controller(Keeper):
             self.finish(Notice("done", said))
             self._refine_at_once()
 
-        self.show(work, over)
+        self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
 
     def _on_drawn(self) -> None:
         """Refine what was drawn, if she wants it so; a click beside it all selects a curve."""

@@ -89,13 +89,15 @@ class SplinesketchDock(QWidget):
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         self.more = boxes.RefineMenu(controller)
         self.curve = boxes.CurveBox(controller)
-        self.track = widgets.CommandButtons(controller.actions, "film", 2)
+        buttons = partial(widgets.CommandButtons, controller.actions)
+        self.track = buttons("film", 2, self._is_film)
+        self.steps = buttons("steps", 2, self._has_steps)
+        self.undo, self.redo = self.steps.buttons.values()
         self.results = TextLabel()
         self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = boxes.EyeBox(controller)
         self.look = boxes.LookBox(lambda by: controller.choose(colour_by=by))
-        self.undo, self.redo = (CommandButton(controller.actions, n) for n in ("undo", "redo"))
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
@@ -113,15 +115,13 @@ class SplinesketchDock(QWidget):
         self.rejected.setToolTip("Normally, rejected curves are left out of the file")
 
     def _lay_out(self) -> None:
-        begin, steps, texts, below = QWidget(), QWidget(), QWidget(), QWidget()
+        texts, below = QWidget(), QWidget()
         self.content = QWidget()
-        widgets.grid(begin, (self.draw, self.suggest.button), 2)
-        widgets.grid(steps, (self.undo, self.redo), 2)
         chosen = widgets.form(self.image, self.sketches, self.preset)
         rows = (
-            *(chosen, begin, self.suggest, self.at_once, (self.refine, self.more)),
-            *(self.curve, self.track, (self.results, self.review), self.eyes, self.look),
-            *(steps, self.notes, self.settings),
+            *(chosen, [self.draw, self.suggest.button], self.suggest, self.at_once),
+            *((self.refine, self.more), self.curve, self.track, (self.results, self.review)),
+            *(self.eyes, self.look, self.steps, self.notes, self.settings),
         )
         widgets.stack(self.content, *rows, margin=4).addStretch(1)
         widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
@@ -144,12 +144,12 @@ class SplinesketchDock(QWidget):
             self._show_hint: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_running: (changes.busy, changes.progress, changes.said),
             self.suggest.button.show_state: (*frame, *command),
-            self._show_film: (*frame, changes.curves, changes.selection, *command),
+            self.track.show_state: (*frame, changes.curves, changes.selection, *command),
             self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
             self._show_results: (*frame, changes.curves, changes.settings),
             self.eyes.show_state: (*curves, changes.shown),
             self.settings_form.show_state: (*frame, changes.settings),
-            self._show_steps: (*curves, changes.mode, *command),
+            self.steps.show_state: (*curves, changes.mode, *command),
             self._show_export: (*curves, changes.busy),
         }
         for show, signals in listeners.items():
@@ -164,10 +164,7 @@ class SplinesketchDock(QWidget):
     def _warm_up(self) -> None:
         job = Job(engine.warm_up, parent=self)
         job.done.connect(self._settle)
-        timer = QTimer(self)
-        timer.setSingleShot(True)
-        timer.timeout.connect(job.start)
-        timer.start(WARM_UP_AFTER_MS)
+        QTimer.singleShot(WARM_UP_AFTER_MS, job.start)
 
     def _settle(self) -> None:
         """Leave what there is by now out of Python's search for garbage, while the dock is seen.
@@ -244,7 +241,6 @@ class SplinesketchDock(QWidget):
         said = words.saved(place, source, self.controller.settings.save_work)
         self.saved.setText(said)
         self.saved.setToolTip(f"{place or said}\nChange it under Settings")
-        self.saved.setVisible(bool(said))
 
     def _show_refine(self) -> None:
         controller, plan = self.controller, self.controller.request()
@@ -266,11 +262,13 @@ class SplinesketchDock(QWidget):
         self.progress.show_progress(controller.progress, controller.cancellable)
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
 
-    def _show_film(self) -> None:
+    def _is_film(self) -> bool:
         image = self.controller.choices.image
-        self.track.setVisible(image is not None and frame_count(image) > 1)
-        if not self.track.isHidden():
-            self.track.show_state()
+        return image is not None and frame_count(image) > 1
+
+    def _has_steps(self) -> bool:
+        steps = self.controller.steps
+        return bool(self.controller.records() or steps.done or steps.undone)
 
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work
@@ -292,13 +290,6 @@ class SplinesketchDock(QWidget):
         running = "Something is running" if self.controller.progress else ""
         widgets.enable(self.export, nothing or running, words.EXPORT_TIP)
         self.rejected.setVisible("rejected" in [record.review for record in records])
-
-    def _show_steps(self) -> None:
-        steps = self.controller.steps
-        known = bool(self.controller.records() or steps.done or steps.undone)
-        for widget in (self.undo, self.redo):
-            widget.show_state()
-            widget.setVisible(known)
 
     def _pick_sketches(self, layer: Shapes | None) -> None:
         """Choose a layer, or add one."""

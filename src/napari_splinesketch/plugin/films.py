@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from typing import TYPE_CHECKING
@@ -89,31 +89,27 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        controller = self._controller
-        if work is not controller.work:
-            controller.finish(Notice("cancelled", "Other layers are chosen: nothing was drawn."))
-            return
         self._last = work, frame, found
-        lines = found.choose(self.sensitivity)
-        over = partial(controller.finish, Notice("done", words.suggested(len(lines))))
-        state = work.state.suggested(frame, lines)
-        if state.suggestions != work.state.suggestions:
-            controller.apply(SUGGEST, state, over)
-        else:
-            over()
+        self._put(SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:
         """Choose lines for another sensitivity, from what was found before."""
         controller = self._controller
-        if self._last is None or self._last[0] is not controller.work or controller.progress:
-            return
+        if self._last and self._last[0] is controller.work and not controller.progress:
+            again = self._last[0].history.done == SUGGEST
+            self._put("" if again else SUGGEST, controller.tell)
+
+    def _put(self, what: str, tell: Callable[[Notice], None]) -> None:
+        """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
+        assert self._last is not None
         work, frame, found = self._last
         lines = found.choose(self.sensitivity)
-        put = (
-            controller.amend if work.history.done == SUGGEST else partial(controller.apply, SUGGEST)
-        )
-        put(work.state.suggested(frame, lines))
-        controller.tell(Notice("done", words.suggested(len(lines))))
+        over = partial(tell, Notice("done", words.suggested(len(lines))))
+        state = work.state.suggested(frame, lines)
+        if state.suggestions != work.state.suggestions:
+            self._controller.apply(what, state, over, work)
+        else:
+            over()
 
 
 def tracking_problem(c: Controller, way: int) -> str:
@@ -197,26 +193,20 @@ class Tracking:
         done = [self.results.pop(0) for _ in range(len(self.results))]
         # The pictures of a long film would fill the memory.
         self._taken += [replace(one, view=None, refinement=None) for one in done]
-        if not done or work is not controller.work:
-            return
-        state = reduce(taken_in, done, work.state)
-        if self._begun:
-            controller.amend(state)
-        else:
-            self._begun = True
+        if done:
             to = f"Track to frame {self.frames[-1]}"
             around = f"Refit around frame {self.corrected}"
-            controller.apply(to if self.corrected is None else around, state)
+            what = to if self.corrected is None else around
+            state = reduce(taken_in, done, work.state)
+            controller.apply("" if self._begun else what, state, work=work)
+            self._begun = True
 
     def over(self, outcome: object = None) -> None:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
         controller, work = self.controller, self.work
         notice = Notice("done", words.tracked(self._taken, self.corrected))
-        if work is not controller.work:
-            controller.finish(notice)
-            return
-        if len(self.frames) == 1 and self.corrected is None:
+        if work is controller.work and len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
             go_to_frame(controller.viewer, work.image, self.frames[0])
             there = [key for key in work.state.by_key if key[0] == self.frames[0]]

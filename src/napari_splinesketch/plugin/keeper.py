@@ -151,22 +151,26 @@ class Keeper:
             self.notice = notice
             self.changes.said.emit()
 
-    def apply(self, what: str, state: State, last: Callable[[], None] = lambda: None) -> None:
+    def apply(
+        self,
+        what: str,
+        state: State,
+        last: Callable[[], None] = lambda: None,
+        work: Work | None = None,
+    ) -> None:
         """Put a state in the place of the present one, as a step that can be taken back.
 
-        Every change of what is known goes through here. `what` is done, for the tooltip of Undo:
-        "Accept curve 3"; `last` is called when it is shown.
+        Every change of what is known goes through here, of the chosen layers or of other `work`.
+        `what` is done, for the tooltip of Undo: "Accept curve 3"; `last` is called when it is
+        shown. Without `what` it is part of the last step.
         """
-        if self.work:
-            self.tell(Notice())
-            self.work.history.apply(what, state)
-            self.show(self.work, last)
-
-    def amend(self, state: State) -> None:
-        """Put a state in the place of the present one, as part of the last step."""
-        if self.work:
-            self.work.history.amend(state)
-            self.show(self.work)
+        if work := work or self.work:
+            if what:
+                self.tell(Notice())
+                work.history.apply(what, state)
+            else:
+                work.history.amend(state)
+            self.show(work, last)
 
     def show(self, work: Work, last: Callable[[], None] = lambda: None) -> None:
         """Let the layers show what is known, and then call something."""

@@ -19,7 +19,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import Preview, Slot
+from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import History, Record, key_of
 
@@ -50,9 +50,8 @@ class KnotEditing:
         self.steps: History[Knots] = History(record.curve.knots[:, :2])
         self.number = record.id
         self._controller, self._work, self._record = controller, work, record
-        self._slot = Slot(viewer, work.image, "knots", f"{work.name} knots of curve {record.id}")
-        self._slot.kind = Points
-        self._preview = Preview(viewer, work.image, record.frame, f"{work.name} edited")
+        name = f"{work.name} knots of curve {record.id}"
+        self._slot = Slot(viewer, work.image, "knots", name, Points)
         self._before = layers.selection.active
         knots = in_stack(work.image, record.frame, self.steps.value)
         layer = self._slot.make(knots, **LOOK)
@@ -98,7 +97,7 @@ class KnotEditing:
             return
         controller.knots = None
         self._end()
-        self._preview.remove()
+        self._work.move()
         self._slot.remove()
         if self._before in layers:
             layers.selection.active = self._before
@@ -136,7 +135,7 @@ class KnotEditing:
         return moved(self._record.curve, self._value())
 
     def _show(self) -> None:
-        self._preview.show([self._curve().points])
+        self._work.move(self._record.frame, [self._curve().points])
 
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""

@@ -124,7 +124,7 @@ def _restore(
             controller.viewer.layers.append(layer)
             controller.choices.image, controller.choices.sketches = image, layer
             if session.state.records:
-                controller.amend(session.state)
+                controller.apply("", session.state)
             saver.take(path, controller.work_on(image, layer), folder)
             there = True
     except Exception as error:

@@ -176,20 +176,9 @@ class CurvesTable(qt.QTableView):
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
         self._key = key
-        selection, row = self.selectionModel(), self._model.row_of(key)
-        if selection is None:
-            return
-        with QSignalBlocker(selection):
-            if row is None:
-                selection.clear()
-            else:
-                flags = QtCore.QItemSelectionModel.SelectionFlag
-                index = self._model.index(row, 0)
-                selection.setCurrentIndex(index, flags.ClearAndSelect | flags.Rows)
-                self.scrollTo(index)
-        # A blocked model does not tell the view either.
-        if (port := self.viewport()) is not None:
-            port.update()
+        row = self._model.row_of(key)
+        with QSignalBlocker(self):
+            self.setCurrentIndex(QModelIndex() if row is None else self._model.index(row, 0))
 
     def keyPressEvent(self, e: QKeyEvent | None) -> None:
         """Let the viewer have the keys that do not move through the rows."""
@@ -223,7 +212,7 @@ class ReviewPanel(qt.QWidget):
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
-        self.judges = CommandButtons(self.controller.actions, "review", 3, even=False)
+        self.judges = CommandButtons(self.controller.actions, "review", 3)
         self.more = Button("Table", "Copy or save the table as it is sorted and filtered")
         menu = qt.QMenu(self.more)
         menu.addAction("Copy to the clipboard", self.copy)
@@ -244,7 +233,7 @@ class ReviewPanel(qt.QWidget):
         self._end = listen(
             (changes.curves, self.show_state),
             (changes.settings, self.show_state),
-            (changes.busy, self._show_judges),
+            (changes.busy, self.judges.show_state),
             (changes.lines, self._show_rows),
             (changes.selection, self.show_selected),
             (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
@@ -279,15 +268,8 @@ class ReviewPanel(qt.QWidget):
         self.plotted.setVisible(len({record.frame for record in records}) > 1)
         self.count.setText(f"{reviewed} of {len(records)} reviewed")
         self.more.setEnabled(bool(records))
-        self._show_judges()
-        self.show_selected()
-
-    def _show_judges(self) -> None:
         self.judges.show_state()
-        for name, made in self.judges.buttons.items():
-            key = self.controller.actions[name].key
-            made.setText(f"{made.text()} ({key})" if key else made.text())
-            made.setMinimumWidth(made.sizeHint().width())
+        self.show_selected()
 
     def show_selected(self) -> None:
         """Show which curve is selected."""

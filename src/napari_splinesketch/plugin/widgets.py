@@ -36,7 +36,10 @@ def enable(widget: qt.QWidget, problem: str, tip: str) -> None:
 def stack(
     widget: qt.QWidget, *rows: qt.QWidget | Sequence[qt.QWidget], margin: int = 0
 ) -> qt.QVBoxLayout:
-    """Lay widgets out below each other in a widget; the first one of a row takes what is left."""
+    """Lay widgets out below each other in a widget.
+
+    Those of a list share a row evenly; of others, the first one takes what is left.
+    """
     column = _tight(qt.QVBoxLayout(widget), margin)
     for each in rows:
         if isinstance(each, qt.QWidget):
@@ -44,7 +47,7 @@ def stack(
             continue
         row = _tight(qt.QHBoxLayout())
         for i, one in enumerate(each):
-            row.addWidget(one, not i)
+            row.addWidget(one, isinstance(each, list) or not i)
         column.addLayout(row)
     return column
 
@@ -53,17 +56,6 @@ def _tight(layout: Any, margin: int = 0) -> Any:
     layout.setContentsMargins(margin, margin, margin, margin)
     layout.setSpacing(3)
     return layout
-
-
-def grid(
-    widget: qt.QWidget, children: Sequence[qt.QWidget], columns: int, *, even: bool = True
-) -> None:
-    """Lay widgets out in columns, equal ones or each as broad as it needs."""
-    layout = _tight(qt.QGridLayout(widget))
-    for i, child in enumerate(children):
-        layout.addWidget(child, i // columns, i % columns)
-    for column in range(columns if even else 0):
-        layout.setColumnStretch(column, 1)
 
 
 def form(*rows: Any) -> qt.QWidget:
@@ -92,17 +84,26 @@ class CommandButton(Button):
 
 
 class CommandButtons(qt.QWidget):
-    """A button for each command that belongs to a place."""
+    """A button for each command that belongs to a place; there `when` something holds."""
 
-    def __init__(self, actions: Commands, place: Place, columns: int, *, even: bool = True):
+    def __init__(
+        self, actions: Commands, place: Place, columns: int, when: Callable[[], bool] = lambda: True
+    ):
         super().__init__()
+        self._when = when
         here = [command.id for command in actions if command.place == place]
         self.buttons = {name: CommandButton(actions, name) for name in here}
-        grid(self, list(self.buttons.values()), columns, even=even)
+        layout = _tight(qt.QGridLayout(self))
+        for i, made in enumerate(self.buttons.values()):
+            made.setMinimumWidth(0)  # as broad as its text, at least
+            alone = i % columns == 0 and i == len(here) - 1
+            layout.addWidget(made, i // columns, i % columns, 1, columns if alone else 1)
+            layout.setColumnStretch(i % columns, 1)
 
     def show_state(self) -> None:
         """Show what can be done now."""
-        for made in self.buttons.values():
+        self.setVisible(self._when())
+        for made in () if self.isHidden() else self.buttons.values():
             made.show_state()
 
 

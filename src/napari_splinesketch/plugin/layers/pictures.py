@@ -1,7 +1,7 @@
 """Layers that are made of what is known: one table says what of, and how.
 
-Reconstruction, outlines and halos are always there; residual, background, uncertainty and masks
-are made when the user asks for them, and follow what is known while they are in view.
+Reconstruction, outlines, halos and marks are always there; residual, background, uncertainty and
+masks are made when the user asks for them, and follow what is known while they are in view.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
-from napari.layers import Image, Labels, Vectors
+from napari.layers import Image, Labels, Points, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
 
@@ -34,9 +34,11 @@ from napari_splinesketch.plugin.layers.space import (
     block_on,
     frame_count,
     frame_shape,
+    in_stack,
     placement,
     placement_on,
     size_of,
+    view_of,
 )
 from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
@@ -117,16 +119,11 @@ def film_of(
 
 
 def _patches(work: Work) -> list[Any]:
-    return list(work.state.patches.values())
+    return list(work.state.patches.items())
 
 
 def _curves(work: Work) -> list[Any]:
     return [record.curve for record in work.records]
-
-
-def _chosen(work: Work) -> list[Any]:
-    chosen = work.selected
-    return [chosen[0].curve, work.state.patches.get(chosen[0].frame)] if len(chosen) == 1 else []
 
 
 def _like(image: Image) -> dict[str, Any]:
@@ -136,11 +133,13 @@ def _like(image: Image) -> dict[str, Any]:
     return look | {"contrast_limits": (float(low or 0), float(high or 0))}
 
 
-def _film(work: Work, patches: Any, look: dict[str, Any], *make: Any) -> Made | None:
+def _film(
+    work: Work, patches: Sequence[tuple[int, Patch]], look: dict[str, Any], *make: Any
+) -> Made | None:
     """Pictures of the frames that are known."""
     if not patches:
         return None
-    film, grid = film_of(patches, frame_shape(work.image), *make)
+    film, grid = film_of(dict(patches), frame_shape(work.image), *make)
     return Made(film, placement_on(work.image, grid.origin, grid.step), look)
 
 
@@ -152,33 +151,39 @@ def _rest(
     return np.full(model.shape, np.nan) if block is None else block.read() - model
 
 
-def _residual(work: Work) -> Made | None:
+def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
     def rest(frame: int, patch: Patch) -> Float[np.ndarray, "H W"]:
         return _rest(work.image, frame, patch.grid, patch.pixels)
 
-    last = np.array([np.abs(rest(*known)) for known in list(work.state.patches.items())[-1:]])
+    last = np.array([np.abs(rest(*known)) for known in patches[-1:]])
     last = last[np.isfinite(last)]
     most = (float(np.quantile(last, TYPICAL)) if last.size else 0.0) or 1.0
     look = {"colormap": DIVERGING, "contrast_limits": (-most, most)}
-    return _film(work, work.state.patches, look, rest)
+    return _film(work, patches, look, rest)
 
 
-def _background(work: Work) -> Made | None:
-    known = {f: p for f, p in work.state.patches.items() if p.background is not None}
+def _background(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
+    known = [(frame, patch) for frame, patch in patches if patch.background is not None]
     return _film(work, known, _like(work.image), lambda frame, patch: patch.background)
 
 
-def _body(work: Work) -> Made | None:
-    chosen = work.selected[0] if len(work.selected) == 1 else None
-    if chosen is None or chosen.frame not in work.state.patches:
+def _chosen(work: Work) -> list[Any]:
+    """The selected curve, if it is a single one, and the picture of its frame."""
+    chosen, patches = work.selected, work.state.patches
+    known = len(chosen) == 1 and chosen[0].frame in patches
+    return [chosen[0].frame, chosen[0].curve, patches[chosen[0].frame]] if known else []
+
+
+def _body(work: Work, chosen: list[Any]) -> Made | None:
+    if not chosen:
         return None
-    others = [r.curve for r in work.records if r.frame == chosen.frame and r is not chosen]
-    draw = partial(alone, curve=chosen.curve, others=others)
-    known = {chosen.frame: work.state.patches[chosen.frame]}
-    return _film(work, known, _like(work.image), lambda frame, patch: draw(patch))
+    frame, curve, patch = chosen
+    others = [r.curve for r in work.records if r.frame == frame and r.curve is not curve]
+    draw = partial(alone, curve=curve, others=others)
+    return _film(work, [(frame, patch)], _like(work.image), lambda frame, patch: draw(patch))
 
 
-def _ribbon(work: Work) -> Made | None:
+def _ribbon(work: Work, _: object) -> Made | None:
     drawn = [(record.frame, looks.ribbon(record.curve)) for record in work.records]
     lines = [(frame, line) for frame, line in drawn if line is not None]
     if not lines:
@@ -191,13 +196,13 @@ def _wide(work: Work) -> list[Record]:
     return [record for record in work.records if looks.has_outline(record.curve)]
 
 
-def _outlines(work: Work) -> Made:
+def _outlines(work: Work, _: object) -> Made:
     known = _wide(work)
     lines = [looks.outline(record.curve) for record in known]
     return _around(work, known, lines, colours_of(known, work.look))
 
 
-def _halos(work: Work) -> Made:
+def _halos(work: Work, _: object) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
     gap = looks.gap(curves, work.screen)
@@ -223,12 +228,38 @@ def _around(
     return Made(data, look)
 
 
-def _masks(work: Work) -> Made:
+def _in_view(work: Work) -> list[tuple[Record, tuple[float, ...]]]:
+    """The curves whose marks are in view, and where these stand."""
+    found = looks.readable(work.records, view_of(work.viewer, work.image))
+    return [(record, tuple(place.tolist())) for record, place in found]
+
+
+def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
+    places = np.array([place for _, place in marked]).reshape(-1, 2)
+    text = {
+        "string": [looks.mark_of(record) for record, _ in marked],
+        "color": [looks.COLOURS[record.curve.status] for record, _ in marked],
+        "size": 10,
+        "anchor": "center",
+    }
+    frame = marked[0][0].frame if marked else 0
+    return Made(in_stack(work.image, frame, places), {"text": text})
+
+
+def _moving(work: Work, _: object) -> Made | None:
+    """Lines that are not there yet; hidden at first, as to add a layer takes long enough."""
+    if not work.moving:
+        return None
+    look = {"edge_width": looks.line_width(size_of(work.image)), "edge_color": palette.MOVING}
+    return Made(in_vectors(work.image, work.moving)[0], {"visible": True}, look)
+
+
+def _masks(work: Work, _: object) -> Made:
     """Label image of each frame: a pixel's value is the number of its curve."""
     return Made(_planes(work, (), by_frame(work.records)), placement(work.image))
 
 
-def _stack(work: Work) -> Made | None:
+def _stack(work: Work, _: object) -> Made | None:
     """One mask for each curve, along an axis of their own in front: overlaps are kept."""
     image, numbers = work.image, sorted({record.id for record in work.records})
     if not numbers:
@@ -256,11 +287,13 @@ def _planes(work: Work, more: tuple[int, ...], records: Mapping[int, list[Record
 
 MAKERS: dict[str, Maker] = {
     "reconstruction": Maker(Image, "reconstruction", _patches,
-                            lambda work: _film(work, work.state.patches, _like(work.image))),
+                            lambda work, patches: _film(work, patches, _like(work.image))),
     "outlines": Maker(Vectors, "outlines",
                       lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
                       lambda work: [(r.curve, work.screen) for r in work.selected], _halos),
+    "marks": Maker(Points, "marks", _in_view, _marks),
+    "preview": Maker(Vectors, "on the way", lambda work: [id(work.moving)], _moving),
     "residual": Maker(Image, "residual", _patches, _residual, "Residual",
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",

@@ -13,10 +13,11 @@ from napari.layers import Image, Shapes
 from napari.layers.base import ActionType
 from superqt.utils import qdebounced, qthrottled
 
+from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.slot import Following, Marks, Slot, undisturbed
+from napari_splinesketch.plugin.layers.slot import Following, Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
     Ruler,
     in_stack,
@@ -38,16 +39,15 @@ OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws a whole layer of shapes anew."""
 EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
-AFTER_MS = 120
-"""Marks and halos follow the camera when it has stood still for so long."""
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
+AFTER_MS = 120
+"""Marks and halos follow the camera when it has stood still for so long."""
 
 
 class CurveLines(Slot):
     """A line for each curve, brought in step with what is known: some go, some come."""
 
-    kind = Shapes
     _shown: Sequence[Record] = ()
     """In the order of the layer."""
     _stale = False
@@ -113,7 +113,7 @@ class CurveLines(Slot):
         """Draw curves, some at a time when they are needed."""
         for start in range(0, len(records), drawn.CHUNK):
             some = records[start : start + drawn.CHUNK]
-            lines = looks.thinned([record.curve.points for record in some])
+            lines = thinned([record.curve.points for record in some])
             for record, line in zip(some, lines, strict=True):
                 yield in_stack(self.image, record.frame, line)
 
@@ -143,15 +143,16 @@ class Work:
         self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
         self.look: columns.Look = ("status", Ruler())
+        self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
         self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
-        self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", self)
-        self._marks = Marks(viewer, self)
-        ours = {"curves": self.curves, "marks": self._marks}
-        self._slots: dict[str, Any] = self.made | ours
+        self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", Shapes, self)
+        self._slots: dict[str, Slot] = {**self.made, "curves": self.curves}
         self._busy = False
         self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
-        self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
+        self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
+        for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
+            moved.connect(self._on_move)
 
     @property
     def name(self) -> str:
@@ -190,14 +191,13 @@ class Work:
                 slot.remove()
 
     def ask(self, role: str, on: bool) -> bool:
-        """Show or hide what the model says; False if there is nothing to show."""
-        picture = self.made[role]
-        if picture.layer is not None:
-            picture.layer.visible = on
-        elif on:
-            self._update(picture)
+        """Show or hide a layer, made now where it has to be; False if there is nothing to show."""
+        if self.layer(role) is None and on and self.image in self.viewer.layers:
+            self.made[role].update()
+        elif (layer := self.layer(role)) is not None:
+            layer.visible = on
         self.changes.shown.emit()
-        return picture.layer is not None or not on
+        return self.layer(role) is not None or not on
 
     def show(self) -> Iterator[None]:
         """Bring the layers in step with what is known by then, a little at each step.
@@ -206,7 +206,7 @@ class Work:
         full ones: the window may live in between, and layers are added before any is filled.
         """
         yield from self._suggest()
-        for step in (self._prepare(), self._add(), self.follow(), self._fill()):
+        for step in (self._prepare(), self._add(), self._follow(), self._fill()):
             while self.image in self.viewer.layers:
                 with self._by_us():
                     if next(step, step) is step:
@@ -215,13 +215,27 @@ class Work:
             yield
         self._fade()
 
-    def follow(self) -> Iterator[None]:
-        """Let what is made of the work follow it, where it is in view or always there."""
-        for role, picture in self.made.items():
-            there = picture.layer is not None or role not in OVER
-            if picture.shown or (there and not picture.maker.title):
-                self._update(picture)
+    def _follow(self, *roles: str) -> Iterator[None]:
+        """Let what is made of the work follow it; where roles are named, those that are in view."""
+        for role in roles or self.made:
+            slot = self.made[role]
+            always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
+            there = (slot.shown or always) and self.image in self.viewer.layers
+            if there and slot.update():
                 yield
+
+    def _update(self, *roles: str) -> None:
+        with self._by_us():
+            for _ in self._follow(*roles):
+                pass
+
+    def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
+        """Show lines of a frame that are on their way, px; none once they have arrived."""
+        slot = self.made["preview"]
+        if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
+            self.moving = [(frame, line) for line in looks.coarse(lines)]
+            with self._by_us():
+                slot.update()
 
     def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
@@ -236,8 +250,7 @@ class Work:
         """Select curves, here and, soon where there are many, in their layer."""
         if keys != self.selection:
             self.selection = keys
-            for _ in self.follow():  # its halo, and its body where that is shown
-                pass
+            self._update("selected", "body")
             self.changes.selection.emit()
         if len(self.records) < drawn.MANY:
             self.mark()
@@ -255,31 +268,19 @@ class Work:
                 layer.selected_data = {i for i, key in enumerate(there) if key in chosen}
             layer.events.highlight()
 
-    def _update(self, picture: Following) -> None:
-        before = picture.layer
-        if self.image in self.viewer.layers:
-            picture.update()
-        if picture.layer is not None and picture.layer is not before:
-            picture.layer.events.visible.connect(self._on_visible)
-
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
         for role in OVER if self.records else ():
             slot = self._slots[role]
             if slot.layer is None:
                 layer = slot.make(visible=False)
-                if role in ("outlines", "curves"):
-                    layer.events.visible.connect(self._on_visible)
-                if role == "curves":
+                if slot is self.curves:
                     layer.events.data.connect(self._on_data)
                     layer.selected_data.events.items_changed.connect(self._on_selected)
                     layer.mouse_drag_callbacks.append(self._on_press)
                 yield
                 if role == "marks":
-                    moves = self.viewer.scene.camera.events, self.viewer.dims.events.current_step
-                    for moved in (*moves, layer.events.visible):
-                        moved.connect(self._on_move)
-                    self._marks.update()  # to write text and to draw it first takes 0.1 s each
+                    self.made[role].update()  # to write text and to draw it first takes 0.1 s each
                     yield
                 if slot.layer is layer:
                     layer.visible = True
@@ -346,37 +347,30 @@ class Work:
     def _fill(self) -> Iterator[None]:
         if self.curves.layer is not None:
             yield from self.curves.show(self.records, self.look)
-            self._marks.update()
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:
         """Change layers without taking our own edits for the user's."""
-        self._busy = True
+        before, self._busy = self._busy, True
         try:
             with undisturbed(self.viewer):
                 yield
         finally:
-            self._busy = False
+            self._busy = before
 
     def _on_move(self, event: object) -> None:
         if self.records:
-            self._soon_seen()
+            self._soon_seen("marks", "selected")  # what depends on the camera
 
-    def _look(self) -> None:
-        """Bring in step with the camera what depends on it."""
-        if self._marks.shown:
-            self._marks.update()
-        if self.made["selected"].shown:
-            self._update(self.made["selected"])
-
-    def _on_visible(self, event: Any) -> None:
+    def on_visible(self, event: Any) -> None:
+        """Follow the eye of a layer: halos and marks go with their curves."""
         if self._busy:
             return
-        for mark in (self.layer("selected"), self.layer("marks")):
-            if event.source is self.curves.layer and mark is not None:
-                mark.visible = event.source.visible
-        for _ in self.follow():
-            pass
+        with self._by_us():
+            for mark in (self.layer("selected"), self.layer("marks")):
+                if event.source is self.curves.layer and mark is not None:
+                    mark.visible = event.source.visible
+            self._update()
         self.changes.shown.emit()
 
     def _on_data(self, event: Any) -> None:

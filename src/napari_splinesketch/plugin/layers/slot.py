@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,9 +15,8 @@ from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Vectors
 from qtpy.QtCore import QTimer
 
-from napari_splinesketch import palette
 from napari_splinesketch.plugin.layers import looks
-from napari_splinesketch.plugin.layers.space import in_stack, placement, size_of, view_of
+from napari_splinesketch.plugin.layers.space import in_stack, placement
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
@@ -28,6 +27,11 @@ STEP_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
 FIRST_MS = 5
 """Before the first one: what has changed the state is still to be seen in the dock."""
+STYLES: dict[type[Layer], dict[str, Any]] = {
+    Vectors: {"vector_style": "line"},
+    Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},
+}
+"""How layers of a kind look unless something else is said: points are there for their text."""
 _log = logging.getLogger(__name__)
 
 
@@ -71,18 +75,22 @@ def in_vectors(
 class Slot:
     """The place of a layer that lies on an image; empty until it is made, or where it was removed.
 
-    Its metadata name its `role` and, so that it lives as long as the layer does, its `owner`.
+    Its metadata name its `role` and, so that it lives as long as the layer does, its `owner`, which
+    hears of the layer's eye.
     """
 
-    kind: type[Layer] = Vectors
-    style: ClassVar[dict[str, Any]] = {}
-
     def __init__(
-        self, viewer: ViewerModel, image: Image, role: str, name: str, owner: Work | None = None
+        self,
+        viewer: ViewerModel,
+        image: Image,
+        role: str,
+        name: str,
+        kind: type[Layer] = Vectors,
+        owner: Work | None = None,
     ):
-        self.viewer, self.image = viewer, image
+        self.viewer, self.image, self.kind, self.owner = viewer, image, kind, owner
         marks: dict[str, Any] = {ROLE: role} if owner is None else {ROLE: role, OWNER: owner}
-        self._keywords = {"name": name, "metadata": marks}
+        self._keywords = {"name": name, "metadata": marks} | STYLES.get(kind, {})
         self._layer: Layer | None = None
 
     @property
@@ -107,12 +115,13 @@ class Slot:
         again is half of what an added layer takes.
         """
         size = {} if data else {"ndim": self.image.ndim}
-        style = {"vector_style": "line"} if self.kind is Vectors else self.style
-        layer = self.kind(*data, **size, **placement(self.image) | self._keywords | style | how)
+        layer = self.kind(*data, **size, **placement(self.image) | self._keywords | how)
         layers = self.viewer.layers
         with layers.selection.events.blocker_all(), undisturbed(self.viewer):
             layers.insert(len(layers) if at is None else at, layer)
         self._layer = layer
+        if self.owner is not None:
+            layer.events.visible.connect(self.owner.on_visible)
         return layer
 
     def remove(self) -> None:
@@ -134,16 +143,16 @@ class Made(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A layer: its kind, what it is called, the values that it depends on, what makes it of them.
+    """A layer: its kind, what it is called, what of a work it depends on, what makes it of that.
 
-    It stays as it is while they do; where nothing is made, there is nothing to show, and `nothing`
-    says why. With a `title` and a `tip` it is in the menu, and there only when asked for.
+    It stays as it is while its `source` does; where nothing is made, there is nothing to show, and
+    `nothing` says why. With a `title` and a `tip` it is in the menu, and there only when asked for.
     """
 
     kind: type[Layer]
     name: str
-    source: Callable[[Work], list[Any]]
-    make: Callable[[Work], Made | None]
+    source: Callable[[Work], Sequence[Any]]
+    make: Callable[[Work, Any], Made | None]
     title: str = ""
     tip: str = ""
     nothing: str = "There is nothing to show yet: refine first."
@@ -153,16 +162,16 @@ class Following(Slot):
     """A layer that shows of a work what its maker makes."""
 
     def __init__(self, viewer: ViewerModel, role: str, maker: Maker, work: Work):
-        super().__init__(viewer, work.image, role, f"{work.name} {maker.name}", work)
-        self.kind, self.maker, self._work = maker.kind, maker, work
-        self._source: list[Any] | None = None
+        super().__init__(viewer, work.image, role, f"{work.name} {maker.name}", maker.kind, work)
+        self.maker, self._work = maker, work
+        self._source: Sequence[Any] | None = None
 
-    def update(self) -> None:
-        """Bring it in step with what is known, if that is not what it shows."""
+    def update(self) -> bool:
+        """Bring it in step with what is known; say whether that was not what it shows."""
         layer, source = self.layer, self.maker.source(self._work)
         if source == self._source and (layer is not None or not self.maker.title):
-            return
-        made = self.maker.make(self._work)
+            return False
+        made = self.maker.make(self._work, source)
         if made is None:
             self.remove()
         elif layer is None:
@@ -172,81 +181,21 @@ class Following(Slot):
                 how |= {"at": self.viewer.layers.index(self.image) + 1, "multiscale": False}
             self.make(made.data, **how).editable = self.kind is not Labels
         else:
+            if self.kind is Points:  # text of other points does not fit these
+                layer.selected_data = set()
+                layer.text = {"string": {"constant": ""}}
             layer.data = made.data
             for name, value in made.always.items():
                 # napari draws all anew for a breadth, even for the same.
                 if not (isinstance(value, float) and getattr(layer, name) == value):
                     setattr(layer, name, value)
         self._source = source
+        return True
 
     def make(self, *data: Any, **how: Any) -> Any:
         """Make the layer; without data, an empty one to be filled by `update`."""
         self._source = None
         return super().make(*data, **how)
-
-
-class Preview(Slot):
-    """Lines of one frame that are still on their way."""
-
-    _filled = False
-
-    def __init__(self, viewer: ViewerModel, image: Image, frame: int, name: str):
-        super().__init__(viewer, image, "preview", name)
-        self._frame = frame
-
-    def show(self, lines: Sequence[looks.Line]) -> None:
-        """Show lines, px; nothing if the user has removed the layer.
-
-        The first time the layer is only made, hidden: that alone takes napari up to 0.1 s.
-        """
-        if not self.made:
-            width = looks.line_width(size_of(self.image))
-            self.make(visible=False, edge_width=width, edge_color=palette.MOVING)
-        elif (layer := self.layer) is not None:
-            some = [(self._frame, line) for line in looks.coarse(lines)]
-            layer.data, _ = in_vectors(self.image, some)
-            if not self._filled:
-                self._filled = layer.visible = True
-
-
-class Marks(Slot):
-    """The layer of marks."""
-
-    kind = Points
-    style: ClassVar = {"size": 1, "face_color": "transparent", "border_color": "transparent"}
-    _shown: tuple[Any, ...] = ()
-
-    def __init__(self, viewer: ViewerModel, work: Work):
-        super().__init__(viewer, work.image, "marks", f"{work.name} marks", work)
-        self._work = work
-
-    def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._shown = ()
-        return super().make(*data, **how)
-
-    def update(self) -> None:
-        """Mark the curves in view, and no others."""
-        layer = self.layer
-        if layer is None or self.image not in self.viewer.layers:
-            return
-        view = view_of(self.viewer, self.image)
-        found = list(looks.readable(self._work.records, view))
-        shown = tuple((id(record), *place) for record, place in found)
-        if shown == self._shown:
-            return
-        self._shown = shown
-        places = np.array([place for _, place in found]).reshape(-1, 2)
-        with undisturbed(self.viewer):
-            layer.selected_data = set()
-            layer.text = {"string": {"constant": ""}}
-            layer.data = in_stack(self.image, view.frame, places)
-            layer.text = {
-                "string": [looks.mark_of(record) for record, _ in found],
-                "color": [looks.COLOURS[record.curve.status] for record, _ in found],
-                "size": 10,
-                "anchor": "center",
-            }
 
 
 class Drawing:

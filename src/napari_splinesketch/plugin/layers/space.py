@@ -63,13 +63,18 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
     They are (N, layer.ndim), at full resolution, frame axes first. The viewer's units decide, and
     its sliders for axes that `layer` lacks.
     """
-    linear, offset = _affine(layer)
-    world = (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
+    world = to_world(viewer, layer, points)
     missing = image.ndim - layer.ndim
     if missing > 0:
         here = np.array(viewer.dims.point[-image.ndim :][:missing])
         world = np.hstack([np.broadcast_to(here, (len(world), missing)), world])
     return from_world(viewer, image, world[:, -image.ndim :])
+
+
+def to_world(viewer: ViewerModel, layer: Layer, points: Points) -> Points:
+    """Take (N, D) points of a layer's data to the window's world."""
+    linear, offset = _affine(layer)
+    return (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
 
 
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
@@ -119,11 +124,9 @@ def current_frame(viewer: ViewerModel, image: Image) -> int:
 
 def go_to_frame(viewer: ViewerModel, image: Image, frame: int) -> None:
     """Show a frame."""
-    index = [*frame_index(image, frame), 0, 0]
-    world = image.data_to_world(index) * unit_factors(viewer, image)
+    (world,) = to_world(viewer, image, in_stack(image, frame, np.zeros((1, 2))))
     first = viewer.dims.ndim - image.ndim
-    for axis in range(image.ndim - 2):
-        viewer.dims.set_point(first + axis, float(world[axis]))
+    viewer.dims.set_point(range(first, first + image.ndim - 2), world[:-2].tolist())
 
 
 def frame_count(image: Image) -> int:
@@ -168,8 +171,7 @@ def look_at(
     view, last = view_of(viewer, image), np.subtract(size_of(image), 1)
     half = np.minimum((view.high - view.low) / 2, last / 2)
     middle = np.clip((points.min(axis=0) + points.max(axis=0)) / 2, half, last - half)
-    (place,) = in_stack(image, frame, middle[None])
-    world = np.array(image.data_to_world(place)) * unit_factors(viewer, image)
+    (world,) = to_world(viewer, image, in_stack(image, frame, middle[None]))
     go_to_frame(viewer, image, frame)
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
@@ -192,12 +194,6 @@ def frame_numbers(image: Image, pixels: Points) -> list[int]:
 def frame_shape(image: Image) -> tuple[int, ...]:
     """Lengths of the axes before (row, col)."""
     return tuple(int(size) for size in image.level_shapes[0][: image.ndim - 2])
-
-
-def frame_index(image: Image, frame: int) -> tuple[int, ...]:
-    """Position of a frame along the axes before (row, col)."""
-    shape = frame_shape(image)
-    return tuple(np.array(np.unravel_index(frame, shape)).tolist()) if shape else ()
 
 
 def in_stack(image: Image, frame: int | Sequence[int], points: Float[np.ndarray, "N 2"]) -> Points:
@@ -318,8 +314,7 @@ def _block(
     step = shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
     grid = Grid(step * start + (step - 1) / 2, step)
-    index = frame_index(image, frame)
-    if image.multiscale:
-        depth = np.array(level.shape[: len(index)])
-        index = (np.array(index) * depth // image.level_shapes[0][: len(index)]).tolist()
-    return Block(grid, level, (*index, *slices(start, stop)), image.rgb)
+    leading = np.array(frame_shape(image), dtype=int)
+    index = np.array(np.unravel_index(frame, leading), dtype=int)
+    index = index * level.shape[: len(index)] // leading  # a level may have fewer frames
+    return Block(grid, level, (*index.tolist(), *slices(start, stop)), image.rgb)
