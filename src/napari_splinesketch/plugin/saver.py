@@ -5,12 +5,12 @@ import logging
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -45,8 +45,6 @@ LETTERS, DIGITS = 50, 12
 _log = logging.getLogger(__name__)
 _folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
 """Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
-Order = tuple[Folder, Session, Path]
-"""What is to be written, and where its folder is made if there is none yet."""
 
 
 @dataclass(eq=False)
@@ -59,16 +57,15 @@ class Seen:
     problem: str = ""
 
 
-Kind = Literal["look", "write"]
-KINDS: tuple[Kind, ...] = "look", "write"
-Answer = tuple[dict[Image, Seen], str]
-"""What is known of images, and why something else is not known, or not written."""
+Answer = tuple[Seen | None, str]
+"""What was found out about an image, and why something is not known, or not written."""
 
 
 class Saver(QObject):
-    """Saves sketches and curves of all images in the window on every change, in a thread.
+    """Saves sketches and curves of all images in the window on every change, in threads.
 
-    It ends with its parent.
+    An image has a thread of its own, that others need not wait for: one that finds out which image
+    it is, and later those that write its work. It ends with its parent.
     """
 
     found = Signal(description="There is work to go on with, or none any more, or elsewhere")
@@ -77,8 +74,8 @@ class Saver(QObject):
         super().__init__(parent)
         self._keeper = keeper
         self._seen: dict[Image, Seen] = {}
-        self._jobs: dict[Kind, Job] = {}
-        self._problems: dict[Kind, str] = dict.fromkeys(KINDS, "")
+        self._jobs: dict[Image, Job] = {}
+        self._problems: dict[Image, str] = {}
         self._choice = keeper.settings.save_work, keeper.settings.work_folder
         self._soon = qthrottled(self._go_on, DELAY_MS, leading=False)
         changes, layers = keeper.changes, keeper.viewer.layers.events
@@ -144,13 +141,12 @@ class Saver(QObject):
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
         works = [work for work in self._works() if work.records or work.sketches.nshapes]
-        # An image has to be known before its work is written; others may take their time.
-        unknown = {work.image for work in works} - self._seen.keys()
-        for kind in KINDS:
-            if kind in self._jobs and (unknown or kind == "write"):
-                self._jobs[kind].wait()
-            if kind not in self._jobs and (task := self._task(kind, unknown)):
-                self._on_done(kind, task())
+        for image in dict.fromkeys(work.image for work in works):
+            for _ in ("look", "write") if image not in self._seen else ("write",):
+                if image in self._jobs:
+                    self._jobs[image].wait()
+                if task := self._task(image):
+                    self._on_done(image, task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
@@ -177,7 +173,7 @@ class Saver(QObject):
 
     def _follow(self) -> None:
         """Look at an image that is not known yet, and write what has changed, soon."""
-        if self._keeper.choices.image in self._seen or "look" in self._jobs:
+        if self._keeper.choices.image in {*self._seen, *self._jobs}:
             self._soon()
         else:
             self._go_on()
@@ -205,98 +201,88 @@ class Saver(QObject):
     def _on_removed(self, event: Any) -> None:
         if isinstance(event.value, Image):
             self._seen.pop(event.value, None)
-            self._problems["look"] = ""  # said again, if it was about another one
+            self._problems.pop(event.value, None)
 
     def _works(self) -> list[Work]:
         there = set(self._keeper.viewer.layers)
         return [work for work in self._keeper.works if {work.image, work.sketches} <= there]
 
     def _go_on(self) -> None:
-        """Find out in a thread what is not known yet, and write in another what has changed."""
-        images = {self._keeper.choices.image, *(work.image for work in self._works())} - {None}
-        for kind in KINDS:
-            if kind in self._jobs:
+        """Find out in threads what is not known yet, or write what has changed."""
+        for image in {self._keeper.choices.image, *(work.image for work in self._works())} - {None}:
+            if image in self._jobs:
                 self._soon()
-            elif task := self._task(kind, images):
-                job = self._jobs[kind] = Job(lambda _, task=task: task())
-                job.done.connect(partial(self._on_done, kind))
+            elif task := self._task(image):
+                job = self._jobs[image] = Job(lambda _, task=task: task())
+                job.done.connect(partial(self._on_done, image))
                 job.start()
 
-    def _task(self, kind: Kind, images: Set[Image]) -> Callable[[], Answer] | None:
-        """Take a snapshot of what is to be found out about images, or of what there is to write."""
-        wanted, chosen = self._choice
-        if kind == "look":
-            looks: dict[Image, tuple[Any, ...]] = {}
-            for image in images - self._seen.keys() if wanted else ():
-                path = image.source.path and Path(image.source.path)
-                pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-                looks[image] = chosen, image.name, path, pixels, image.ndim - 2
-            return partial(_look_at, looks) if looks else None
-        orders = list[Order]()
+    def _task(self, image: Image) -> Callable[[], Answer] | None:
+        """Take a snapshot of what is to be found out about an image, or written of it."""
+        (wanted, chosen), seen = self._choice, self._seen.get(image)
+        if seen is None:
+            path = Path(image.source.path) if image.source.path else None
+            pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
+            look = partial(_look, chosen, image.name, path, pixels, image.ndim - 2)
+            return look if wanted else None
+        orders = list[tuple[Folder, Session]]()
         for work in self._works():
-            seen, folder, layer = self._seen.get(work.image), self.folder(work), work.sketches
-            if seen is None:
+            folder, layer = self.folder(work), work.sketches
+            if work.image is not image:
                 continue
             drawn: dict[int, list[Shape]] = defaultdict(list)
-            viewer, every = self._keeper.viewer, layer.ndim < work.image.ndim
-            read = shapes_in(viewer, layer, work.image)
+            viewer, every = self._keeper.viewer, layer.ndim < image.ndim
+            read = shapes_in(viewer, layer, image)
             for shape, (frame, line) in zip(layer.shape_type, read, strict=True):
                 drawn[sessions.EVERY if every else frame].append(Shape(shape, line))
             if folder.path or drawn or work.records:
-                session = Session(layer.name, seen.about, dict(drawn), work.state)
-                orders.append((folder, session, seen.home))
-        return partial(_write, orders) if orders else None
+                orders.append((folder, Session(layer.name, seen.about, dict(drawn), work.state)))
+        return partial(_write, orders, seen.home) if orders else None
 
-    def _on_done(self, kind: Kind, answer: Answer) -> None:
+    def _on_done(self, image: Image, answer: Answer) -> None:
         """Take in what was found, and what went wrong; try that again later."""
         seen, problem = answer
-        self._jobs.pop(kind, None)
-        there = {image: one for image, one in seen.items() if image in self._keeper.viewer.layers}
-        self._seen |= there
+        self._jobs.pop(image, None)
         # An answer may come after Qt has deleted the window and all that is in it.
-        if self._end is None or not isalive(self):
+        if image not in self._keeper.viewer.layers or not isalive(self):
             return
-        changed, self._problems[kind] = problem != self._problems[kind], problem
-        failing = any(self._problems.values())
-        self._soon.setTimeout(AGAIN_MS if failing else DELAY_MS)
-        if there or failing:
-            self._soon()
-        if there or changed:
-            self.found.emit()
+        changed = seen is not None or problem != self._problems.get(image, "")
+        self._problems[image] = problem
+        if seen is not None:
+            self._seen[image] = seen
+        if self._end is not None:
+            failing = any(self._problems.values())
+            self._soon.setTimeout(AGAIN_MS if failing else DELAY_MS)
+            if seen or failing:
+                self._soon()
+            if changed:
+                self.found.emit()
 
 
-def _write(orders: Sequence[Order]) -> Answer:
-    """Write what was ordered; to be called in a thread."""
+def _write(orders: Sequence[tuple[Folder, Session]], parent: Path) -> Answer:
+    """Write what was ordered, into new folders where there are none; to be called in a thread."""
     problems: dict[str, None] = {}
-    for folder, session, parent in orders:
+    for folder, session in orders:
         try:
             folder.write(session, parent)
         except Exception as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems[f"The work could not be saved: {error}."] = None
-    return {}, " ".join(problems)
+    return None, " ".join(problems)
 
 
-def _look_at(looks: Mapping[Image, tuple[Any, ...]]) -> Answer:
-    """Find out about images; to be called in a thread."""
-    seen, problems = dict[Image, Seen](), list[str]()
-    for image, look in looks.items():
-        try:
-            seen[image] = _look(*look)
-        except Exception as error:
-            said = f"{look[1]} could not be read, and work on it is not saved: {error}."
-            problems.append(said)
-    return seen, " ".join(problems)
-
-
-def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
-    """Find out which image it is, and what is saved of it."""
-    checksum = _checksum(pixels, frames)
+def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Answer:
+    """Find out which image it is, and what is saved of it; to be called in a thread."""
+    try:
+        checksum = _checksum(pixels, frames)
+        home, folders = _places(name, path, checksum, chosen)
+        inside = [inner for outer in folders for inner in sorted(outer.iterdir())]
+    except Exception as error:
+        return None, f"{name} could not be read, and work on it is not saved: {error}."
     source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
     about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-    home, folders = _places(name, path, checksum, chosen)
     seen = Seen(about, home, {})
-    for folder in (inner for outer in folders for inner in sorted(outer.iterdir())):
+    for folder in inside:
         try:
             wanted = folder.is_dir() and folder.suffix != sessions.OLD
             held = sessions.summary(folder) if wanted else None
@@ -305,7 +291,7 @@ def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -
             continue
         if held and held.sha256 == checksum:
             seen.found[folder] = held
-    return seen
+    return seen, ""
 
 
 def _checksum(pixels: Any, frames: int) -> str:
