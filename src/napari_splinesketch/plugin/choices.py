@@ -7,17 +7,18 @@ latest: so the choice is made here, and its combo boxes show it.
 
 import gc
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar, get_args
+from dataclasses import field, replace
+from typing import Annotated, Any, TypeVar
 
 import pint
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from napari.settings import get_plugin_settings
+from pydantic import AfterValidator, Field
+from pydantic.dataclasses import dataclass
 
-from napari_splinesketch.engine.settings import OFFERED, Asked
-from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.engine.settings import OFFERED, Asked, PresetName
 from napari_splinesketch.plugin.columns import COLOUR_BY
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
@@ -133,27 +134,20 @@ class Choices:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Asked):
-    """What the user chose: what may be asked of a refinement, and what is told of it.
+    """What the user chose, or a ValueError: what may be asked of a refinement, what is told of it.
 
     The unit of the half-width is its name, or "px". Keys are those of commands, by their ids, as
     napari writes them; an empty one takes the key away.
     """
 
+    preset: Annotated[PresetName, AfterValidator(lambda p: OFFERED[OFFERED.index(p)])] = "balanced"
+    half_width: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     half_width_unit: str = "px"
-    colour_by: str = "status"
+    colour_by: Annotated[str, Field(pattern=f"^({'|'.join(COLOUR_BY)})$")] = "status"
     lengths_in_pixels: bool = False
     save_work: bool = True
     work_folder: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Refuse what nobody can have chosen."""
-        known = {"preset": OFFERED, "polarity": get_args(Polarity), "colour_by": COLOUR_BY}
-        for name, allowed in known.items():
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; choose one of {allowed}.")
-        if self.half_width is not None and not 0 < self.half_width < float("inf"):
-            raise ValueError(f"half_width is {self.half_width}; give a number above 0, or none.")
 
     def half_width_in(self, ruler: Ruler) -> float | None:
         """Give the half-width in px of an image; None to measure it.

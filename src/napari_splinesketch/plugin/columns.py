@@ -152,8 +152,8 @@ SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
 
 
-def alone(key: Key) -> None:
-    """Know of no curve in another frame."""
+alone: CurveAt = {}.get
+"""Knows of no curve in another frame."""
 
 
 def features(

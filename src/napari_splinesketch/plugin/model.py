@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from operator import attrgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -291,55 +291,52 @@ class History(Generic[T]):
     """
 
     def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):
-        self.value = value
         self._weigh = weigh
-        self._done: list[tuple[str, T]] = []
-        self._undone: list[tuple[str, T]] = []
+        self._steps = [("", value)]
+        self._at = 0
+
+    @property
+    def value(self) -> T:
+        """The present one."""
+        return self._steps[self._at][1]
 
     @property
     def done(self) -> str:
         """What `undo` would take back; empty if there is nothing."""
-        return self._done[-1][0] if self._done else ""
+        return self._steps[self._at][0]
 
     @property
     def undone(self) -> str:
         """What `redo` would do again; empty if there is nothing."""
-        return self._undone[-1][0] if self._undone else ""
+        return self._steps[self._at + 1][0] if self._at + 1 < len(self._steps) else ""
 
     def apply(self, what: str, value: T) -> None:
         """Put a value in the place of the present one; `what` says why."""
-        self._done.append((what, self.value))
-        self.amend(value)
+        self._steps[self._at + 1 :] = [(what, value)]
+        self._at += 1
+        self._forget()
 
     def amend(self, value: T) -> None:
         """Put a value in the place of the present one, as part of the last step."""
-        self._undone.clear()
-        self.value = value
+        self._steps[self._at :] = [(self.done, value)]
         self._forget()
 
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
-        return self._step(self._done, self._undone)
+        what = self.done
+        self._at -= bool(what)
+        return what
 
     def redo(self) -> str:
         """Take back the last `undo`; give what was done again, or nothing."""
-        return self._step(self._undone, self._done)
-
-    def _step(self, source: list[tuple[str, T]], target: list[tuple[str, T]]) -> str:
-        if not source:
-            return ""
-        what, value = source.pop()
-        target.append((what, self.value))
-        self.value = value
+        what = self.undone
+        self._at += bool(what)
         return what
 
     def _forget(self) -> None:
         """Drop the oldest values where there are too many, or too heavy ones."""
-        weight, newer = 0, self.value
-        for i in range(len(self._done) - 1, -1, -1):
-            older = self._done[i][1]
-            weight += self._weigh(older, newer)
-            if len(self._done) - i > STEPS or weight > WEIGHT:
-                del self._done[: i + 1]
-                return
-            newer = older
+        values = [value for _, value in self._steps[::-1]]
+        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
+        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
+        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
+        self._at = kept
