@@ -32,7 +32,7 @@ GENERATED = 3.0
 """The same where the truth is exact; the ends of a line are not looked for, px."""
 SENSITIVITIES = (0.2, 0.35, 0.5, 0.65, 0.8)
 BODIES = (1, 2, 3, 6)
-SEEDS = range(12)
+SEEDS = range(48)
 
 Line = np.ndarray
 
