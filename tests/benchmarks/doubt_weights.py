@@ -3,8 +3,8 @@
     python tests/benchmarks/doubt_weights.py [--frames 16] [--jobs N] [--folder DIR ...]
 
 Generated frames that no other benchmark uses, scenes of foreign make and real images that are not
-held out are refined by `balanced`: the latter two also with sketches that are right already, the
-first and the last also with a few clicked points that are off as a whole or each by itself. A
+held out are refined by `balanced`: the first also with a few clicked points that are off as a
+whole or each by itself, the latter two also with sketches that are right already. A
 logistic regression tells curves that are wrong from those that are right, both counting the same,
 as do real and generated images. Printed are the lines to put into the engine, and what share of
 wrong and of right curves each threshold marks, out of fold.
@@ -14,7 +14,7 @@ import argparse
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -39,16 +39,13 @@ FIRST = 400
 COUNTS = (1, 2, 3)
 HANDS = {"turned": 12.0, "moved": 5.0, "careless": 1.8}
 """How clicked sketches are off: turned by so many degrees, moved by so many px, or each point by
-so many px (standard deviation, row and column), for bodies like those generated."""
+so many px (standard deviation, row and column)."""
 CLICKS = 4, 9
 """Their points: at least, and fewer than."""
 FAR = 2.0
 """A generated body is lost where its curve is farther from it, px of average DTW."""
-SHARE = {"real": 2.0, "spoilt": 1.0, "foreign": 0.5, "generated": 0.7, "clicked": 0.5}
+SHARE = {"real": 2.0, "foreign": 0.5, "generated": 0.7, "clicked": 0.5}
 """How much each source weighs."""
-USUAL, LEAST = 3.0, 0.7
-"""Half-width of generated bodies, px; hands are off by as much more on wider ones, and by no less
-than this factor."""
 FOLDS = 6
 RIDGE = 0.02
 CLIP = 3.0
@@ -81,8 +78,6 @@ def tasks(count: int, folders) -> Iterator[Task]:
     for source, case in tunable(folders):
         yield partial(_of_case, case, source)
         yield partial(_of_case, jittered(case), source)
-        if source == "real":
-            yield from (partial(_of_case, _spoilt(case, hand), "spoilt") for hand in HANDS)
 
 
 def _generated(cell: frames.Cell, index: int, source: str, hand: str = "") -> list[Example]:
@@ -97,24 +92,14 @@ def _generated(cell: frames.Cell, index: int, source: str, hand: str = "") -> li
     return list(_of(made.image, sketches, wrong, source, scene))
 
 
-def _clicked(
-    line, hand: str, random: np.random.Generator, half_width: float = USUAL
-) -> Float[np.ndarray, "N 2"]:
+def _clicked(line, hand: str, random: np.random.Generator) -> Float[np.ndarray, "N 2"]:
     """A few points on a body, as a hand that is off sets them."""
     points, off = by_arc(line, int(random.integers(*CLICKS))), HANDS[hand]
     if hand == "turned":
         return synthetic.rotate(points, off * random.choice([-1, 1]))
-    off *= max(half_width / USUAL, LEAST)
     if hand == "moved":
         return synthetic.displace(points, off, random)
     return points + random.normal(0, off, points.shape)
-
-
-def _spoilt(case: Case, hand: str) -> Case:
-    """The same with sketches by a hand that is off."""
-    random = np.random.default_rng([*case.name.encode(), *hand.encode()])
-    lines = tuple(_clicked(x, hand, random, case.half_width) for x in case.references)
-    return replace(case, sketches={hand: lines})
 
 
 def _of_case(case: Case, source: str) -> list[Example]:
@@ -133,14 +118,13 @@ def _done(task: Task) -> list[Example]:
 
 
 def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
-    """What is collected of each curve whose path was found, in the order of the sketches."""
+    """What is collected of each curve, in the order of the sketches."""
     known: dict[tuple[float, ...], doubt.Evidence] = {}
     collect = doubt.collect
 
-    def record(points, sd, sketch, half_width, start):
-        evidence = collect(points, sd, sketch, half_width, start)
-        if start.found:  # others are marked unless a body shows, whatever the signs say
-            known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
+    def record(points, sd, *others):
+        evidence = collect(points, sd, *others)
+        known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
         return evidence
 
     doubt.collect = record
@@ -149,10 +133,9 @@ def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
     finally:
         doubt.collect = collect
     for i, curve in enumerate(curves):
-        evidence = known.get(tuple(sorted(curve.sd)))
-        if evidence is not None:
-            marked = curve.status != "good"
-            yield Example(source, scene, evidence.signs, bool(wrong(i, curve)), marked)
+        if curve.status != "failed":
+            signs = known[tuple(sorted(curve.sd))].signs
+            yield Example(source, scene, signs, bool(wrong(i, curve)), curve.status != "good")
 
 
 def fit(

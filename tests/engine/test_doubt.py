@@ -1,7 +1,6 @@
 """Signs of a wrong curve, weighed together."""
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.judge import doubt
 from napari_splinesketch.engine.judge.doubt import Evidence, collect, reasons
-from napari_splinesketch.engine.look import scene
 
 
 def known(**features: float) -> np.ndarray:
@@ -22,8 +20,8 @@ def known(**features: float) -> np.ndarray:
 
 SURE = Evidence(0.2, 4.0, half_width=3.0, room=4.0, known=known(unseen=0.02), margin=np.inf)
 WORSE = {
-    "sd": ({"sd": 9.0}, "uncertain by 9.0 px or more"),
-    "astray": ({"astray": 140.0}, "140 px or more from its sketch"),
+    "sd": ({"sd": 9.0}, "uncertain by up to 9.0 px"),
+    "astray": ({"astray": 140.0}, "strays up to 140 px"),
     "rival": ({"margin": 0.2, "astray": 9.0}, "another path is nearly as likely"),
     "unseen": ({"known": known(unseen=0.6), "sd": 3.0}, "60% of it cannot be seen"),
     "kink": ({"known": known(kink=1.0), "sd": 3.0}, "bends sharply"),
@@ -71,35 +69,6 @@ def test_what_is_collected_of_a_curve():
     assert found.sd == 0.5
     assert found.astray == pytest.approx(3.0)
     assert (found.half_width, found.known[0], found.margin) == (2.0, 0.1, 1.5)
-
-
-def test_a_small_part_that_is_off_does_not_count():
-    line = np.column_stack([np.zeros(100), np.linspace(0, 60, 100)])
-    start = Start(line, True, line, 4, 2.0, 1.0, known())
-    bulged, sd = line.copy(), np.full(100, 0.1)
-    bulged[40:44, 0], sd[:9] = 9.0, np.inf
-    assert collect(bulged, sd, line, 2.0, start).astray == pytest.approx(0.0)
-    assert collect(bulged, sd, line, 2.0, start).sd == 0.1
-    bulged[40:50, 0], sd[:20] = 9.0, np.inf
-    assert collect(bulged, sd, line, 2.0, start).astray > 4
-    assert np.isinf(collect(bulged, sd, line, 2.0, start).sd)
-
-
-@pytest.mark.parametrize(
-    ("row", "last", "shown"), [(40.0, 300, True), (55.0, 300, False), (40.0, 120, False)]
-)
-@pytest.mark.parametrize("polarity", ["bright", "dark"])
-def test_a_body_fainter_than_the_noise_shows_along_its_whole_length(
-    row: float, last: int, shown: bool, polarity: Literal["bright", "dark"]
-) -> None:
-    rows, columns = np.mgrid[:80, :320].astype(float)
-    body = (np.abs(rows - 40) < 3) & (columns > 20) & (columns < last)
-    image = np.random.default_rng(0).normal(0, 1, body.shape)
-    image += 0.7 * body * (1 if polarity == "bright" else -1)
-    sketch = np.column_stack([np.full(8, row), np.linspace(20, 300, 8)])
-    ((_, seen),) = scene.read_scenes(image, [sketch], polarity, 3.0)
-    start = Start(sketch, False, sketch, seen.rungs[0], 3.0, 1.0, known(unseen=0.7))
-    assert doubt.shows(seen, start) == shown
 
 
 def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():

@@ -29,7 +29,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     viewer.add_image(np.zeros((4, 90, 120), np.float32), name="film")
     lines = [[[0, r, 20], [0, r, 60]] for r in (20, 40, 60)]
     viewer.add_shapes(lines, shape_type="line", name="film sketches")
-    doubts = "part of it is 14 px or more from its sketch", "another path is nearly as likely"
+    doubts = "it strays up to 14 px from its sketch", "another path is nearly as likely"
     fake.changes = {1: {"status": "check", "reasons": doubts}}
     refine(dock)
     around: Any = dock.parent()

@@ -44,7 +44,7 @@ def test_button(made: Plan, text: str) -> None:
 
 
 def test_the_summary_is_one_line() -> None:
-    check = ("check", ("part of it is uncertain by 0.8 px or more", "it left the frame"))
+    check = ("check", ("its position is uncertain by up to 0.8 px", "it left the frame"))
     said = words.summary(records(("good", ()), *[check] * 3))
     assert said == "1 good · 3 to check"
     said = words.summary(records(("good", ()), check, ("failed", ("it is too short",))))

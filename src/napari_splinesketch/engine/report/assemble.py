@@ -117,7 +117,7 @@ def _curves(
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         reasons = []
         start = fit.starts[i]
-        if not start.found and not doubt.shows(seen, start):
+        if not start.found:
             reasons.append("no body was seen along its sketch")
         if all(start.goes_on):
             reasons.append("the body seems to go on beyond its ends")
@@ -129,7 +129,7 @@ def _curves(
             lines = np.concatenate([everything[k] for k in others])
             near = np.isfinite(spline.apart(outline.points, lines, BESIDE * widths[i]))
         sd = standard_error(body, outline.u, misfit, near)
-        if i in fit.held or not start.found:
+        if i in fit.held:
             sd = np.maximum(sd, widths[i])
         reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, widths[i], start))
         yield Curve(
