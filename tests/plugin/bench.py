@@ -10,7 +10,6 @@ from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.resume import resume
 from napari_splinesketch.plugin.saver import Saver
 
 from .hand import until
@@ -58,7 +57,7 @@ class Bench:
     def resume(self) -> None:
         """Bring back what is offered, and wait for the end."""
         until(self.saver.offers, SOON)
-        resume(self.controller, self.saver)
+        self.saver.resume()
         self.rest()
         until(lambda: not self.controller.drawing.busy, SOON)
 

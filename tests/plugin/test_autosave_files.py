@@ -14,7 +14,6 @@ from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.model import Record, State
-from napari_splinesketch.plugin.resume import describe
 from napari_splinesketch.plugin.sessions import (
     EVERY,
     Folder,
@@ -24,6 +23,7 @@ from napari_splinesketch.plugin.sessions import (
     read,
     summary,
 )
+from napari_splinesketch.plugin.words import offered
 
 from .fakes import as_drawn
 
@@ -52,10 +52,11 @@ def session() -> Session:
         "sd": np.full(100, np.inf),
         "residual": np.inf,
     }
-    drawn = {
-        3: (Shape("path", RNG.normal(size=(7, 2))), Shape("ellipse", RNG.normal(size=(4, 2)))),
-        EVERY: (Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]])),),
-    }
+    drawn = (
+        Shape("path", RNG.normal(size=(7, 2)), 3),
+        Shape("ellipse", RNG.normal(size=(4, 2)), 3),
+        Shape("line", np.array([[0.1, 1 / 3], [1e8, -5.5]]), EVERY),
+    )
     state = State(
         records=(record(1), record(2, **failed)),
         deleted=(record(9),),
@@ -86,11 +87,12 @@ def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert problems == ()
     assert again.layer == written.layer
     assert dict(again.image) == dict(written.image)
-    assert same({**again.drawn}, {**written.drawn})
+    assert same(again.drawn, written.drawn)
     assert same(again.state, written.state)
     held = summary(tmp_path / "new" / "1")
     assert held is not None
-    assert (held.sketches, held.curves, held.frames, held.sha256) == (3, 2, 2, "ab")
+    assert (held.sketches, held.curves, held.frames) == (3, 2, 2)
+    assert held.image["sha256"] == "ab"
 
 
 def test_a_damaged_picture_is_named_and_costs_no_curves(tmp_path: Path) -> None:
@@ -114,15 +116,16 @@ def test_only_what_has_changed_is_written(tmp_path: Path) -> None:
     folder.write(first)
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     one = State(records=first.state.records[:1])
-    folder.write(Session(first.layer, first.image, {**first.drawn, 5: ()}, one))
+    added = Shape("line", np.zeros((2, 2)), 5)
+    folder.write(Session(first.layer, first.image, (*first.drawn, added), one))
     changed = {p.name for p in tmp_path.iterdir() if times.get(p.name) != p.stat().st_mtime_ns}
     assert changed == {"session.json", "frame-000000003.json", "frame-000000005.json"}
-    folder.write(Session(first.layer, first.image, {3: first.drawn[3]}, one))
+    folder.write(Session(first.layer, first.image, first.drawn[:2], one))
     names = {"session.json", "frame-000000003.json"}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert len(read(tmp_path, 9, SIZE)[0].state.records) == 1
     times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    folder.write(Session(first.layer, first.image, {3: first.drawn[3]}, one))
+    folder.write(Session(first.layer, first.image, first.drawn[:2], one))
     assert times == {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
 
 
@@ -148,7 +151,7 @@ def test_a_head_that_could_not_be_written_is_written_later(
 
 def test_nothing_is_offered_where_nothing_is(tmp_path: Path) -> None:
     assert summary(tmp_path) is None
-    Folder(tmp_path).write(Session("x", {"sha256": ""}, {0: ()}))
+    Folder(tmp_path).write(Session("x", {"sha256": ""}))
     assert summary(tmp_path) is None
 
 
@@ -157,7 +160,7 @@ def test_a_damaged_frame_costs_that_frame(tmp_path: Path) -> None:
     (tmp_path / "frame-000000003.json").write_text('{"frame": 3, "sketches": [', encoding="utf-8")
     (tmp_path / "frame-000000004.json").write_bytes(b"\xff\x00")
     found, problems = read(tmp_path, 9, SIZE)
-    assert list(found.drawn) == [EVERY]
+    assert [shape.frame for shape in found.drawn] == [EVERY]
     assert not found.state.records
     assert len(problems) == 2
     assert "frame-000000003.json" in problems[0]
@@ -180,9 +183,9 @@ def packed(values: np.ndarray) -> str:
         (("records", 0, "half_width"), "AAAAAAAA8D8AAAAAAADwPw==", "2 values for 100"),
         (("records", 0, "points"), "AAAAAAAA+H8AAAAAAAD4fwAAAAAAAPh/AAAAAAAA+H8=", "nowhere"),
         (("records", 0, "knots"), packed(np.full((4, 3), np.nan)), "nowhere"),
-        (("records", 0, "half_width"), packed(np.full(100, -1.0)), "half_width is no distance"),
-        (("records", 0, "half_width"), packed(np.full(100, 1e12)), "half_width is no distance"),
-        (("records", 0, "sd"), packed(np.full(100, -np.inf)), "sd is no distance"),
+        (("records", 0, "half_width"), packed(np.full(100, -1.0)), "half_width: is no distance"),
+        (("records", 0, "half_width"), packed(np.full(100, 1e12)), "half_width: is no distance"),
+        (("records", 0, "sd"), packed(np.full(100, -np.inf)), "sd: is no distance"),
         (("sketches", 0, "kind"), "blob", "blob"),
         (("notes",), None, "array"),
     ],
@@ -232,13 +235,12 @@ def _head(i: int, saved: datetime) -> Head:
     return Head(layer=f"layer {i}", sketches=2, curves=1, frames=1, saved=saved, image={}, format=1)
 
 
-def test_much_saved_work_is_told_in_one_sentence(tmp_path: Path) -> None:
+def test_much_saved_work_is_told_in_one_sentence() -> None:
     now = datetime.now(UTC)
-    offers = {tmp_path / str(i): _head(i, now) for i in range(3)}
+    heads = [_head(i, now) for i in range(3)]
     told = "<b>Saved work</b> in 3 layers (just now): 6 sketches and 3 curves."
-    assert describe(offers) == told
-    one = dict(list(offers.items())[:1])
-    assert describe(one) == "<b>Saved work</b> (just now): 2 sketches and 1 curve."
+    assert offered(heads) == told
+    assert offered(heads[:1]) == "<b>Saved work</b> (just now): 2 sketches and 1 curve."
 
 
 def unpacked_to(path: Path, **arrays: np.ndarray) -> None:
@@ -273,7 +275,7 @@ def test_pictures_take_no_more_memory_than_the_image(
 
 def test_a_page_takes_a_small_multiple_of_its_file(tmp_path: Path, peak_memory: Any) -> None:
     records = tuple(record(number, frame=0) for number in range(1, 301))
-    Folder(tmp_path).write(Session("x", {"sha256": ""}, {}, State(records)))
+    Folder(tmp_path).write(Session("x", {"sha256": ""}, (), State(records)))
     size = (tmp_path / "frame-000000000.json").stat().st_size
     assert size > 2**20
     assert peak_memory(lambda: read(tmp_path, 9, SIZE)) < 4 * size
@@ -311,6 +313,6 @@ def test_a_head_that_swells_is_not_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["rectangle", "ellipse", "polygon", "line"])
 def test_shapes_that_napari_cannot_draw_are_refused(tmp_path: Path, kind: Any) -> None:
     points = np.zeros((3 if kind != "polygon" else 2, 2))
-    Folder(tmp_path).write(Session("x", {}, {0: (Shape(kind, points),)}))
+    Folder(tmp_path).write(Session("x", {}, [Shape(kind, points, 0)]))
     _, problems = read(tmp_path, 9, SIZE)
     assert f"a {kind} of {len(points)} vertices" in problems[0]

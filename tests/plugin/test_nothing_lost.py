@@ -134,7 +134,7 @@ def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
         broken[0] = False
         first.sketches()
         until(lambda: counts(home) == [(2, 0)], SOON)
-        assert not first.saver.problem
+        until(lambda: not first.saver.problem, SOON)
 
 
 def test_an_image_that_takes_long_to_read_keeps_no_other_from_being_saved(
@@ -175,7 +175,7 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     del first
     with bench(viewer) as again:
         until(lambda: gc.collect() >= 0 and old() is None, SOON)  # once its threads have ended
-        until(lambda: again.saver._seen, SOON)
+        until(lambda: again.saver.place, SOON)
         assert not again.saver.offers(), "it is in the window"
         curves: Any = viewer.layers["sketches curves"]
         curves.selected_data = {0}
@@ -231,7 +231,7 @@ def test_folders_of_processes_that_are_gone_are_taken_over(home: Path) -> None:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "held\n"
-    with pytest.raises(BusyError, match=f"process {process.pid} on .* in another window"):
+    with pytest.raises(BusyError, match=f"process {process.pid} on "):
         folder.Folder(path)
     process.kill()
     process.wait()
@@ -256,8 +256,6 @@ def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
 def test_what_cannot_be_shown_never_stops_the_dock(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from napari_splinesketch.plugin import resume
-
     with bench() as first:
         first.image()
         first.sketches()
@@ -266,7 +264,7 @@ def test_what_cannot_be_shown_never_stops_the_dock(
     def broken(*arguments: Any, **options: Any) -> Any:
         raise ValueError("napari does not like it")
 
-    monkeypatch.setattr(resume, "add_shapes", broken)
+    monkeypatch.setattr(saver, "add_shapes", broken)
     with bench() as again:
         again.image()
         again.resume()
@@ -372,7 +370,7 @@ def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in home.rglob("*.*") if path.is_file()}
     assert any(path.suffix == ".npz" for path in times)
     with bench(viewer) as again:
-        until(lambda: again.saver._seen, SOON)
+        until(lambda: again.saver.place, SOON)
         again.saver.flush()
         assert {path: path.stat().st_mtime_ns for path in times} == times
     assert {path: path.stat().st_mtime_ns for path in times} == times

@@ -193,8 +193,7 @@ class Day:
                 shadow = self.shadows[work.sketches.name]
                 saved = {key_of(record): held(record) for record in session.state.records}
                 assert saved == shadow.curves
-                lines = sum(map(len, session.drawn.values()))
-                assert lines == len(shadow.lines)
+                assert len(session.drawn) == len(shadow.lines)
 
     def reopen_the_dock(self) -> None:
         self.bench.close()
@@ -205,7 +204,7 @@ class Day:
         self.bench.close()
         self.shadows = {n: s for n, s in self.shadows.items() if s.lines or s.curves}
         self.bench = self.opened()
-        until(lambda: self.bench.saver._seen, SOON)
+        until(lambda: self.bench.saver.place, SOON)
         assert len(self.bench.saver.offers()) == len(self.shadows)
         if self.shadows:
             self.bench.resume()

@@ -22,9 +22,13 @@ from napari_splinesketch.plugin.layers.pictures import MAKERS
 from napari_splinesketch.plugin.layers.space import Ruler, ruler_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Scope
+from napari_splinesketch.plugin.saver import Saver
 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
+RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
+IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
+LABELS_TIP = "Take these curves up as results, as they were judged"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 DECIMALS = 3
 """Of half-widths."""
@@ -56,6 +60,39 @@ class ProgressBox(qt.QWidget):
         if progress is not None:
             self.bar.setValue(round(100 * progress.fraction))
         self.setVisible(progress is not None)
+
+
+class OfferBox(qt.QFrame):
+    """Says what was found, with a button to go on and one to ignore it; hidden otherwise."""
+
+    def __init__(self, controller: Controller, saver: Saver):
+        super().__init__()
+        self._controller, self._saver = controller, saver
+        self.setFrameShape(qt.QFrame.Shape.StyledPanel)
+        self.said, self.problem = widgets.TextLabel(), widgets.TextLabel()
+        self.resume = widgets.Button("Resume", RESUME_TIP, saver.resume)
+        self.decline = widgets.Button("Ignore saved work", IGNORE_TIP, saver.decline)
+        self.labels = widgets.Button("", LABELS_TIP, saver.take_up)
+        rows = self.said, (self.resume, self.decline), self.labels, self.problem
+        widgets.stack(self, *rows, margin=4)
+        changes = controller.changes
+        for signal in (saver.found, changes.layers, changes.curves, changes.busy):
+            signal.connect(self.show_state)
+        self.destroyed.connect(lambda: saver.found.disconnect(self.show_state, missing_ok=True))
+        self.show_state()
+
+    def show_state(self) -> None:
+        """Show what is offered now."""
+        offers, curves = self._saver.offers(), self._saver.brought
+        for each in (self.resume, self.labels):
+            each.setEnabled(self._controller.progress is None)
+        for each in (self.resume, self.decline):
+            each.setVisible(bool(offers))
+        self.said.say(words.offered(list(offers.values())))
+        self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
+        self.labels.setVisible(bool(curves))
+        self.problem.say(words.notice("failed", self._saver.problem))
+        self.setVisible(bool(curves or offers or self._saver.problem))
 
 
 class CurveBox(qt.QWidget):

@@ -23,7 +23,6 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count
-from napari_splinesketch.plugin.resume import OfferBox
 from napari_splinesketch.plugin.saver import Saver
 from napari_splinesketch.plugin.widgets import Button, CommandButton, LayerChoice, TextLabel
 
@@ -78,7 +77,7 @@ class SplinesketchDock(QWidget):
             new="New layer",
         )
         self.draw = Button("Draw lines", DRAW_TIP, controller.draw)
-        self.offer = OfferBox(controller, self.saver)
+        self.offer = boxes.OfferBox(controller, self.saver)
         self.suggest = boxes.SuggestBox(controller)
         self.settings_form = boxes.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]

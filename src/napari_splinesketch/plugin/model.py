@@ -126,11 +126,11 @@ key_of: Callable[[Record], Key] = attrgetter("frame", "id")
 """Gives what tells a record from all others."""
 
 
-def by_frame(records: Iterable[Record]) -> dict[int, list[Record]]:
-    """Give records by frame."""
-    found: dict[int, list[Record]] = {}
-    for record in records:
-        found.setdefault(record.frame, []).append(record)
+def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:
+    """Give records, or other values that have a frame, by frame."""
+    found: dict[int, list[Any]] = {}
+    for value in values:
+        found.setdefault(value.frame, []).append(value)
     return found
 
 

@@ -1,14 +1,13 @@
-"""Saves work while it is done, and finds what was saved before."""
+"""Saves work while it is done, finds what was saved before, and brings it back."""
 
 import hashlib
 import logging
 import os
 import re
-from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -21,16 +20,21 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
+from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import owned
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
+from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.keeper import Keeper
-from napari_splinesketch.plugin.layers.drawn import shapes_in
+from napari_splinesketch.plugin.files import read_with, records_of
+from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import is_result
-from napari_splinesketch.plugin.sessions import Folder, Head, Session, Shape
+from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
+from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape, reopen
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
@@ -43,86 +47,134 @@ LONGEST_NAME = 255
 LETTERS, DIGITS = 50, 12
 """Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
-_folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
-"""Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True)
 class Seen:
     """An image as its sessions name it, where new ones go, those that were found; what was not."""
 
-    about: dict[str, object]
+    about: Mapping[str, object]
     home: Path
     found: dict[Path, Head]
+    problem: str
+
+
+@dataclass
+class Saved:
+    """What was seen of an image, who looks or writes now, and why not all is written."""
+
+    seen: Seen | None = None
+    job: Job | None = None
     problem: str = ""
 
 
-Answer = tuple[Seen | None, str]
-"""What was found out about an image, and why something is not known, or not written."""
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
+"""Where a session was read, the folder that it goes on in, and what could not be read."""
+_folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
+"""Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
 
 
 class Saver(QObject):
     """Saves sketches and curves of all images in the window on every change, in threads.
 
-    An image has a thread of its own, that others need not wait for: one that finds out which image
-    it is, and later those that write its work. It ends with its parent.
+    An image has a thread of its own, that others need not wait for: it finds out which image it is,
+    once, and writes its work. The saver ends with its parent.
     """
 
     found = Signal(description="There is work to go on with, or none any more, or elsewhere")
 
-    def __init__(self, keeper: Keeper, parent: QObject | None = None):
+    def __init__(self, controller: Controller, parent: QObject | None = None):
         super().__init__(parent)
-        self._keeper = keeper
-        self._seen: dict[Image, Seen] = {}
-        self._jobs: dict[Image, Job] = {}
-        self._problems: dict[Image, str] = {}
-        self._choice = keeper.settings.save_work, keeper.settings.work_folder
-        self._soon = qthrottled(self._go_on, DELAY_MS, leading=False)
-        changes, layers = keeper.changes, keeper.viewer.layers.events
+        self._controller = controller
+        self._saved: WeakKeyDictionary[Image, Saved] = WeakKeyDictionary()
+        self._choice = controller.settings.save_work, controller.settings.work_folder
+        self._soon = qthrottled(self._save, DELAY_MS, leading=False)
+        changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
-            (changes.layers, self._follow),
+            (changes.layers, self._soon),
             (changes.layers, self.found.emit),
-            (changes.curves, self._follow),
+            (changes.curves, self._soon),
             (changes.settings, self._on_settings),
             (layers, self._on_event),
             (layers.removing, self._on_removing),
-            (layers.removed, self._on_removed),
         )
-        self._follow()
+        self._soon()
 
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        image, work = self._keeper.choices.image, self._keeper.work
-        if image not in self._seen:
-            return None
+        seen, work = self._seen, self._controller.work
         path = self.folder(work).path if work else None
-        return path.parent if path else self._seen[image].home
+        return (path.parent if path else seen.home) if seen else None
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
-        found = (seen.problem for seen in self._seen.values())
-        return " ".join(filter(None, (*found, *self._problems.values())))
+        there = self._controller.viewer.layers
+        said = (saved.problem for image, saved in self._saved.items() if image in there)
+        return " ".join(filter(None, said))
 
     def folder(self, work: Work) -> Folder:
         """Say where work is saved; without a path, as long as there is nothing to save."""
-        return _folders.setdefault(work.image, WeakKeyDictionary()).setdefault(
-            work.sketches, Folder()
-        )
+        known = _folders.setdefault(work.image, WeakKeyDictionary())
+        return known.setdefault(work.sketches, Folder())
 
     def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
-        image = self._keeper.choices.image
-        found = self._seen[image].found if image in self._seen else {}
-        mine = {self.folder(work).path for work in self._keeper.works}
-        others = [pair for pair in found.items() if pair[0] not in mine]
+        mine = {self.folder(work).path for work in self._controller.works}
+        found = self._seen.found.items() if self._seen else ()
+        others = [pair for pair in found if pair[0] not in mine]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 
-    def take(self, path: Path, work: Work, folder: Folder) -> None:
-        """Go on, in a folder, with what was found and is in the window now."""
-        _folders.setdefault(work.image, WeakKeyDictionary())[work.sketches] = folder
-        self._forget(path)
+    def resume(self) -> None:
+        """Bring back all that is offered for the chosen image: one layer of sketches for each."""
+        controller, offers = self._controller, tuple(self.offers())
+        image = controller.choices.image
+        if image is None or not offers or controller.progress:
+            return
+        frames, size, problems = frame_count(image), size_of(image), list[str]()
+
+        def read(_: OnProgress) -> list[Found]:
+            return [(path, *reopen(path, frames, size)) for path in offers]
+
+        def show(found: list[Found]) -> None:
+            for *_, said in found:
+                problems.extend(said)
+            every = (self._restore(image, one, problems) for one in reversed(found))
+            controller.drawing.start(image, chain.from_iterable(every), over)
+
+        def over() -> None:
+            text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+            controller.finish(Notice("failed", text) if problems else Notice())
+
+        controller.start(read, show, "Reading the saved work")
+
+    def _restore(self, image: Image, found: Found, problems: list[str]) -> Iterator[object]:
+        """Bring one session back, once all of it is there; otherwise its files stay as they are."""
+        (path, session, folder, _), controller = found, self._controller
+        if session is None:
+            return
+        drawn, size = session.drawn, size_of(image)
+        flat = bool(drawn) and all(shape.frame == EVERY for shape in drawn)
+        layer = empty_layer(image, session.layer, flat=flat)
+        points = [
+            s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn
+        ]
+        try:
+            yield from add_shapes(layer, points, [s.kind for s in drawn], **line_style(size))
+            if image not in controller.viewer.layers:
+                raise ValueError("the image was removed")
+            controller.viewer.layers.append(layer)
+            controller.choices.image, controller.choices.sketches = image, layer
+            if session.state.records:
+                controller.apply("", session.state)
+        except Exception as error:
+            _log.exception("Saved work could not be brought back")
+            problems.append(f"{path}: {type(error).__name__}: {error}.")
+            folder.release()
+        else:
+            _folders.setdefault(image, WeakKeyDictionary())[layer] = folder
+            self._forget(path)
 
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
@@ -132,21 +184,35 @@ class Saver(QObject):
                 with owned(path):
                     path.rename(next(name for name in names if not name.exists()))
             except OSError as error:
-                said = f"Saved work could not be put aside: {error}."
-                for seen in self._seen.values():
-                    seen.problem = said if path in seen.found else seen.problem
+                self._controller.say(f"Saved work could not be put aside: {error}.")
             self._forget(path)
+
+    @property
+    def brought(self) -> int:
+        """How many curves the chosen layer brought from a file of labels, and nobody took up."""
+        layer, work = self._controller.choices.sketches, self._controller.work
+        if layer is None or work is None or work.records:
+            return 0
+        return sum(label.status != "sketch" for label in read_with(layer).labels)
+
+    def take_up(self) -> None:
+        """Go on with the curves that the chosen layer brought; its lines are their sketches."""
+        controller, work = self._controller, self._controller.work
+        if work and self.brought and not controller.progress:
+            records, beyond = records_of(read_with(work.sketches), frame_count(work.image))
+            controller.apply("Continue with labels", State(records=records))
+            if beyond:
+                controller.say(f"{beyond} curves are beyond the last frame, and stay in the file.")
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
         works = [work for work in self._works() if work.records or work.sketches.nshapes]
         for image in dict.fromkeys(work.image for work in works):
-            for _ in ("look", "write") if image not in self._seen else ("write",):
-                if image in self._jobs:
-                    self._jobs[image].wait()
-                if task := self._task(image):
-                    self._on_done(image, task())
+            if job := self._of(image).job:
+                job.wait()
+            if task := self._task(image):
+                self._on_done(self._of(image), task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
@@ -155,143 +221,136 @@ class Saver(QObject):
             self._soon.cancel()
             self._end()
             self._end = None
-            self._release(self._keeper.works)
+            self._release(self._controller.works)
+
+    @property
+    def _seen(self) -> Seen | None:
+        """What was seen of the chosen image."""
+        image = self._controller.choices.image
+        return self._of(image).seen if image else None
+
+    def _of(self, image: Image) -> Saved:
+        return self._saved.setdefault(image, Saved())
+
+    def _works(self) -> list[Work]:
+        there = set(self._controller.viewer.layers)
+        return [work for work in self._controller.works if {work.image, work.sketches} <= there]
 
     def _release(self, works: Sequence[Work]) -> None:
         for work in works:
             self.folder(work).release()
 
     def _forget(self, path: Path) -> None:
-        for seen in self._seen.values():
-            seen.found.pop(path, None)
+        if self._seen:
+            self._seen.found.pop(path, None)
         self.found.emit()
 
     def _on_event(self, event: Any) -> None:
         """Hear of any layer of the user's: one that is not chosen may be written too."""
         if event.type in PLACED and not is_result(event.sources[0]):
-            self._follow()
-
-    def _follow(self) -> None:
-        """Look at an image that is not known yet, and write what has changed, soon."""
-        if self._keeper.choices.image in {*self._seen, *self._jobs}:
             self._soon()
-        else:
-            self._go_on()
 
     def _on_settings(self) -> None:
-        choice = self._keeper.settings.save_work, self._keeper.settings.work_folder
+        choice = self._controller.settings.save_work, self._controller.settings.work_folder
         if self._choice != choice:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self.flush()
-            self._release(self._keeper.works)
+            self._release(self._controller.works)
             self._choice = choice
-            self._seen.clear()
-            for work in self._keeper.works:
-                _folders[work.image].clear()
-            self._follow()
+            self._saved.clear()
+            for work in self._controller.works:
+                _folders.pop(work.image, None)
+            self._soon()
             self.found.emit()
 
     def _on_removing(self, event: Any) -> None:
-        layer = self._keeper.viewer.layers[event.index]
-        going = [work for work in self._keeper.works if layer in (work.image, work.sketches)]
+        layer = self._controller.viewer.layers[event.index]
+        going = [work for work in self._controller.works if layer in (work.image, work.sketches)]
         if going:
             self.flush()
             self._release(going)
 
-    def _on_removed(self, event: Any) -> None:
-        if isinstance(event.value, Image):
-            self._seen.pop(event.value, None)
-            self._problems.pop(event.value, None)
-
-    def _works(self) -> list[Work]:
-        there = set(self._keeper.viewer.layers)
-        return [work for work in self._keeper.works if {work.image, work.sketches} <= there]
-
-    def _go_on(self) -> None:
-        """Find out in threads what is not known yet, or write what has changed."""
-        for image in {self._keeper.choices.image, *(work.image for work in self._works())} - {None}:
-            if image in self._jobs:
+    def _save(self) -> None:
+        """Look at images that are not known yet, and write what has changed, in threads."""
+        works = [work.image for work in self._works()]
+        for image in {self._controller.choices.image, *works} - {None}:
+            saved = self._of(image)
+            if saved.job:
                 self._soon()
             elif task := self._task(image):
-                job = self._jobs[image] = Job(lambda _, task=task: task())
-                job.done.connect(partial(self._on_done, image))
-                job.start()
+                saved.job = Job(lambda _, task=task: task())
+                saved.job.done.connect(partial(self._on_done, saved))
+                saved.job.start()
 
-    def _task(self, image: Image) -> Callable[[], Answer] | None:
-        """Take a snapshot of what is to be found out about an image, or written of it."""
-        (wanted, chosen), seen = self._choice, self._seen.get(image)
-        if seen is None:
-            path = Path(image.source.path) if image.source.path else None
-            pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-            look = partial(_look, chosen, image.name, path, pixels, image.ndim - 2)
-            return look if wanted else None
-        orders = list[tuple[Folder, Session]]()
-        for work in self._works():
-            folder, layer = self.folder(work), work.sketches
-            if work.image is not image:
-                continue
-            drawn: dict[int, list[Shape]] = defaultdict(list)
-            viewer, every = self._keeper.viewer, layer.ndim < image.ndim
-            read = shapes_in(viewer, layer, image)
-            for shape, (frame, line) in zip(layer.shape_type, read, strict=True):
-                drawn[sessions.EVERY if every else frame].append(Shape(shape, line))
-            if folder.path or drawn or work.records:
-                orders.append((folder, Session(layer.name, seen.about, dict(drawn), work.state)))
-        return partial(_write, orders, seen.home) if orders else None
+    def _task(self, image: Image) -> Callable[[], tuple[Seen | None, str]] | None:
+        """Take a snapshot of what is to be found out about an image, and written of it."""
+        (wanted, chosen), seen = self._choice, self._of(image).seen
+        works = [work for work in self._works() if work.image is image]
+        every = [(self.folder(work), self._session(work)) for work in works if wanted]
+        orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
+        if not wanted or (seen and not orders):
+            return None
+        path = Path(image.source.path) if image.source.path else None
+        pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
+        look = partial(_look, chosen, image.name, path, pixels, image.ndim - 2)
+        return partial(_write, (lambda: seen) if seen else look, image.name, orders)
 
-    def _on_done(self, image: Image, answer: Answer) -> None:
+    def _session(self, work: Work) -> Session:
+        image, layer = work.image, work.sketches
+        shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
+        every = layer.ndim < image.ndim
+        drawn = [Shape(kind, line, EVERY if every else frame) for kind, (frame, line) in shapes]
+        return Session(layer.name, drawn=drawn, state=work.state)
+
+    def _on_done(self, saved: Saved, answer: tuple[Seen | None, str]) -> None:
         """Take in what was found, and what went wrong; try that again later."""
-        seen, problem = answer
-        self._jobs.pop(image, None)
+        before, (seen, failed) = (saved.seen, saved.problem), answer
+        saved.job, saved.seen = None, seen
+        saved.problem = " ".join(filter(None, (failed, seen.problem if seen else "")))
         # An answer may come after Qt has deleted the window and all that is in it.
-        if image not in self._keeper.viewer.layers or not isalive(self):
-            return
-        changed = seen is not None or problem != self._problems.get(image, "")
-        self._problems[image] = problem
-        if seen is not None:
-            self._seen[image] = seen
-        if self._end is not None:
-            failing = any(self._problems.values())
-            self._soon.setTimeout(AGAIN_MS if failing else DELAY_MS)
-            if seen or failing:
+        if self._end is not None and isalive(self):
+            self._soon.setTimeout(AGAIN_MS if failed else DELAY_MS)
+            if failed:
                 self._soon()
-            if changed:
+            if before != (seen, saved.problem):
                 self.found.emit()
 
 
-def _write(orders: Sequence[tuple[Folder, Session]], parent: Path) -> Answer:
-    """Write what was ordered, into new folders where there are none; to be called in a thread."""
+def _write(
+    look: Callable[[], Seen], name: str, orders: Sequence[tuple[Folder, Session]]
+) -> tuple[Seen | None, str]:
+    """Find out which image it is, and write what was ordered; to be called in a thread."""
+    try:
+        seen = look()
+    except Exception as error:
+        return None, f"{name} could not be read, and work on it is not saved: {error}."
     problems: dict[str, None] = {}
     for folder, session in orders:
         try:
-            folder.write(session, parent)
+            folder.write(replace(session, image=seen.about), seen.home)
         except Exception as error:
             _log.warning("The work could not be saved", exc_info=True)
             problems[f"The work could not be saved: {error}."] = None
-    return None, " ".join(problems)
+    return seen, " ".join(problems)
 
 
-def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Answer:
+def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
     """Find out which image it is, and what is saved of it; to be called in a thread."""
-    try:
-        checksum = _checksum(pixels, frames)
-        home, folders = _places(name, path, checksum, chosen)
-        inside = [inner for outer in folders for inner in sorted(outer.iterdir())]
-    except Exception as error:
-        return None, f"{name} could not be read, and work on it is not saved: {error}."
-    source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
-    about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-    seen = Seen(about, home, {})
-    for folder in inside:
+    checksum = _checksum(pixels, frames)
+    home, folders = _places(name, path, checksum, chosen)
+    found, problem = dict[Path, Head](), ""
+    for folder in chain.from_iterable(sorted(outer.iterdir()) for outer in folders):
         try:
             wanted = folder.is_dir() and folder.suffix != sessions.OLD
             held = sessions.summary(folder) if wanted else None
         except (OSError, LabelsError) as error:
-            seen.problem = f"Saved work could not be read, and stays where it is: {error}."
+            problem = f"Saved work could not be read, and stays where it is: {error}."
             continue
-        if held and held.sha256 == checksum:
-            seen.found[folder] = held
-    return seen, ""
+        if held and held.image.get("sha256") == checksum:
+            found[folder] = held
+    source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
+    about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
+    return Seen(about, home, found, problem)
 
 
 def _checksum(pixels: Any, frames: int) -> str:

@@ -11,7 +11,7 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -34,7 +34,7 @@ EVERY = -1
 """The frame of sketches that belong to all of them."""
 VERTICES = {"line": (2, 2), "path": (2, 0), "polygon": (3, 0), "rectangle": (4, 4),
             "ellipse": (4, 4)}  # fmt: skip
-"""The kinds of shapes that napari has, and how many vertices they may have."""
+"""The kinds of shapes that napari has, and how many vertices they may have; 0 for any number."""
 LONGEST_NAME = 1000
 """Of a layer, letters."""
 HEAD = "session.json"
@@ -43,8 +43,8 @@ OLD = ".old"
 """Added to the name of a folder that is not offered again."""
 
 
-def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainValidator:
-    """Read rows of numbers: base64 of little-endian doubles."""
+def _rows(columns: int, least: int, most: float = MAX_COORDINATE) -> pydantic.PlainValidator:
+    """Read rows of places, or of one number from 0: base64 of little-endian doubles."""
 
     def unpack(value: Any) -> np.ndarray:
         if not isinstance(value, str):
@@ -54,9 +54,14 @@ def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainVa
         if rest or rows < least:
             raise ValueError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
         numbers = np.frombuffer(packed, "<f8").astype(float).reshape(rows, columns)
-        if places and not (np.abs(numbers[:, :2]) < MAX_COORDINATE).all():
-            raise ValueError("has a point that is nowhere")
-        return numbers if columns > 1 else numbers[:, 0]
+        if columns > 1:
+            if not (np.abs(numbers[:, :2]) < most).all():
+                raise ValueError("has a point that is nowhere")
+            return numbers
+        known = np.nan_to_num(numbers[:, 0], posinf=0)
+        if (known < 0).any() or (known > most).any():
+            raise ValueError("is no distance")
+        return numbers[:, 0]
 
     return pydantic.PlainValidator(unpack)
 
@@ -64,9 +69,10 @@ def _rows(columns: int, least: int, *, places: bool = False) -> pydantic.PlainVa
 _written = pydantic.PlainSerializer(
     lambda array: base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
 )
-_Places = Annotated[np.ndarray, _rows(2, 2, places=True), _written]
-_Knots = Annotated[np.ndarray, _rows(3, 2, places=True), _written]
-_Numbers = Annotated[np.ndarray, _rows(1, 1), _written]
+_Places = Annotated[np.ndarray, _rows(2, 2), _written]
+_Knots = Annotated[np.ndarray, _rows(3, 2), _written]
+_Distances = Annotated[np.ndarray, _rows(1, 1), _written]
+_Residual = Annotated[np.ndarray, _rows(1, 1, np.inf), _written]
 _STRICT = pydantic.ConfigDict(strict=True, arbitrary_types_allowed=True)
 
 
@@ -77,24 +83,23 @@ class Shape:
     __pydantic_config__ = _STRICT
     kind: Annotated[str, Field(pattern=f"^({'|'.join(VERTICES)})$")]
     points: _Places
-
-
-_SHAPES = pydantic.TypeAdapter(Sequence[Shape])
-Drawn = Mapping[int, Sequence[Shape]]
-"""What the user drew, by frame, in the order of its layer; `EVERY` for what is in all frames."""
+    frame: Annotated[int, Field(exclude=True)] = EVERY
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What is known of an image through the layer of sketches of that name."""
+    """What is known of an image through the layer of sketches of that name.
+
+    What was drawn there is in the order of the layer.
+    """
 
     layer: str
     image: Mapping[str, object] = field(default_factory=dict)
-    drawn: Drawn = field(default_factory=dict)
+    drawn: Sequence[Shape] = ()
     state: State = field(default_factory=State)
 
 
-class _Strict(pydantic.BaseModel):
+class _File(pydantic.BaseModel):
     model_config = _STRICT
     most_bytes: ClassVar = 2**27
 
@@ -108,37 +113,28 @@ class _Strict(pydantic.BaseModel):
             return cls.model_validate_json(path.read_bytes())
         except pydantic.ValidationError as error:
             first = error.errors(include_url=False, include_context=False)[0]
-            place = ".".join(map(str, first["loc"]))
-            given = first["input"] if isinstance(first["input"], str | int | float) else ""
-            found = f" (it is {str(given)[:40]!r})" if place and given != "" else ""
+            place, given = ".".join(map(str, first["loc"])), first["input"]
+            found = (
+                f" (it is {str(given)[:40]!r})" if place and isinstance(given, str | int) else ""
+            )
             said = first["msg"].removeprefix("Value error, ") + found
             raise LabelsError(path, place, said) from None
 
 
-class _Record(_Strict):
+class _Record(_File):
     id: Annotated[NonNegativeInt, Field(le=MAX_INTEGER)]
     sketch: _Places
     knots: _Knots
     points: _Places
-    half_width: _Numbers
-    sd: _Numbers
+    half_width: _Distances
+    sd: _Distances
     status: Status
     reasons: Annotated[tuple[str, ...], FailFast()]
-    residual: _Numbers
+    residual: _Residual
     review: Review
     locked: bool
     drawn: bool
     edited: bool
-
-    @pydantic.model_validator(mode="after")
-    def _is_along(self) -> "_Record":
-        for name in ("half_width", "sd"):
-            values = getattr(self, name)
-            if len(values) != len(self.points):
-                raise ValueError(f"{name}: {len(values)} values for {len(self.points)} points")
-            if (values < 0).any() or (np.nan_to_num(values, posinf=0) > MAX_COORDINATE).any():
-                raise ValueError(f"{name} is no distance")
-        return self
 
     def record(self, frame: int) -> Record:
         values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
@@ -146,7 +142,7 @@ class _Record(_Strict):
         return Record(frame=frame, curve=curve, **values)
 
 
-class Page(_Strict):
+class Page(_File):
     """The file of one frame; every fault that is collected takes a kilobyte: the first will do."""
 
     sketches: Annotated[tuple[Shape, ...], FailFast()]
@@ -157,15 +153,21 @@ class Page(_Strict):
     @pydantic.model_validator(mode="after")
     def _is_possible(self) -> "Page":
         for shape in self.sketches:
-            least, most = VERTICES[shape.kind]
-            if not least <= len(shape.points) <= (most or len(shape.points)):
-                raise ValueError(f"has a {shape.kind} of {len(shape.points)} vertices")
+            (least, most), given = VERTICES[shape.kind], len(shape.points)
+            if not least <= given <= (most or given):
+                raise ValueError(f"has a {shape.kind} of {given} vertices")
+        for one in (*self.records, *self.deleted):
+            for given in (one.half_width, one.sd):
+                if len(given) != len(one.points):
+                    raise ValueError(
+                        f"has {len(given)} values for {len(one.points)} points of curve {one.id}"
+                    )
         if len({record.id for record in self.records}) < len(self.records):
             raise ValueError("has a curve twice")
         return self
 
 
-class Head(_Strict):
+class Head(_File):
     """What a folder holds, for the question whether to go on with it."""
 
     most_bytes = 2**18
@@ -185,23 +187,20 @@ class Head(_Strict):
             raise ValueError("was written by a newer version; update napari-splinesketch")
         return number
 
-    @property
-    def sha256(self) -> str:
-        """Checksum of the image."""
-        return str(self.image.get("sha256", ""))
+
+_SHAPES = pydantic.TypeAdapter(Sequence[Shape])
 
 
 def _head_text(session: Session) -> str:
     """Write the head of a session."""
     drawn, records = session.drawn, session.state.records
-    frames = {frame for frame, shapes in drawn.items() if shapes}
     head = Head.model_construct(
         image=dict(session.image),
         layer=session.layer[:LONGEST_NAME],
         saved=datetime.now(UTC),
-        sketches=sum(map(len, drawn.values())),
+        sketches=len(drawn),
         curves=len(records),
-        frames=len(frames.union(record.frame for record in records)),
+        frames=len({*by_frame(drawn), *by_frame(records)}),
     )
     return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
 
@@ -214,21 +213,100 @@ def _record_text(record: Record) -> str:
     return _Record.model_construct(**values).model_dump_json()
 
 
-def _pages_of(session: Session) -> dict[str, str]:
-    """Write the file of each frame of a session."""
-    state = session.state
-    records, deleted = by_frame(state.records), by_frame(state.deleted)
+def _files_of(session: Session) -> dict[str, Any]:
+    """Give what belongs into each file, in the order of writing.
 
-    def page(frame: int) -> str:
-        return (
-            f'{{"frame":{frame},'
-            f'"sketches":{_SHAPES.dump_json(session.drawn.get(frame, ())).decode()},'
+    The head counts the pages, once they are written; pictures, which take longest, come last.
+    """
+    state = session.state
+    drawn, records, deleted = map(by_frame, (session.drawn, state.records, state.deleted))
+    files = dict[str, Any]()
+    for frame in sorted({*drawn, *records, *deleted}):
+        sketches = _SHAPES.dump_json(drawn.get(frame, ())).decode()
+        files[_name(frame)] = (
+            f'{{"frame":{frame},"sketches":{sketches},'
             f'"records":[{",".join(map(_record_text, records.get(frame, ())))}],'
             f'"deleted":[{",".join(map(_record_text, deleted.get(frame, ())))}],'
             f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
         )
+    files[HEAD] = session.layer, dict(files)
+    pictures = {_name(frame, "npz"): patch for frame, patch in state.patches.items()}
+    return files | {name: one for name, one in pictures.items() if f"{name[:-3]}json" in files}
 
-    return {_name(frame): page(frame) for frame in sorted({*session.drawn, *records, *deleted})}
+
+def _name(frame: int, ending: str = "json") -> str:
+    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
+
+
+class Folder:
+    """Where a session is saved: what has changed of it is written, by one window at a time.
+
+    Its `path` is None while there is none; one that is given is owned at once, and BusyError says
+    that another window has it. Nobody else writes there until `release`, or until the process ends.
+    """
+
+    def __init__(self, path: Path | None = None):
+        self.path, self._lock = path, ExitStack()
+        self._left: int | None = None
+        """When it had been written last as others were let in."""
+        self._written: dict[str, object] = {}
+        """What files hold, where that is known."""
+        if path is not None:
+            self._lock.enter_context(owned(path))
+
+    def release(self) -> None:
+        """Let others write there."""
+        if self.path is not None and self._left is None:
+            self._left = self.path.stat().st_mtime_ns
+            self._lock.close()
+
+    def write(self, session: Session, parent: Path | None = None) -> None:
+        """Bring the files in step with a session.
+
+        Where there is no folder, or another window has gone on there since, it gets one in its
+        `parent`. A picture that no longer fits goes first.
+        """
+        path, files, known = self._find(parent or Path()), _files_of(session), self._written
+        for name in filter(FRAME.fullmatch, [file.name for file in path.iterdir()]):
+            stale = name.endswith("npz") and known.get(name) is not files.get(name)
+            if stale or name not in files:
+                (path / name).unlink()
+                known.pop(name, None)
+        for name, what in files.items():
+            if known.get(name) != what:
+                _write(path / name, _head_text(session) if name == HEAD else what)
+                known[name] = what
+
+    def _find(self, parent: Path) -> Path:
+        """Own a folder: its own, or a new one where another window has gone on there."""
+        if self.path is not None and self._left is not None:
+            with suppress(OSError):
+                self._lock.enter_context(owned(self.path))
+                if self._left == self.path.stat().st_mtime_ns:
+                    self._left = None
+                    return self.path
+            self._lock.close()
+            self.path, self._left, self._written = None, None, {}
+        numbers = count(1)
+        while self.path is None:
+            path = parent / str(next(numbers))
+            with suppress(FileExistsError):
+                path.mkdir(parents=True)
+                self._lock.enter_context(owned(path))
+                self.path = path
+        return self.path
+
+
+def _write(path: Path, what: str | Patch) -> None:
+    """Write a text, or a picture of part of a frame, whole or not at all."""
+    with atomic(path, overwrite=True) as temporary:
+        if isinstance(what, str):
+            # Names of files, and so of layers, may hold what is no text.
+            temporary.write_text(what + "\n", encoding="utf-8", errors="replace")
+        else:
+            arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
+            arrays |= {} if what.background is None else {"background": what.background}
+            np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
 
 
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
@@ -255,105 +333,6 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     return Patch(Grid(place[0], place[1]), pixels, background)
 
 
-class Folder:
-    """Where a session is saved: what has changed of it is written, by one window at a time.
-
-    Its `path` is None while there is none; one that is given is owned at once, and BusyError says
-    that another window has it. Nobody else writes there until `release`, or until the process ends.
-    """
-
-    def __init__(self, path: Path | None = None):
-        self.path = path
-        self._lock: ExitStack | None = None
-        self._stamp = 0
-        self._written: dict[str, object] = {}
-        if path is not None:
-            self._hold(path)
-            # What lies there and is not known to be right is written anew, or goes.
-            files = [file.name for file in path.iterdir() if FRAME.fullmatch(file.name)]
-            self._written |= dict.fromkeys(files, "")
-
-    def release(self) -> None:
-        """Let others write there."""
-        if self.path is not None and self._lock is not None:
-            self._stamp = _written_at(self.path)
-            self._lock.close()
-            self._lock = None
-
-    def write(self, session: Session, parent: Path | None = None) -> None:
-        """Bring the files in step with a session; the head counts them once they are written.
-
-        Where there is no folder, or another window has gone on there since, it gets one in its
-        `parent`. Pictures, which take longest, come last; one that no longer fits goes first.
-        """
-        path = self._find(parent or Path())
-        pages: dict[str, Any] = _pages_of(session)
-        every = ((_name(frame, "npz"), patch) for frame, patch in session.state.patches.items())
-        patches = {name: patch for name, patch in every if f"{name[:-3]}json" in pages}
-        wanted = {**pages, HEAD: (session.layer, pages), **patches}
-        old = [name for name, what in self._written.items() if wanted.get(name) != what]
-        steps = [(name, None) for name in old if name.endswith("npz")]
-        steps += pages.items()
-        steps += [(name, None) for name in old if name not in wanted]
-        for name, what in (*steps, (HEAD, wanted[HEAD]), *patches.items()):
-            if self._written.get(name) == what:
-                continue
-            if what is None:
-                (path / name).unlink(missing_ok=True)
-                del self._written[name]
-            else:
-                _write(path / name, _head_text(session) if name == HEAD else what)
-                self._written[name] = what
-
-    def _hold(self, path: Path) -> None:
-        with ExitStack() as lock:
-            try:
-                lock.enter_context(owned(path))
-            except BusyError as error:
-                who = str(error).partition(";")[0]
-                raise BusyError(f"{who}: it is open in another window; close it there") from None
-            if self._stamp and self._stamp != _written_at(path):
-                raise BusyError(f"{path} was changed by another window")
-            self._lock = lock.pop_all()
-
-    def _find(self, parent: Path) -> Path:
-        """Own a folder: its own, or a new one where another window has gone on there."""
-        if self.path is not None and self._lock is None:
-            try:
-                self._hold(self.path)
-            except OSError:
-                self.path, self._stamp, self._written = None, 0, {}
-        numbers = count(1)
-        while self.path is None:
-            path = parent / str(next(numbers))
-            with suppress(FileExistsError):
-                path.mkdir(parents=True)
-                self._hold(path)
-                self.path = path
-        return self.path
-
-
-def _written_at(path: Path) -> int:
-    head = path / HEAD
-    return head.stat().st_mtime_ns if head.exists() else 0
-
-
-def _write(path: Path, what: str | Patch) -> None:
-    """Write a text, or a picture of part of a frame, whole or not at all."""
-    with atomic(path, overwrite=True) as temporary:
-        if isinstance(what, str):
-            # Names of files, and so of layers, may hold what is no text.
-            temporary.write_text(what + "\n", encoding="utf-8", errors="replace")
-        else:
-            arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
-            arrays |= {} if what.background is None else {"background": what.background}
-            np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
-
-
-def _name(frame: int, ending: str = "json") -> str:
-    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
-
-
 def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
@@ -369,8 +348,8 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
     """
     head = Head.read(path / HEAD)
-    drawn: dict[int, Any] = {}
-    problems, records, deleted = list[str](), list[Record](), list[Record]()
+    problems, drawn = list[str](), list[Shape]()
+    records, deleted = list[Record](), list[Record]()
     patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
     for file in sorted(path.glob("*.json")):
         if (found := FRAME.fullmatch(file.name)) is None:
@@ -380,7 +359,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
             if frame >= frames:
                 raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
             page = Page.read(file)
-            drawn[frame] = page.sketches
+            drawn += [replace(shape, frame=frame) for shape in page.sketches]
             if frame == EVERY:
                 continue
             records += [one.record(frame) for one in page.records]
@@ -391,7 +370,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
         except (OSError, LabelsError) as error:
             problems.append(str(error))
     state = State(tuple(records), (), tuple(deleted), patches, notes)
-    return Session(head.layer, head.image, drawn, state), tuple(problems)
+    return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
 
 
 def reopen(
@@ -401,19 +380,20 @@ def reopen(
 
     That is a new one where this cannot be written to, or not all of it could be read: `read` says.
     """
-    folder, session = Folder(), None
+    folder = Folder()
     try:
-        try:
-            folder = Folder(path)
-        except OSError as error:  # where it cannot be written to, work goes on in a new one
-            if isinstance(error, BusyError):
-                raise
+        folder = Folder(path)
+    except BusyError as error:
+        who = str(error).partition(";")[0]
+        return None, folder, (f"{who}: it is open in another window; close it there.",)
+    except OSError:
+        pass  # where it cannot be written to, work goes on in a new one
+    try:
         session, problems = read(path, frames, size)
         # Pictures that were read need not be written again.
-        known = {_name(frame, "npz"): patch for frame, patch in session.state.patches.items()}
-        folder._written = {name: known.get(name, "") for name in folder._written}
+        folder._written = {_name(n, "npz"): patch for n, patch in session.state.patches.items()}
     except (OSError, LabelsError) as error:
-        problems = (f"{error}.",)
+        session, problems = None, (f"{error}.",)
     if problems:
         folder.release()
         folder = Folder()

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +17,7 @@ from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.plan import Plan
+    from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
 PRESET_TIPS: dict[PresetName, str] = {
@@ -199,6 +201,25 @@ def saved(place: Path | None, image: str | None, wanted: bool) -> str:
     if image and place.parent == Path(image).parent:
         return f"Saved in {place.name}"
     return f"Saved in {str(place.parent).replace(str(Path.home()), '~', 1)}"
+
+
+def offered(heads: Sequence["Head"]) -> str:
+    """Say what was saved, and when the latest of it, which comes first; rich text."""
+    if not heads:
+        return ""
+    sketches, curves = sum(held.sketches for held in heads), sum(held.curves for held in heads)
+    layers = f" in {len(heads)} layers" if len(heads) > 1 else ""
+    frames = max(held.frames for held in heads)
+    where = f" in {frames} frames" if frames > 1 else ""
+    said = f"{count(sketches, 'sketch')} and {count(curves, 'curve')}{where}"
+    return f"<b>Saved work</b>{layers} ({_when(heads[0].saved)}): {said}."
+
+
+def _when(saved: datetime) -> str:
+    minutes = int((datetime.now(UTC) - saved).total_seconds() / 60)
+    if 0 <= minutes < 90:
+        return "just now" if minutes < 2 else f"{minutes} minutes ago"
+    return saved.astimezone().strftime("%d %B %Y, %H:%M")
 
 
 def together(sentences: Sequence[str]) -> str:
