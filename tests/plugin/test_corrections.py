@@ -206,8 +206,9 @@ def test_knots_lead_a_curve(
     assert shown[-1] == pytest.approx(place[0] + 12, abs=0.7)
     hand.press("Z", Qt.KeyboardModifier.ControlModifier)
     assert viewer.layers[name].data[5, 1] == pytest.approx(60)
+    assert controller.work and controller.work.state is before
     hand.press("Z", SHIFT | Qt.KeyboardModifier.ControlModifier)
-    assert controller.work and controller.work.state is before, "nothing is done yet"
+    assert viewer.layers[name].data[5, 1] == pytest.approx(place[0] + 12, abs=0.7)
     hand.press("Return")
     settled(dock, 2)
     assert name not in viewer.layers
@@ -234,7 +235,8 @@ def test_knots_that_are_taken_back_or_kept(
     hand.press("U")
     viewer.layers[name].selected_data = {5}
     viewer.layers[name].remove_selected()
-    until(lambda: dock.undo.isEnabled() and len(viewer.layers[name].data) == 9, 20)
+    until(lambda: dock.controller.steps.done == "Move knots of curve 2", 20)
+    assert len(viewer.layers[name].data) == 9
     hand.press("U")
     until(lambda: len(controller.records()[1].curve.knots) == 9, 20)
     assert controller.records()[1].curve.status == "check"

@@ -158,9 +158,7 @@ class Controller(Keeper):
 
     @property
     def steps(self) -> History[Any]:
-        """What can be undone: steps, or moves of the knots that are shown."""
-        if self.knots:
-            return self.knots.steps
+        """What can be undone."""
         return self.work.history if self.work else History(None)
 
     def toggle_at_once(self) -> None:
@@ -172,7 +170,7 @@ class Controller(Keeper):
     def toggle_knots(self) -> None:
         """Show the knots of the selected curve, or keep the curve as they are."""
         if self.knots:
-            self.knots.keep()
+            self.knots.close()
             return
         record = self.state.by_key.get(self.selected) if self.selected else None
         if self.work is None or record is None or record.locked or self.progress:
@@ -235,7 +233,7 @@ class Controller(Keeper):
             return
         self._closed = True
         if self.knots:
-            self.knots.discard()
+            self.knots.close()
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self._soon.cancel()
         super().close()
@@ -313,7 +311,7 @@ class Controller(Keeper):
             self._pair = pair
             self.tell(Notice())
             if self.knots:
-                self.knots.discard()
+                self.knots.close()
         there = set(self.viewer.layers)
         gone = [work for work in self.works if not {work.image, work.sketches} <= there]
         self.works = [work for work in self.works if work not in gone]

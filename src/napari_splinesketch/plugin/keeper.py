@@ -184,7 +184,7 @@ class Keeper:
         self.drawing.start(work, work.show(), shown)
 
     def undo(self) -> None:
-        """Take back the last step, or the last move of the knots that are shown."""
+        """Take back the last step."""
         self._travel("Undone", History.undo)
 
     def redo(self) -> None:
@@ -288,9 +288,7 @@ class Keeper:
                 self.show(work)
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
-        if self.knots:
-            self.knots.travel(way)
-        elif self.work and not self.progress:
+        if self.work and not self.progress:
             what = way(self.work.history)
             if what:
                 self.tell(Notice("done", f"{said}: {what[0].lower()}{what[1:]}."))

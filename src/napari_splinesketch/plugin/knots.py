@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,12 @@ from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
-from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
-from napari_splinesketch.plugin.model import History, Record, key_of
+from napari_splinesketch.plugin.model import Record, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -40,22 +39,20 @@ Knots = Float[np.ndarray, "K 2"]
 
 
 class KnotEditing:
-    """Shows the knots of a curve, and the curve as they are dragged, until they are kept or not.
+    """Shows the knots of a curve until the user is done; every drag is a step that she can undo.
 
-    `steps` are the knots, and where they were; `number` is that of the curve.
+    `number` is that of the curve.
     """
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
-        self.steps: History[Knots] = History(record.curve.knots[:, :2])
-        self.number = record.id
-        self._controller, self._work, self._record = controller, work, record
+        self.number, self._key = record.id, key_of(record)
+        self._controller, self._work, self._before = controller, work, work.state
+        self._active = layers.selection.active
         name = f"{work.name} knots of curve {record.id}"
         self._slot = Slot(viewer, work.image, "knots", name, Points)
-        self._before = layers.selection.active
-        knots = in_stack(work.image, record.frame, self.steps.value)
-        layer = self._slot.make(knots, **LOOK)
-        steps = np.linalg.norm(np.diff(self.steps.value, axis=0), axis=1)
+        layer = self._slot.make(self._places(record), **LOOK)
+        steps = np.linalg.norm(np.diff(record.curve.knots[:, :2], axis=0), axis=1)
         apart = float(np.median(steps) / screen_pixel(viewer, work.image)[-1])
         if apart < SIZE:  # nobody could take hold of one
             viewer.scene.camera.zoom *= 2 * SIZE / apart
@@ -69,29 +66,14 @@ class KnotEditing:
         self._end = listen(
             (viewer.scene.camera.events.zoom, self._paint),
             (layer.events.data, self._on_data),
-            (layers.events.removed, self._on_removed),
+            (layers.events.removed, self._show),
+            (controller.changes.curves, self._show),
         )
         self._show()
         controller.tell(Notice("none", HELP))
 
-    def keep(self) -> None:
-        """Put the curve where its knots are, if they were moved."""
-        work, record, curve = self._work, self._record, self._curve()
-        self.discard()
-        if self.steps.done and work.state.by_key.get(key_of(record)) is record:
-            changed = replace(record, curve=curve, edited=True, review="open")
-            state = work.state.with_records(changed)
-            self._controller.apply(f"Move knots of curve {record.id}", state)
-            self._controller.selected = key_of(record)
-
-    def refine(self) -> None:
-        """Refine the curve from where its knots are, and no other."""
-        self.keep()
-        self._controller.selected = key_of(self._record)
-        self._controller.refine("selected")
-
-    def discard(self) -> None:
-        """Leave the curve as it was."""
+    def close(self) -> None:
+        """Show the knots no longer; the curve stays as they are."""
         controller, layers = self._controller, self._controller.viewer.layers
         if controller.knots is not self:
             return
@@ -99,26 +81,44 @@ class KnotEditing:
         self._end()
         self._work.move()
         self._slot.remove()
-        if self._before in layers:
-            layers.selection.active = self._before
+        if self._active in layers:
+            layers.selection.active = self._active
         controller.tell(Notice())
         controller.changes.mode.emit()
 
-    def travel(self, way: Callable[[History[Knots]], object]) -> None:
-        """Go back or on through the moves of the knots."""
-        way(self.steps)
-        self._put()
+    def refine(self) -> None:
+        """Refine the curve from where its knots are, and no other."""
+        self.close()
+        self._controller.selected = self._key
+        self._controller.refine("selected")
 
-    def _put(self) -> None:
-        """Show the knots where they are by now."""
-        layer = self._slot.layer
-        if layer is not None:
+    def discard(self) -> None:
+        """Leave the curve as it was."""
+        history = self._work.history
+        while history.done == self._step and history.value is not self._before:
+            history.undo()
+        self.close()
+        self._controller.show(self._work)
+
+    @property
+    def _step(self) -> str:
+        return f"Move knots of curve {self.number}"
+
+    def _places(self, record: Record) -> Knots:
+        return in_stack(self._work.image, record.frame, record.curve.knots[:, :2])
+
+    def _show(self, event: object = None) -> None:
+        """Show the knots where they are by now; none where the curve is gone, or their layer."""
+        layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
+        if layer is None or record is None or record.locked:
+            self.close()
+            return
+        self._work.move(record.frame, [record.curve.points])
+        if not np.array_equal(layer.data, places := self._places(record)):
             with layer.events.data.blocker():
                 layer.selected_data = set()
-                layer.data = in_stack(self._work.image, self._record.frame, self.steps.value)
+                layer.data = places
                 self._paint()
-            self._show()
-            self._controller.changes.mode.emit()
 
     def _paint(self) -> None:
         layer = self._slot.layer
@@ -126,22 +126,12 @@ class KnotEditing:
             layer.face_color = [HEAD, *[COLOUR] * max(len(layer.data) - 1, 0)]
             layer.size = SIZE * screen_pixel(self._controller.viewer, self._work.image)[-1]
 
-    def _value(self) -> Knots:
-        """(K, 2) the knots in their layer, px."""
-        layer = self._slot.layer
-        return self.steps.value if layer is None else np.array(layer.data[:, -2:], dtype=float)
-
-    def _curve(self) -> Curve:
-        return moved(self._record.curve, self._value())
-
-    def _show(self) -> None:
-        self._work.move(self._record.frame, [self._curve().points])
-
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""
+        curve = self._work.state.by_key[self._key].curve
         yield
         while event.type == "mouse_move":
-            self._show()
+            self._work.move(self._key[0], [moved(curve, layer.data[:, -2:]).points])
             yield
 
     def _on_data(self, event: Any) -> None:
@@ -150,18 +140,18 @@ class KnotEditing:
             QTimer.singleShot(0, self._on_moved)
 
     def _on_moved(self) -> None:
-        if self._controller.knots is not self:
+        layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
+        if self._controller.knots is not self or layer is None or record is None:
             return
-        knots = _in_order(self.steps.value, self._value())
+        knots = _in_order(record.curve.knots[:, :2], np.array(layer.data[:, -2:], dtype=float))
         if len(knots) < FEWEST:
             self._controller.say(f"A curve has at least {FEWEST} knots.")
-        else:
-            self.steps.apply("move knots", knots)
-        self._put()
-
-    def _on_removed(self) -> None:
-        if self._slot.layer is None:
-            self.discard()
+            self._show()
+            return
+        fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
+        state = self._work.state.with_records(fresh)
+        self._controller.apply(self._step, state, work=self._work)
+        self._controller.tell(Notice("none", HELP))
 
 
 def _in_order(before: Knots, now: Knots) -> Knots:
