@@ -139,7 +139,6 @@ def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
     act("refine", lambda: click(dock.refine), shown(count + 1))
     curves = viewer.layers["cells curves"]
     viewer.layers.selection.active = curves
-    curves.mode = "select"
     select(viewer, act, "select a curve, the first time", curves.data[count // 2])
     select(viewer, act, "select a curve", curves.data[count // 3])
     assert len(controller.selection) == 1, controller.selection

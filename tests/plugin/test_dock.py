@@ -310,22 +310,17 @@ def test_what_the_image_needed_unfolds(
     assert not dock.notes.isVisible()
 
 
-def test_deleted_curves_stay_deleted_and_moved_ones_go_back(
+def test_deleted_curves_stay_deleted_and_removed_ones_come_back(
     viewer: Any, dock: SplinesketchDock
 ) -> None:
     sketched(viewer)
     refine(dock)
     curves = viewer.layers["cells curves"]
-    curves.selected_data = {0}
-    curves.remove_selected()
+    assert not curves.editable, "lines are drawn in the layer of sketches"
+    dock.controller.delete((0, 1))
     until(lambda: dock.results.text() == "1 good")
     assert [record.id for record in dock.controller.records()] == [2]
     until(lambda: len(outlines(viewer.layers["cells outlines"])) == 1)
-    curves.data = [curves.data[0] + 7]
-    until(lambda: np.allclose(curves.data[0][0], LINES[1][0]))
-    until(lambda: "draw and move lines in 'cells sketches'" in dock.notice.text())
-    curves.add([[0, 0], [9, 9]], shape_type="line")
-    until(lambda: curves.nshapes == 1)
     viewer.layers.remove(curves)
     until(lambda: not dock.controller.records())
     assert not dock.results.isVisible()

@@ -178,8 +178,7 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
         until(lambda: again.saver.place, SOON)
         assert not again.saver.offers(), "it is in the window"
         curves: Any = viewer.layers["sketches curves"]
-        curves.selected_data = {0}
-        curves.remove_selected()
+        again.controller.delete((0, 1))
         until(lambda: len(again.controller.records()) == 1, SOON)
         until(lambda: curves.nshapes == 1, SOON)
         assert list(viewer.layers) == layers

@@ -30,6 +30,7 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.review import ReviewPanel
+from napari_splinesketch.plugin.words import legend
 from plugin.fakes import as_drawn
 
 engine.warm_up = lambda report: None
@@ -51,9 +52,8 @@ assert model.index(0, titles.index("Knots")).data() == "10"
 record = controller.records()[0]
 assert list(features([record])["knots"]) == [10]
 assert "knots" in as_text([record], Ruler()).splitlines()[0]
-assert dock.look.by.findText("Colour by number of knots") > 0
-dock.look.show_look("knots", [record], Ruler())
-assert dock.look.words.text().startswith("10.0 ")
+assert dock.colour_by.native.findText("Colour by number of knots") > 0
+assert legend([record], ("knots", Ruler())).startswith("10.0 ")
 shout = dock.curve.buttons["shout"]
 assert not shout.isEnabled() and shout.toolTip() == "Select a curve"
 controller.selected = (0, 1)

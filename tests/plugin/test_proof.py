@@ -110,7 +110,7 @@ def test_proofs_follow_while_they_are_in_view(
     maker = pictures.MAKERS["masks"]
     slow = replace(maker, make=lambda *known: made.append(1) or maker.make(*known))
     assert dock.controller.work is not None
-    dock.controller.work.made["masks"].maker = slow
+    dock.controller.work.slots["masks"].maker = slow
     click(dock.undo)
     until(lambda: layer_named(viewer, "film curves").nshapes == 2, 5)
     QTest.qWait(100)
@@ -133,13 +133,12 @@ def test_colours_tell_a_number_and_the_legend_its_range(
     fake.changes = {1: {"residual": 0.3, "status": "check", "reasons": ("it moved",)}}
     refine(dock)
     curves = layer_named(viewer, "film curves")
-    assert "to check ?" in dock.look.words.text()
-    dock.look.by.setCurrentIndex(1)
-    dock.look.by.activated.emit(1)
+    assert "to check ?" in dock.legend.text()
+    dock.colour_by.native.setCurrentIndex(1)
     until(lambda: curves.edge_color[0][0] > 0.9, 5)
     # Pixels are oblong: 40 px across are 32 µm, 30 px down are 15 µm.
-    assert dock.look.words.text().startswith("15.0 ")
-    assert dock.look.words.text().endswith(" 32.0 µm")
+    assert dock.legend.text().startswith("15.0 ")
+    assert dock.legend.text().endswith(" 32.0 µm")
     np.testing.assert_allclose(curves.edge_color[:, :3] * 255, [[253, 231, 37], [65, 68, 135]])
     assert list(viewer.layers["film marks"].text.values) == ["2 ?"], "marks still tell the status"
     assert curves.edge_width[1] > curves.edge_width[0]

@@ -54,7 +54,7 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
     assert area is not None
     bar = area.verticalScrollBar()
     assert bar is not None and bar.maximum() == 0, "nothing scrolls at 800 px"
-    legend = dock.look.words
+    legend = dock.legend
     bottom = legend.mapTo(dock, QPoint(0, legend.height())).y()
     assert legend.isVisible() and bottom <= area.geometry().bottom()
     assert legend.sizeHint().width() <= legend.width(), "and none of it is cut off"

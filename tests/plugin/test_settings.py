@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from napari.settings import get_plugin_settings
 from npe2 import PluginManifest
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QLabel
 
 from napari_splinesketch.plugin import choices as settings
@@ -99,10 +99,6 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     kept_by_napari: Any = get_plugin_settings(PLUGIN)
     kept_by_napari.refining.preset = "balanced"
     assert again.preset.native.currentText() == "Balanced"
-    click(again.settings.title)
-    pixels = again.settings_form.widgets["lengths_in_pixels"].native
-    QTest.mouseClick(pixels, Qt.MouseButton.LeftButton, pos=QPoint(8, pixels.height() // 2))
-    assert again.controller.ruler.unit == "px"
     assert again.settings_form.half_width.text() == "1.500 µm"
 
 

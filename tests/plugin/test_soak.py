@@ -229,7 +229,8 @@ class Day:
             known = {key_of(record): held(record) for record in work.records} if work else {}
             assert known == shadow.curves
             if work and work.records:
-                assert set(work.curves.keys()) == set(known), "the layer shows them all"
+                there = work.layer("curves").features
+                assert set(zip(there["frame"], there["id"], strict=True)) == set(known)
         names = {layer.name for layer in self.bench.controller.choices.layers(Shapes)}
         assert names == set(self.shadows)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from napari_splinesketch.engine.settings import OFFERED
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.model import Record
@@ -83,10 +82,6 @@ def test_where_work_is_saved_can_be_found() -> None:
     assert words.saved(Path("/work/a.tif.12ab.splinesketch"), "/data/a.tif", True).endswith("/work")
     assert words.saved(None, "/data/a.tif", False) == "Work is not saved"
     assert words.saved(None, "/data/a.tif", True) == "", "it is not known yet"
-
-
-def test_every_preset_is_explained() -> None:
-    assert set(OFFERED) == set(words.PRESET_TIPS)
 
 
 def test_sentences_together() -> None:

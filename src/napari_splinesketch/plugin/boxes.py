@@ -1,6 +1,6 @@
 """The parts of the dock: each shows what it is told to, and passes on what the user does."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,11 +16,9 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import widgets, words
 from napari_splinesketch.plugin.choices import FORM, Settings
-from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED, scale_of, three_digits
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.space import Ruler, ruler_of
-from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.plugin.layers.space import ruler_of
 from napari_splinesketch.plugin.plan import Scope
 from napari_splinesketch.plugin.saver import Saver
 
@@ -30,6 +28,7 @@ RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
 IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
 LABELS_TIP = "Take these curves up as results, as they were judged"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
+APART = ("preset", "colour_by")
 DECIMALS = 3
 """Of half-widths."""
 SCOPES: dict[Scope, str] = {"selected": "Refine the selected", "all": "Refine all that are open"}
@@ -117,32 +116,6 @@ class CurveBox(qt.QWidget):
             self.title.setText(said)
             self.title.setToolTip(said)
             self._corrections.show_state()
-
-
-class LookBox(qt.QWidget):
-    """What the colour of a curve says, and the legend that tells."""
-
-    def __init__(self, choose: Callable[[str], object]) -> None:
-        super().__init__()
-        self.by = qt.QComboBox()
-        self.by.addItems([f"Colour by {column.colour}" for column in COLOURED.values()])
-        self.by.setMinimumWidth(widgets.NARROW)
-        self.by.setToolTip("What colours show; the marks beside curves always show the status")
-        self.words = widgets.TextLabel()
-        # A legend that wraps when a scroll bar comes would itself make that necessary.
-        self.words.setWordWrap(False)
-        widgets.stack(self, self.by, self.words)
-        self.by.activated.connect(lambda index: choose(COLOUR_BY[index]))
-
-    def show_look(self, by: str, records: Sequence[Record], ruler: Ruler) -> None:
-        """Show what the colours of these curves say."""
-        self.by.setCurrentIndex(COLOUR_BY.index(by))
-        if scale := scale_of(records, (by, ruler)):
-            unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
-            low, high = map(three_digits, scale)
-            self.words.say(words.ramp(low, high, unit))
-        else:
-            self.words.say(words.LEGEND if by == "status" else "")
 
 
 class EyeBox(qt.QWidget):
@@ -237,7 +210,7 @@ class SuggestBox(qt.QWidget):
 
 
 class SettingsForm(qt.QWidget):
-    """Widgets for the settings in `FORM`, which magicgui makes; the preset's stands elsewhere."""
+    """Widgets for the settings in `FORM`, which magicgui makes; some stand `APART` from it."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
@@ -251,7 +224,7 @@ class SettingsForm(qt.QWidget):
             made.native.setMinimumWidth(widgets.NARROW)
             made.changed.connect(partial(self._take, name))
             self.widgets[name] = made
-        rest = widgets.form(*(made for name, made in self.widgets.items() if name != "preset"))
+        rest = widgets.form(*(made for name, made in self.widgets.items() if name not in APART))
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
         keys = widgets.Button("Change keys…", KEYS_TIP, run)
         elsewhere = widgets.Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)

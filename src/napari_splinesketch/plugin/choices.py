@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
 from napari_splinesketch.engine.settings import OFFERED, Asked, PresetName
-from napari_splinesketch.plugin.columns import COLOUR_BY
+from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Changes
@@ -144,7 +144,6 @@ class Settings(Asked):
     half_width: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     half_width_unit: str = "px"
     colour_by: Annotated[str, Field(pattern=f"^({'|'.join(COLOUR_BY)})$")] = "status"
-    lengths_in_pixels: bool = False
     save_work: bool = True
     work_folder: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
@@ -172,13 +171,15 @@ class Settings(Asked):
 POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}
 FORM: dict[str, dict[str, Any]] = {
     "preset": {"label": "Preset", "choices": [(name.capitalize(), name) for name in OFFERED],
-               "tooltip": "This engine, or that of the paper"},
+               "tooltip": "Balanced: this engine, fast and accurate\n"
+                          "Paper: the recipe of the published method; slow"},
     "polarity": {"label": "Bodies are", "choices": list(POLARITIES.items()),
                  "tooltip": "Whether bodies are brighter or darker than what is around them"},
+    "colour_by": {"label": "Colour by", "choices": [(f"Colour by {column.colour}", name)
+                                                   for name, column in COLOURED.items()],
+                  "tooltip": "What colours show; the marks beside curves always show the status"},
     "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5,
                    "tooltip": "Rough distance from a body's centreline to its edge"},
-    "lengths_in_pixels": {"label": "Lengths in pixels",
-                          "tooltip": "Give lengths in px although the image has a unit"},
     "save_work": {"label": "Save work as I go",
                   "tooltip": "Save lines and curves as they are made"},
 }  # fmt: skip

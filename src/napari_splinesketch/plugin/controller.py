@@ -189,10 +189,9 @@ class Controller(Keeper):
 
     def draw_or_select(self) -> None:
         """Draw lines; or, while drawing, go back to selecting curves."""
-        layer, curves = self.choices.sketches, self.work and self.work.curves.layer
+        layer, curves = self.choices.sketches, self.work and self.work.layer("curves")
         if layer is not None and curves is not None and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
-            curves.mode = "pan_zoom"
         else:
             self.draw()
 

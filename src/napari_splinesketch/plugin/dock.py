@@ -81,7 +81,6 @@ class SplinesketchDock(QWidget):
         self.suggest = boxes.SuggestBox(controller)
         self.settings_form = boxes.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
-        self.preset.tooltip = "\n".join([self.preset.tooltip, *words.PRESET_TIPS.values()])
         self.at_once = QCheckBox(controller.actions["at_once"].name)
         self.refine = CommandButton(controller.actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
@@ -96,7 +95,10 @@ class SplinesketchDock(QWidget):
         self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = boxes.EyeBox(controller)
-        self.look = boxes.LookBox(lambda by: controller.choose(colour_by=by))
+        self.colour_by = self.settings_form.widgets["colour_by"]
+        self.legend = TextLabel()
+        # One that wraps when a scroll bar comes would itself make that necessary.
+        self.legend.setWordWrap(False)
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
@@ -120,7 +122,7 @@ class SplinesketchDock(QWidget):
         rows = (
             *(chosen, [self.draw, self.suggest.button], self.suggest, self.at_once),
             *((self.refine, self.more), self.curve, self.track, (self.results, self.review)),
-            *(self.eyes, self.look, self.steps, self.notes, self.settings),
+            *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
         widgets.stack(self.content, *rows, margin=4).addStretch(1)
         widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
@@ -278,10 +280,11 @@ class SplinesketchDock(QWidget):
         notes = work.state.notes.get(controller.frame, ()) if work and here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
-        for widget in (self.eyes, self.look):
+        for widget in (self.eyes, self.colour_by.native):
             widget.setVisible(bool(records))
         self.review.setVisible(bool(records) or self.panel is not None)
-        self.look.show_look(controller.settings.colour_by, records, controller.ruler)
+        look = controller.settings.colour_by, controller.ruler
+        self.legend.say(words.legend(records, look) if records else "")
 
     def _show_export(self) -> None:
         records = self.controller.records()

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
-from qtpy.QtCore import QTimer
 
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
@@ -60,10 +58,7 @@ class Keeper:
         self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
-        # Later: napari is still busy with the edit that it tells of.
-        self.changes.touched.connect(
-            lambda *what: QTimer.singleShot(0, partial(self._adopt, *what))
-        )
+        self.changes.erased.connect(lambda: self.delete())
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
         self.works = [owner for owner in owners if isinstance(owner, Work)]
         for work in self.works:
@@ -176,7 +171,6 @@ class Keeper:
         """Let the layers show what is known, and then call something."""
 
         def shown() -> None:
-            work.mark()
             last()
             self.changes.shown.emit()
 
@@ -215,7 +209,7 @@ class Keeper:
     @property
     def ruler(self) -> Ruler:
         """What lengths are told in."""
-        return self._ruler_on(self.choices.image)
+        return ruler_of(self.choices.image)
 
     def how(self, image: Image) -> Asked:
         """Say how the user wants the bodies of an image to be found; its half-width in px."""
@@ -237,9 +231,6 @@ class Keeper:
             self.changes[name].disconnect()
         self.choices.close()
 
-    def _ruler_on(self, image: Image | None) -> Ruler:
-        return ruler_of(None if self.settings.lengths_in_pixels else image)
-
     def _take(self, chosen: Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
@@ -253,7 +244,7 @@ class Keeper:
 
     def _colour(self, work: Work) -> None:
         """Let the colours of curves say what the user wants them to."""
-        if work.colour((self.settings.colour_by, self._ruler_on(work.image))):
+        if work.colour((self.settings.colour_by, ruler_of(work.image))):
             self.show(work)
 
     def _change(
@@ -267,15 +258,6 @@ class Keeper:
         """Hear of the user's doings in layers of results."""
         work.changes = self.changes
         self._colour(work)
-
-    def _adopt(self, work: Work, deleted: set[Key]) -> None:
-        """Take over what the user deleted among the curves; what she moved goes back."""
-        gone = deleted & set(map(key_of, work.records))
-        if gone:
-            work.history.apply(f"Delete {words.curves(sorted(gone))}", work.state.without(gone))
-        elif not self.progress:
-            self.say(f"Curves are results: draw and move lines in {work.sketches.name!r}.")
-        self.show(work)
 
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""

@@ -18,7 +18,7 @@ from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import Slot
+from napari_splinesketch.plugin.layers.slot import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import Record, key_of
 
@@ -30,7 +30,7 @@ FEWEST = 3
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
 COLOUR, HEAD = palette.MOVING, palette.TRUTH
 """The first knot is the head: it stands out."""
-LOOK = {"border_width": 0.15, "border_color": "black"}
+LOOK = {"border_width": 0.15, "border_color": "black", "visible": True}
 SIZE = 11.0
 """Of a knot, px of the screen: napari's own limits would draw nothing but its border."""
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
@@ -49,9 +49,10 @@ class KnotEditing:
         self.number, self._key = record.id, key_of(record)
         self._controller, self._work, self._before = controller, work, work.state
         self._active = layers.selection.active
-        name = f"{work.name} knots of curve {record.id}"
-        self._slot = Slot(viewer, work.image, "knots", name, Points)
-        layer = self._slot.make(self._places(record), **LOOK)
+        maker = Maker(Points, f"knots of curve {record.id}", lambda work: [object()], self._made)
+        self._slot = Slot("knots", maker, work)
+        next(self._slot.update())
+        layer = self._slot.layer
         steps = np.linalg.norm(np.diff(record.curve.knots[:, :2], axis=0), axis=1)
         apart = float(np.median(steps) / screen_pixel(viewer, work.image)[-1])
         if apart < SIZE:  # nobody could take hold of one
@@ -59,12 +60,11 @@ class KnotEditing:
             look_at(viewer, work.image, record.frame, record.curve.points)
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
-        self._paint()
         layers.selection.active = layer
         layer.mode = "select"
         layer.mouse_drag_callbacks.append(self._follow)
         self._end = listen(
-            (viewer.scene.camera.events.zoom, self._paint),
+            (viewer.scene.camera.events.zoom, self._show),
             (layer.events.data, self._on_data),
             (layers.events.removed, self._show),
             (controller.changes.curves, self._show),
@@ -104,27 +104,26 @@ class KnotEditing:
     def _step(self) -> str:
         return f"Move knots of curve {self.number}"
 
-    def _places(self, record: Record) -> Knots:
-        return in_stack(self._work.image, record.frame, record.curve.knots[:, :2])
+    def _made(self, work: Work, _: object) -> Made | None:
+        record = work.state.by_key.get(self._key)
+        if record is None or record.locked:
+            return None
+        places = in_stack(work.image, record.frame, record.curve.knots[:, :2])
+        size = SIZE * screen_pixel(work.viewer, work.image)[-1]
+        colours = [HEAD, *[COLOUR] * (len(places) - 1)]
+        return Made(places, {"face_color": colours, "size": float(size)}, LOOK)
 
     def _show(self, event: object = None) -> None:
         """Show the knots where they are by now; none where the curve is gone, or their layer."""
-        layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
-        if layer is None or record is None or record.locked:
-            self.close()
-            return
-        self._work.move(record.frame, [record.curve.points])
-        if not np.array_equal(layer.data, places := self._places(record)):
-            with layer.events.data.blocker():
-                layer.selected_data = set()
-                layer.data = places
-                self._paint()
-
-    def _paint(self) -> None:
         layer = self._slot.layer
         if layer is not None:
-            layer.face_color = [HEAD, *[COLOUR] * max(len(layer.data) - 1, 0)]
-            layer.size = SIZE * screen_pixel(self._controller.viewer, self._work.image)[-1]
+            with layer.events.data.blocker():
+                next(self._slot.update())
+        if self._slot.layer is None:
+            self.close()
+        else:
+            curve = self._work.state.by_key[self._key].curve
+            self._work.move(self._key[0], [curve.points])
 
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""

@@ -46,7 +46,7 @@ class Changes(SignalGroup):
     drawn = Signal(description="The user has finished a line")
     curves = Signal(description="What is known of the curves, and what can be undone")
     selection = Signal(description="Which curves are selected")
-    touched = Signal(object, set, description="Its layer of curves: the work, which are deleted")
+    erased = Signal(description="Delete was pressed in the layer of curves")
     clicked = Signal(bool, description="A click into the layer of curves; with Shift, or without")
     shown = Signal(description="Which layers of results are there and in view")
     mode = Signal(description="Whether knots are shown, and where; Refine while drawing")

@@ -8,9 +8,15 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS
+from napari_splinesketch.plugin.columns import (
+    COLOURED,
+    RAMP,
+    STATUS_WORDS,
+    Look,
+    scale_of,
+    three_digits,
+)
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -20,10 +26,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
-PRESET_TIPS: dict[PresetName, str] = {
-    "balanced": "Balanced: fast and accurate",
-    "paper": "Paper: the recipe of the published method; slow",
-}
 NOTES_TIP = "Which parts of the model this image needed, and why"
 REVIEW_TIP = "Show the table of curves and the plots of the selected one"
 EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
@@ -134,9 +136,15 @@ def doubts(records: Sequence[Record]) -> str:
     return f"Curve {records[0].id}: {'; '.join(records[0].curve.reasons)}."
 
 
-def ramp(low: str, high: str, unit: str) -> str:
-    """Say what the ends of the colours stand for; rich text."""
+def legend(records: Sequence[Record], look: Look) -> str:
+    """Say what the colours of curves stand for; rich text."""
+    by, ruler = look
+    scale = scale_of(records, look)
+    if scale is None:
+        return LEGEND if by == "status" else ""
+    low, high = map(three_digits, scale)
     blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in RAMP)
+    unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
     return f"{low} {blocks} {high}{unit}"
 
 

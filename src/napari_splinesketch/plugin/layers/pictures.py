@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
-from napari.layers import Image, Labels, Points, Vectors
+from napari.layers import Image, Labels, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.transforms import Affine
 
@@ -308,6 +308,8 @@ MAKERS: dict[str, Maker] = {
                    "A Labels layer: pixels have their curve's number"),
     "stack": Maker(Labels, "masks, one a body", _curves, _stack, "One mask for each body",
                    "A stack with a mask for each curve: overlaps are kept"),
+    # Lines of their own, some at a time.
+    "curves": Maker(Shapes, "curves", _curves, lambda work, curves: None),
 }  # fmt: skip
 
 

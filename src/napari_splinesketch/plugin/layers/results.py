@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
-from napari.layers.base import ActionType
-from superqt.utils import qdebounced, qthrottled
+from superqt.utils import qthrottled
 
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks
 from napari_splinesketch.plugin.layers.pictures import MAKERS
-from napari_splinesketch.plugin.layers.slot import Following, Slot, undisturbed
+from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
 from napari_splinesketch.plugin.layers.space import (
     Ruler,
     in_stack,
@@ -32,13 +31,15 @@ from napari_splinesketch.plugin.model import (
     Record,
     State,
     bytes_beside,
-    key_of,
 )
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws a whole layer of shapes anew."""
-EDITS = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
+ASKED = [role for role, maker in MAKERS.items() if maker.title]
+"""The layers that are there only when the user asks for them."""
+ERASE = ("Delete", "Backspace")
+"""With which napari deletes shapes."""
 AT_ONCE = 0.02
 """Spent on outlines at each step, s."""
 AFTER_MS = 120
@@ -46,40 +47,28 @@ AFTER_MS = 120
 
 
 class CurveLines(Slot):
-    """A line for each curve, brought in step with what is known: some go, some come."""
+    """A line for each curve: those of curves that are gone go, and new ones come."""
 
     _shown: Sequence[Record] = ()
     """In the order of the layer."""
-    _stale = False
-    """Whether the user has changed them: all come anew."""
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Add the layer, with nothing in it."""
-        self._shown, self._stale = (), False
+        """Make the layer, with nothing in it."""
+        self._shown = ()
         return super().make(*data, **how)
 
-    def keys(self) -> list[Key]:
-        """(frame, id) of the curves that are there."""
-        return [] if self.layer is None else list(map(key_of, self._shown))
-
-    def selection(self) -> tuple[Key, ...]:
-        """(frame, id) of the curves that are selected."""
-        keys = self.keys()
-        chosen = sorted(self.layer.selected_data) if keys else ()
-        return tuple(keys[i] for i in chosen if i < len(keys))
-
-    def show(self, records: Sequence[Record], look: columns.Look) -> Iterator[None]:
-        """Show these curves, and no others; some come at each step."""
-        layer = self.layer
+    def update(self) -> Iterator[None]:
+        """Bring it in step with what is known; some lines come at each step."""
+        layer, records, look = self.layer, self.work.records, self.work.look
+        if layer is None:
+            return
         wanted = {id(record.curve): record for record in records}
-        if self._stale or layer.nshapes != len(self._shown):
-            gone, self._shown, self._stale = list(range(layer.nshapes)), (), False
-        else:
-            gone = [i for i, r in enumerate(self._shown) if id(r.curve) not in wanted]
-        if gone:
+        before = self._shown if layer.nshapes == len(self._shown) else ()
+        kept = [i for i, record in enumerate(before) if id(record.curve) in wanted]
+        if gone := set(range(layer.nshapes)).difference(kept):
             layer.selected_data = set()
-            layer.remove(gone)
-            self._shown = [r for r in self._shown if id(r.curve) in wanted]
+            layer.remove(sorted(gone))
+        self._shown = [before[i] for i in kept]
         there = {id(record.curve) for record in self._shown}
         fresh = [record for record in records if id(record.curve) not in there]
         curves = [record.curve for record in fresh]
@@ -95,19 +84,15 @@ class CurveLines(Slot):
             self._shown = [*self._shown, *fresh[done]]
             columns.features(fresh[done])  # a few are measured at a time: below, all are asked for
             yield
-        self._describe([wanted[id(r.curve)] for r in self._shown], look, bool(gone or fresh))
+        known = [wanted[id(record.curve)] for record in self._shown]
+        if gone or fresh or known != self._shown or layer.features.empty:
+            layer.features = columns.features(known)
+            self._shown = known
+        colours = looks.rgba(columns.colours_of(known, look))
+        if not np.allclose(layer.edge_color, colours):
+            layer.edge_color = colours
         if gone:
             yield
-
-    def follow(self, event: Any) -> set[Key]:
-        """Take in that the user has changed shapes; give (frame, id) of those that she deleted."""
-        before = self.keys()
-        if event.action != ActionType.REMOVED or len(before) <= self.layer.nshapes:
-            self._stale = True
-            return set()
-        gone = set(event.data_indices)
-        self._shown = [r for i, r in enumerate(self._shown) if i not in gone]
-        return set(before).difference(self.keys())
 
     def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
         """Draw curves, some at a time when they are needed."""
@@ -115,17 +100,7 @@ class CurveLines(Slot):
             some = records[start : start + drawn.CHUNK]
             lines = thinned([record.curve.points for record in some])
             for record, line in zip(some, lines, strict=True):
-                yield in_stack(self.image, record.frame, line)
-
-    def _describe(self, records: list[Record], look: columns.Look, changed: bool) -> None:
-        """Let features and colours say what is known now."""
-        layer: Any = self._layer
-        if changed or records != self._shown or layer.features.empty:
-            layer.features = columns.features(records)
-            self._shown = records
-        colours = looks.rgba(columns.colours_of(records, look))
-        if not np.allclose(layer.edge_color, colours):
-            layer.edge_color = colours
+                yield in_stack(self.work.image, record.frame, line)
 
 
 class Work:
@@ -133,7 +108,7 @@ class Work:
 
     The layers of results come with the first of them; the suggested lines are among the sketches.
     `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `made` are the layers that are made of what is known. What the user does
+    colours of curves say, `slots` are the places of the layers. What the user does
     in the layers is told to whoever listens to `changes`: one dock.
     """
 
@@ -145,11 +120,11 @@ class Work:
         self.look: columns.Look = ("status", Ruler())
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
-        self.made = {role: Following(viewer, role, maker, self) for role, maker in MAKERS.items()}
-        self.curves = CurveLines(viewer, image, "curves", f"{self.name} curves", Shapes, self)
-        self._slots: dict[str, Slot] = {**self.made, "curves": self.curves}
+        self.slots = {
+            role: (CurveLines if role == "curves" else Slot)(role, maker, self)
+            for role, maker in MAKERS.items()
+        }
         self._busy = False
-        self._soon_marked = qdebounced(self.mark, drawn.BREATH_MS)
         self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
@@ -182,18 +157,18 @@ class Work:
 
     def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
-        return self.sketches if role == "sketches" else self._slots[role].layer
+        return self.sketches if role == "sketches" else self.slots[role].layer
 
     def remove(self) -> None:
         """Remove the layers of results; they are made anew when there is something to show."""
         with self._by_us():
-            for slot in self._slots.values():
+            for slot in self.slots.values():
                 slot.remove()
 
     def ask(self, role: str, on: bool) -> bool:
         """Show or hide a layer, made now where it has to be; False if there is nothing to show."""
         if self.layer(role) is None and on and self.image in self.viewer.layers:
-            self.made[role].update()
+            next(self.slots[role].update(), None)
         elif (layer := self.layer(role)) is not None:
             layer.visible = on
         self.changes.shown.emit()
@@ -206,7 +181,7 @@ class Work:
         full ones: the window may live in between, and layers are added before any is filled.
         """
         yield from self._suggest()
-        for step in (self._prepare(), self._add(), self._follow(), self._fill()):
+        for step in (self._prepare(), self._add(), self._follow()):
             while self.image in self.viewer.layers:
                 with self._by_us():
                     if next(step, step) is step:
@@ -216,13 +191,12 @@ class Work:
         self._fade()
 
     def _follow(self, *roles: str) -> Iterator[None]:
-        """Let what is made of the work follow it; where roles are named, those that are in view."""
-        for role in roles or self.made:
-            slot = self.made[role]
+        """Let layers follow what is known; where roles are named, those of them in view."""
+        for role in roles or self.slots:
+            slot = self.slots[role]
             always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
-            there = (slot.shown or always) and self.image in self.viewer.layers
-            if there and slot.update():
-                yield
+            if (slot.shown or always) and self.image in self.viewer.layers:
+                yield from slot.update()
 
     def _update(self, *roles: str) -> None:
         with self._by_us():
@@ -231,57 +205,41 @@ class Work:
 
     def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
-        slot = self.made["preview"]
+        slot = self.slots["preview"]
         if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
             self.moving = [(frame, line) for line in looks.coarse(lines)]
             with self._by_us():
-                slot.update()
+                next(slot.update(), None)
 
     def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
         before, self.look = self.look, look
-        return self.curves.made and before != look
+        return self.slots["curves"].made and before != look
 
     def deleted(self) -> bool:
         """Whether the user has removed the layer of curves, and so the results."""
-        return self.curves.made and self.curves.layer is None
+        return self.slots["curves"].made and self.layer("curves") is None
 
     def select(self, keys: tuple[Key, ...]) -> None:
-        """Select curves, here and, soon where there are many, in their layer."""
+        """Select curves."""
         if keys != self.selection:
             self.selection = keys
             self._update("selected", "body")
             self.changes.selection.emit()
-        if len(self.records) < drawn.MANY:
-            self.mark()
-        else:
-            self._soon_marked()
-
-    def mark(self) -> None:
-        """Select in the layer of curves those that are selected."""
-        layer, chosen = self.curves.layer, set(self.selection)
-        if layer is not None and chosen != set(self.curves.selection()):
-            # napari takes a selection for an edit of its look and writes all text anew: 0.2 s
-            # with 1,000 curves.
-            with self._by_us(), layer.events.edge_width.blocker():
-                there = self.curves.keys()
-                layer.selected_data = {i for i, key in enumerate(there) if key in chosen}
-            layer.events.highlight()
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
         for role in OVER if self.records else ():
-            slot = self._slots[role]
+            slot = self.slots[role]
             if slot.layer is None:
                 layer = slot.make(visible=False)
-                if slot is self.curves:
-                    layer.events.data.connect(self._on_data)
-                    layer.selected_data.events.items_changed.connect(self._on_selected)
+                if role == "curves":
                     layer.mouse_drag_callbacks.append(self._on_press)
+                    for key in ERASE:
+                        layer.bind_key(key, lambda _: self.changes.erased.emit(), overwrite=True)
                 yield
-                if role == "marks":
-                    self.made[role].update()  # to write text and to draw it first takes 0.1 s each
-                    yield
+                if role == "marks":  # to write text and to draw it first takes 0.1 s each
+                    yield from slot.update()
                 if slot.layer is layer:
                     layer.visible = True
                     yield
@@ -344,10 +302,6 @@ class Work:
                 yield
                 began = perf_counter()
 
-    def _fill(self) -> Iterator[None]:
-        if self.curves.layer is not None:
-            yield from self.curves.show(self.records, self.look)
-
     @contextmanager
     def _by_us(self) -> Iterator[None]:
         """Change layers without taking our own edits for the user's."""
@@ -368,14 +322,10 @@ class Work:
             return
         with self._by_us():
             for mark in (self.layer("selected"), self.layer("marks")):
-                if event.source is self.curves.layer and mark is not None:
+                if event.source is self.layer("curves") and mark is not None:
                     mark.visible = event.source.visible
-            self._update()
+        self._update(*ASKED)
         self.changes.shown.emit()
-
-    def _on_data(self, event: Any) -> None:
-        if not self._busy and event.action in EDITS:
-            self.changes.touched.emit(self, self.curves.follow(event))
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
         """Tell a click from a drag, where napari itself only moves the camera."""
@@ -387,7 +337,3 @@ class Work:
             yield
         if layer.mode == "pan_zoom" and far < drawn.CLICK:
             self.changes.clicked.emit(shift)
-
-    def _on_selected(self) -> None:
-        if not self._busy:
-            self.select(self.curves.selection())

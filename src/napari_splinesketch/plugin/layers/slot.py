@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
-from napari.layers import Image, Labels, Layer, Points, Vectors
+from napari.layers import Image, Labels, Layer, Points, Shapes, Vectors
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch.plugin.layers import looks
@@ -72,67 +72,6 @@ def in_vectors(
     return pieces, [count - 1 for count in counts]
 
 
-class Slot:
-    """The place of a layer that lies on an image; empty until it is made, or where it was removed.
-
-    Its metadata name its `role` and, so that it lives as long as the layer does, its `owner`, which
-    hears of the layer's eye.
-    """
-
-    def __init__(
-        self,
-        viewer: ViewerModel,
-        image: Image,
-        role: str,
-        name: str,
-        kind: type[Layer] = Vectors,
-        owner: Work | None = None,
-    ):
-        self.viewer, self.image, self.kind, self.owner = viewer, image, kind, owner
-        marks: dict[str, Any] = {ROLE: role} if owner is None else {ROLE: role, OWNER: owner}
-        self._keywords = {"name": name, "metadata": marks} | STYLES.get(kind, {})
-        self._layer: Layer | None = None
-
-    @property
-    def layer(self) -> Any:
-        """The layer, or None where there is none or the user has removed it."""
-        return self._layer if self._layer in self.viewer.layers else None
-
-    @property
-    def shown(self) -> bool:
-        """Whether the layer is there and in view."""
-        return self.layer is not None and self.layer.visible
-
-    @property
-    def made(self) -> bool:
-        """Whether we have made the layer, and not taken it away."""
-        return self._layer is not None
-
-    def make(self, *data: Any, at: int | None = None, **how: Any) -> Any:
-        """Make a layer, without data an empty one, and put it on top or elsewhere.
-
-        napari selects what is added. Nobody is told, as it is undone at once: being told and told
-        again is half of what an added layer takes.
-        """
-        size = {} if data else {"ndim": self.image.ndim}
-        layer = self.kind(*data, **size, **placement(self.image) | self._keywords | how)
-        layers = self.viewer.layers
-        with layers.selection.events.blocker_all(), undisturbed(self.viewer):
-            layers.insert(len(layers) if at is None else at, layer)
-        self._layer = layer
-        if self.owner is not None:
-            layer.events.visible.connect(self.owner.on_visible)
-        return layer
-
-    def remove(self) -> None:
-        """Take the layer away, if it is there."""
-        layer = self.layer
-        if layer is not None:
-            with undisturbed(self.viewer):
-                self.viewer.layers.remove(layer)
-        self._layer = None
-
-
 class Made(NamedTuple):
     """What a layer shows, what goes with that and is set each time, and how it looks at first."""
 
@@ -158,44 +97,88 @@ class Maker:
     nothing: str = "There is nothing to show yet: refine first."
 
 
-class Following(Slot):
-    """A layer that shows of a work what its maker makes."""
+class Slot:
+    """The place of a layer that shows what its maker makes of a work.
 
-    def __init__(self, viewer: ViewerModel, role: str, maker: Maker, work: Work):
-        super().__init__(viewer, work.image, role, f"{work.name} {maker.name}", maker.kind, work)
-        self.maker, self._work = maker, work
+    It is empty until the layer is made, and where it was removed. The layer's metadata name its
+    `role` and the work, which so lives as long as its layers do, and hears of the layer's eye.
+    """
+
+    def __init__(self, role: str, maker: Maker, work: Work):
+        self.maker, self.work = maker, work
+        self._named = {
+            "name": f"{work.name} {maker.name}",
+            "metadata": {ROLE: role, OWNER: work},
+            **STYLES.get(maker.kind, {}),
+        }
+        self._layer: Layer | None = None
         self._source: Sequence[Any] | None = None
 
-    def update(self) -> bool:
-        """Bring it in step with what is known; say whether that was not what it shows."""
-        layer, source = self.layer, self.maker.source(self._work)
+    @property
+    def layer(self) -> Any:
+        """The layer, or None where there is none or the user has removed it."""
+        return self._layer if self._layer in self.work.viewer.layers else None
+
+    @property
+    def shown(self) -> bool:
+        """Whether the layer is there and in view."""
+        return self.layer is not None and self.layer.visible
+
+    @property
+    def made(self) -> bool:
+        """Whether we have made the layer, and not taken it away."""
+        return self._layer is not None
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Make the layer; without data, an empty one to be filled by `update`.
+
+        napari selects what is added. Nobody is told, as it is undone at once: being told and told
+        again is half of what an added layer takes.
+        """
+        image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
+        size = {} if data else {"ndim": image.ndim}
+        layer = kind(*data, **size, **placement(image) | self._named | how)
+        # Pictures over the image, all else over everything.
+        at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
+        with layers.selection.events.blocker_all(), undisturbed(self.work.viewer):
+            layers.insert(at, layer)
+        layer.editable = kind not in (Shapes, Labels)  # results are not drawn into
+        layer.events.visible.connect(self.work.on_visible)
+        self._layer, self._source = layer, None
+        return layer
+
+    def update(self) -> Iterator[None]:
+        """Bring it in step with what is known; takes a step where that is not what it shows."""
+        layer, source = self.layer, self.maker.source(self.work)
         if source == self._source and (layer is not None or not self.maker.title):
-            return False
-        made = self.maker.make(self._work, source)
+            return
+        made = self.maker.make(self.work, source)
         if made is None:
             self.remove()
         elif layer is None:
-            # Over the image, lines over all.
-            how: dict[str, Any] = {**made.always, **made.look, "visible": self.maker.title > ""}
-            if self.kind is not Vectors:
-                how |= {"at": self.viewer.layers.index(self.image) + 1, "multiscale": False}
-            self.make(made.data, **how).editable = self.kind is not Labels
+            how = {**made.always, "visible": self.maker.title > "", **made.look}
+            if self.maker.kind in (Image, Labels):
+                how["multiscale"] = False
+            self.make(made.data, **how)
         else:
-            if self.kind is Points:  # text of other points does not fit these
+            if self.maker.kind is Points:  # text of other points does not fit these
                 layer.selected_data = set()
                 layer.text = {"string": {"constant": ""}}
             layer.data = made.data
             for name, value in made.always.items():
                 # napari draws all anew for a breadth, even for the same.
-                if not (isinstance(value, float) and getattr(layer, name) == value):
+                if not (isinstance(value, float) and np.all(getattr(layer, name) == value)):
                     setattr(layer, name, value)
         self._source = source
-        return True
+        yield
 
-    def make(self, *data: Any, **how: Any) -> Any:
-        """Make the layer; without data, an empty one to be filled by `update`."""
-        self._source = None
-        return super().make(*data, **how)
+    def remove(self) -> None:
+        """Take the layer away, if it is there."""
+        layer = self.layer
+        if layer is not None:
+            with undisturbed(self.work.viewer):
+                self.work.viewer.layers.remove(layer)
+        self._layer = None
 
 
 class Drawing:
