@@ -15,10 +15,11 @@ from napari.viewer import Viewer
 from psygnal import SignalInstance
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
-from qtpy.QtWidgets import QCheckBox, QDockWidget, QLabel, QSizePolicy, QWidget
+from qtpy.QtWidgets import QCheckBox, QDockWidget, QFileDialog, QFrame, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from napari_splinesketch.plugin import boxes, engine, widgets, words
+from napari_splinesketch.labels.formats import WRITERS
+from napari_splinesketch.plugin import engine, widgets, words
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
@@ -36,6 +37,12 @@ LINES = 5
 """Of text that there is always room for above Export, so that nothing moves."""
 EDGE = 12
 """From a shortened text to the edge of the dock, px."""
+KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
+"""The formats as a file dialog lists them, the first one proposed, and how their names end."""
+DEFAULT = WRITERS[0].suffix
+RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
+IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
+LABELS_TIP = "Take these curves up as results, as they were judged"
 IMAGE_TIP = "The image that the bodies are in"
 SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
 DRAW_TIP = "Draw lines: press where a body begins, release where it ends"
@@ -77,24 +84,25 @@ class SplinesketchDock(QWidget):
             new="New layer",
         )
         self.draw = Button("Draw lines", DRAW_TIP, controller.draw)
-        self.offer = boxes.OfferBox(controller, self.saver)
-        self.suggest = boxes.SuggestBox(controller)
-        self.settings_form = boxes.SettingsForm(controller)
+        self.offer = OfferBox(controller, self.saver)
+        self.suggest = widgets.SuggestBox(controller)
+        self.settings_form = widgets.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
         self.at_once = QCheckBox(controller.actions["at_once"].name)
         self.refine = CommandButton(controller.actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
-        self.more = boxes.RefineMenu(controller)
-        self.curve = boxes.CurveBox(controller)
+        self.more = widgets.RefineMenu(controller)
         buttons = partial(widgets.CommandButtons, controller.actions)
+        self.curve = buttons("curve", 4, self._has_curves, self._selected)
+        self.curve.setStyleSheet("QPushButton { padding: 3px 1px; }")
         self.track = buttons("film", 2, self._is_film)
         self.steps = buttons("steps", 2, self._has_steps)
         self.undo, self.redo = self.steps.buttons.values()
         self.results = TextLabel()
         self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
         self.review.setCheckable(True)
-        self.eyes = boxes.EyeBox(controller)
+        self.eyes = widgets.EyeBox(controller)
         self.colour_by = self.settings_form.widgets["colour_by"]
         self.legend = TextLabel()
         # One that wraps when a scroll bar comes would itself make that necessary.
@@ -107,7 +115,7 @@ class SplinesketchDock(QWidget):
             "Settings", "Options, kept for next time", self.settings_form
         )
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
-        self.progress = boxes.ProgressBox(controller.cancel)
+        self.progress = widgets.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
         self.saved.setEllipsesWidth(EDGE)
@@ -267,6 +275,12 @@ class SplinesketchDock(QWidget):
         image = self.controller.choices.image
         return image is not None and frame_count(image) > 1
 
+    def _has_curves(self) -> bool:
+        return bool(self.controller.records() or self.controller.state.deleted)
+
+    def _selected(self) -> str:
+        return words.selected(self.controller.selected_records(), self.controller.frame)
+
     def _has_steps(self) -> bool:
         steps = self.controller.steps
         return bool(self.controller.records() or steps.done or steps.undone)
@@ -305,7 +319,69 @@ class SplinesketchDock(QWidget):
         if image is None:
             return
         folder = Path(image.source.path).parent if image.source.path else Path.home()
-        if answer := boxes.ask_where(self, folder, f"{image.name}_labels"):
+        if answer := ask_where(self, folder, f"{image.name}_labels"):
             path, overwrite = answer
             also = self.rejected.isChecked()
             self.controller.export(path, overwrite=overwrite, rejected=also)
+
+
+class OfferBox(QFrame):
+    """Says what was found, with a button to go on and one to ignore it; hidden otherwise."""
+
+    def __init__(self, controller: Controller, saver: Saver):
+        super().__init__()
+        self._controller, self._saver = controller, saver
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.said, self.problem = TextLabel(), TextLabel()
+        self.resume = Button("Resume", RESUME_TIP, saver.resume)
+        self.decline = Button("Ignore saved work", IGNORE_TIP, saver.decline)
+        self.labels = Button("", LABELS_TIP, saver.take_up)
+        rows = self.said, (self.resume, self.decline), self.labels, self.problem
+        widgets.stack(self, *rows, margin=4)
+        changes = controller.changes
+        for signal in (saver.found, changes.layers, changes.curves, changes.busy):
+            signal.connect(self.show_state)
+        self.destroyed.connect(lambda: saver.found.disconnect(self.show_state, missing_ok=True))
+        self.show_state()
+
+    def show_state(self) -> None:
+        """Show what is offered now."""
+        offers, curves = self._saver.offers(), self._saver.brought
+        for each in (self.resume, self.labels):
+            each.setEnabled(self._controller.progress is None)
+        for each in (self.resume, self.decline):
+            each.setVisible(bool(offers))
+        self.said.say(words.offered(list(offers.values())))
+        self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
+        self.labels.setVisible(bool(curves))
+        self.problem.say(words.notice("failed", self._saver.problem))
+        self.setVisible(bool(curves or offers or self._saver.problem))
+
+
+def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
+    """Let the user choose a file, and say whether it may be replaced; None if she does not.
+
+    The dialog asks for the name that was typed, not for one that it got an ending for.
+    """
+    chosen, kind = QFileDialog.getSaveFileName(
+        parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)
+    )
+    if not chosen:
+        return None
+    path = with_ending(chosen, KINDS.get(kind, DEFAULT))
+    return Path(path), path == chosen
+
+
+def with_ending(path: str, suffix: str) -> str:
+    """Give a path the ending of the chosen format, in the place of any that it has.
+
+    Dialogs keep the ending when another format is chosen: `labels.json`, then COCO, becomes
+    `labels.coco.json`. A name that ends like another format is left alone while the format is the
+    one that was proposed: then the name says what is wanted.
+    """
+    low, suffixes = path.lower(), set(KINDS.values())
+    known = suffixes | {Path(f"x{each}").suffix for each in suffixes}
+    ending = max((each for each in known if low.endswith(each)), key=len, default="")
+    if low.endswith(suffix) or (suffix == DEFAULT and ending in suffixes):
+        return path
+    return path[: len(path) - len(ending)] + suffix

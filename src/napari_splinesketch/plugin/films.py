@@ -15,15 +15,8 @@ from napari_splinesketch import tracking
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.keeper import Notice
-from napari_splinesketch.plugin.layers import drawn
+from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.space import (
-    block_around,
-    frame_count,
-    go_to_frame,
-    plane_problem,
-    size_of,
-)
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
@@ -58,7 +51,7 @@ class Suggestions:
         image = self._controller.choices.image
         if self._controller.progress:
             return "Something is running"
-        return plane_problem(self._controller.viewer, image) if image is not None else OPEN
+        return space.plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def suggest(self) -> None:
         """Suggest lines in the frame in view, in the place of those that were not taken up."""
@@ -78,7 +71,8 @@ class Suggestions:
         pairs = zip(seen.lines, seen.numbers, strict=True)
         known = [line for line, position in pairs if position not in old]
         known += [record.curve.points for record in controller.records(frame)]
-        block = block_around(image, frame, [np.array([[0.0, 0.0], np.subtract(size_of(image), 1)])])
+        corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
+        block = space.block_around(image, frame, [corners])
         look = partial(engine.suggest, block, known, controller.how(image))
         controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
@@ -117,7 +111,7 @@ def tracking_problem(c: Controller, way: int) -> str:
     problem, image = c.suggestions.problem(), c.choices.image
     if problem or image is None:
         return problem
-    if not 0 <= c.frame + way < frame_count(image):
+    if not 0 <= c.frame + way < space.frame_count(image):
         return "This is the last frame" if way > 0 else "This is the first frame"
     known = any(record.usable for record in c.records(c.frame))
     return "" if known else "There are no curves in this frame: refine it first"
@@ -126,7 +120,7 @@ def tracking_problem(c: Controller, way: int) -> str:
 def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
     if c.work is not None and not tracking_problem(c, way):
-        end = frame_count(c.work.image) if way > 0 else -1
+        end = space.frame_count(c.work.image) if way > 0 else -1
         _start(c, c.work, bodies_at(c.state, c.frame, way), [range(c.frame + way, end, way)[:most]])
 
 
@@ -139,7 +133,7 @@ def around_problem(c: Controller) -> str:
 def around(c: Controller) -> None:
     """Carry corrected curves of the frame in view both ways, until nothing changes."""
     if c.work is not None and not around_problem(c):
-        ways = range(c.frame + 1, frame_count(c.work.image)), range(c.frame - 1, -1, -1)
+        ways = range(c.frame + 1, space.frame_count(c.work.image)), range(c.frame - 1, -1, -1)
         _start(c, c.work, corrected_at(c.state, c.frame, c.selection), ways, corrected=c.frame)
 
 
@@ -166,7 +160,7 @@ def _start(
         else partial(tracking.around, ways, bodies, there=lambda t: there.get(t, {}))
     )
     carry = partial(way, given=lambda frame: given.get(frame, NOTHING_GIVEN))
-    block, how = partial(block_around, work.image), controller.how(work.image)
+    block, how = partial(space.block_around, work.image), controller.how(work.image)
     run = partial(engine.track, carry, block, how, going.results.append)
     controller.start(run, going.over, "Tracking", going.take, going.cancelled, on=work)
 
@@ -208,7 +202,7 @@ class Tracking:
         notice = Notice("done", words.tracked(self._taken, self.corrected))
         if work is controller.work and len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
-            go_to_frame(controller.viewer, work.image, self.frames[0])
+            space.go_to_frame(controller.viewer, work.image, self.frames[0])
             there = [key for key in work.state.by_key if key[0] == self.frames[0]]
             controller.select(key for key in there if key[1] in numbers)
         controller.show(work, partial(controller.finish, notice))

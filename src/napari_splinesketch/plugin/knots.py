@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -142,25 +141,12 @@ class KnotEditing:
         layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
         if self._controller.knots is not self or layer is None or record is None:
             return
-        knots = _in_order(record.curve.knots[:, :2], np.array(layer.data[:, -2:], dtype=float))
-        if len(knots) < FEWEST:
-            self._controller.say(f"A curve has at least {FEWEST} knots.")
+        knots = np.array(layer.data[:, -2:], dtype=float)
+        if not FEWEST <= len(knots) <= len(record.curve.knots):
+            self._controller.say(f"Move knots, or delete them; {FEWEST} stay at least.")
             self._show()
             return
         fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
         state = self._work.state.with_records(fresh)
         self._controller.apply(self._step, state, work=self._work)
         self._controller.tell(Notice("none", HELP))
-
-
-def _in_order(before: Knots, now: Knots) -> Knots:
-    """Put a knot that was added, and so comes last, where it lies among the others."""
-    if len(now) != len(before) + 1:
-        return now
-    rest, new = now[:-1], now[-1]
-    detours = [
-        np.linalg.norm(a - new) + np.linalg.norm(b - new) - np.linalg.norm(a - b)
-        for a, b in pairwise(rest)
-    ]
-    detours = [2 * np.linalg.norm(rest[0] - new), *detours, 2 * np.linalg.norm(rest[-1] - new)]
-    return np.insert(rest, int(np.argmin(detours)), new, axis=0)

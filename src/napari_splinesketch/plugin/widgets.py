@@ -1,18 +1,36 @@
-"""Widgets that the dock is made of."""
+"""What the dock and its panel are made of; each shows what it is told to."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from magicgui.widgets import CheckBox
+from magicgui.widgets import CheckBox, create_widget
+from napari._app_model import get_app_model
 from napari.layers import Layer
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtGui import QPaintEvent
+from superqt import QElidingLabel
 
+from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
+from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.layers.pictures import MAKERS
+from napari_splinesketch.plugin.layers.space import ruler_of
+from napari_splinesketch.plugin.plan import Scope
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
+PREFERENCES = "napari.window.file.show_preferences_dialog"
+KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
+APART = ("preset", "colour_by")
+DECIMALS = 3
+"""Of half-widths."""
+SCOPES: dict[Scope, str] = {"selected": "Refine the selected", "all": "Refine all that are open"}
 
 
 class Button(qt.QPushButton):
@@ -84,26 +102,40 @@ class CommandButton(Button):
 
 
 class CommandButtons(qt.QWidget):
-    """A button for each command that belongs to a place; there `when` something holds."""
+    """A button for each command of a place, below a `title`; there `when` something holds."""
 
     def __init__(
-        self, actions: Commands, place: Place, columns: int, when: Callable[[], bool] = lambda: True
+        self,
+        actions: Commands,
+        place: Place,
+        columns: int,
+        when: Callable[[], bool] = lambda: True,
+        title: Callable[[], str] | None = None,
     ):
         super().__init__()
-        self._when = when
+        self._when, self._said = when, title
+        self.title = QElidingLabel()
+        self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         here = [command.id for command in actions if command.place == place]
         self.buttons = {name: CommandButton(actions, name) for name in here}
-        layout = _tight(qt.QGridLayout(self))
+        grid = qt.QWidget()
+        layout = _tight(qt.QGridLayout(grid))
         for i, made in enumerate(self.buttons.values()):
             made.setMinimumWidth(0)  # as broad as its text, at least
             alone = i % columns == 0 and i == len(here) - 1
             layout.addWidget(made, i // columns, i % columns, 1, columns if alone else 1)
             layout.setColumnStretch(i % columns, 1)
+        stack(self, *([self.title] if title else []), grid)
 
     def show_state(self) -> None:
         """Show what can be done now."""
         self.setVisible(self._when())
-        for made in () if self.isHidden() else self.buttons.values():
+        if self.isHidden():
+            return
+        if self._said:
+            self.title.setText(self._said())
+            self.title.setToolTip(self._said())
+        for made in self.buttons.values():
             made.show_state()
 
 
@@ -213,3 +245,171 @@ class LayerChoice(qt.QComboBox):
         option.currentText = self.shortened(room - 2)
         painter.drawComplexControl(parts[0], option)
         painter.drawControl(qt.QStyle.ControlElement.CE_ComboBoxLabel, option)
+
+
+class ProgressBox(qt.QWidget):
+    """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
+
+    def __init__(self, cancel: Callable[[], None]) -> None:
+        super().__init__()
+        self.bar = qt.QProgressBar()
+        self.bar.setRange(0, 100)
+        self.bar.setToolTip("Progress")
+        self.bar.setMinimumWidth(NARROW)
+        self.cancel = Button("Cancel", "Stop", cancel)
+        stack(self, (self.bar, self.cancel))
+        policy = self.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.setSizePolicy(policy)
+        self.hide()
+
+    def show_progress(self, progress: Progress | None, cancellable: bool) -> None:
+        """Show where it stands, and whether it can be cancelled; None when nothing runs."""
+        self.cancel.setEnabled(cancellable)
+        if progress is not None:
+            self.bar.setValue(round(100 * progress.fraction))
+        self.setVisible(progress is not None)
+
+
+class EyeBox(qt.QWidget):
+    """Buttons that show and hide layers, and a menu of more of them; follows the layers' eyes."""
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
+        self._controller = controller
+        self.buttons = {role: Button(name, tip) for role, (name, tip) in words.EYES.items()}
+        more = Button("More", "Show more: residual, background, uncertainty, masks")
+        menu: Any = qt.QMenu(more)
+        menu.setToolTipsVisible(True)
+        self.entries: dict[str, Any] = {}
+        for role, maker in MAKERS.items():
+            if maker.title:
+                self.entries[role] = menu.addAction(maker.title)
+                self.entries[role].setToolTip(maker.tip)
+        more.setMenu(menu)
+        eyes: dict[str, Any] = {**self.buttons, **self.entries}
+        for role, eye in eyes.items():
+            eye.setCheckable(True)
+            (eye.triggered if role in self.entries else eye.clicked).connect(
+                partial(self._ask, role)
+            )
+        made = [*self.buttons.values(), more]
+        stack(self, made[:3], made[3:])
+
+    def show_state(self) -> None:
+        """Show which layers are visible."""
+        work = self._controller.work
+        for role, eye in (self.buttons | self.entries).items():
+            layer = work.layer(role) if work else None
+            eye.setEnabled(layer is not None or role in self.entries)
+            eye.setChecked(layer is not None and layer.visible)
+
+    def _ask(self, role: str, on: bool) -> None:
+        work = self._controller.work
+        if work is not None and not work.ask(role, on):
+            self.show_state()
+            self._controller.say(MAKERS[role].nothing)
+
+
+class RefineMenu(qt.QToolButton):
+    """An arrow beside the Refine button; its menu says what each choice would do now."""
+
+    def __init__(self, controller: Controller):
+        super().__init__()
+        self._controller = controller
+        self.setText("▾")
+        self.setToolTip("Refine the selected curves, or all again")
+        self.setPopupMode(qt.QToolButton.ToolButtonPopupMode.InstantPopup)
+        # napari's theme would draw an arrow of its own over the text.
+        self.setStyleSheet("QToolButton::menu-indicator { image: none; }")
+        self._menu = qt.QMenu(self)
+        self._menu.setToolTipsVisible(True)
+        self._menu.aboutToShow.connect(self._fill)
+        self.setMenu(self._menu)
+
+    def _fill(self) -> None:
+        self._menu.clear()
+        for scope, name in SCOPES.items():
+            plan = self._controller.request(scope)
+            possible = not plan.problem and not self._controller.progress
+            action: Any = self._menu.addAction(words.button(plan) if possible else name)
+            action.setEnabled(possible)
+            action.setToolTip(plan.problem)
+            action.triggered.connect(partial(self._controller.refine, scope))
+
+
+class SuggestBox(qt.QWidget):
+    """How much Suggest takes for a body: the lines follow the slider."""
+
+    def __init__(self, controller: Controller):
+        super().__init__()
+        self._suggestions = controller.suggestions
+        self.button = CommandButton(controller.actions, "suggest")
+        self.slider = qt.QSlider(Qt.Orientation.Horizontal)
+        self.slider.setRange(0, 100)
+        self.slider.setValue(round(100 * controller.suggestions.sensitivity))
+        self.slider.setMinimumWidth(40)
+        self.slider.setAccessibleName("Sensitivity")
+        ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
+        for label, side in zip(ends[1:], ("AlignHCenter", "AlignRight"), strict=True):
+            label.setAlignment(getattr(Qt.AlignmentFlag, side) | Qt.AlignmentFlag.AlignVCenter)
+        stack(self, ends, self.slider)
+        self.slider.valueChanged.connect(self._on_slider)
+        self._on_slider(self.slider.value())
+
+    def _on_slider(self, value: int) -> None:
+        self.slider.setToolTip(f"Sensitivity of Suggest, {value} %: {words.SENSITIVITY_TIP}")
+        self._suggestions.change_sensitivity(value / 100)
+
+
+class SettingsForm(qt.QWidget):
+    """Widgets for the settings in `FORM`, which magicgui makes; some stand `APART` from it."""
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
+        self._controller = controller
+        self.widgets: dict[str, Any] = {}
+        for name, how in FORM.items():
+            options, value = dict(how), getattr(Settings, name)
+            kind = "ComboBox" if "choices" in how else None
+            named: Any = {"name": name, "label": options.pop("label"), "widget_type": kind}
+            made: Any = create_widget(0.0 if value is None else value, **named, options=options)
+            made.native.setMinimumWidth(NARROW)
+            made.changed.connect(partial(self._take, name))
+            self.widgets[name] = made
+        rest = form(*(made for name, made in self.widgets.items() if name not in APART))
+        run = partial(get_app_model().commands.execute_command, PREFERENCES)
+        keys = Button("Change keys…", KEYS_TIP, run)
+        elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
+        beside = Button(
+            "Save work beside the image", FOLDER_TIP, partial(self._take, "work_folder", "")
+        )
+        stack(self, rest, keys, elsewhere, beside)
+        self.half_width = self.widgets["half_width"].native
+        self.half_width.setDecimals(DECIMALS)
+        self.half_width.setKeyboardTracking(False)
+        self.half_width.setSpecialValueText("auto")
+
+    def show_state(self) -> None:
+        """Show what is chosen, silently; lengths in the unit of the image."""
+        settings, ruler = self._controller.settings, ruler_of(self._controller.choices.image)
+        self.half_width.setSuffix(f" {ruler.unit}")
+        width = (settings.half_width_in(ruler) or 0.0) * ruler.pixel
+        for name, made in self.widgets.items():
+            value = round(width, DECIMALS) if name == "half_width" else getattr(settings, name)
+            if made.value != value:
+                with made.changed.blocked():
+                    made.value = value
+
+    def _take(self, name: str, value: Any) -> None:
+        controller, changes = self._controller, {name: value}
+        if name == "half_width":
+            unit = ruler_of(controller.choices.image).unit
+            changes = {"half_width": value or None, "half_width_unit": unit}
+        if replace(controller.settings, **changes) != controller.settings:
+            controller.choose(**changes)
+
+    def _ask_for_folder(self) -> None:
+        before = self._controller.settings.work_folder
+        if folder := qt.QFileDialog.getExistingDirectory(self, "Save work in", before):
+            self._take("work_folder", folder)

@@ -28,18 +28,8 @@ from napari_splinesketch.grids import (
     slices,
 )
 from napari_splinesketch.plugin.columns import colours_of
-from napari_splinesketch.plugin.layers import looks
+from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.layers.slot import Made, Maker, in_vectors
-from napari_splinesketch.plugin.layers.space import (
-    block_on,
-    frame_count,
-    frame_shape,
-    in_stack,
-    placement,
-    placement_on,
-    size_of,
-    view_of,
-)
 from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
 
@@ -139,15 +129,15 @@ def _film(
     """Pictures of the frames that are known."""
     if not patches:
         return None
-    film, grid = film_of(dict(patches), frame_shape(work.image), *make)
-    return Made(film, placement_on(work.image, grid.origin, grid.step), look)
+    film, grid = film_of(dict(patches), space.frame_shape(work.image), *make)
+    return Made(film, space.placement_on(work.image, grid.origin, grid.step), look)
 
 
 def _rest(
     image: Image, frame: int, grid: Grid, model: Float[np.ndarray, "H W"]
 ) -> Float[np.ndarray, "H W"]:
     """Image minus reconstruction; NaN where the image has other pixels by now."""
-    block = block_on(image, frame, grid, model.shape)
+    block = space.block_on(image, frame, grid, model.shape)
     return np.full(model.shape, np.nan) if block is None else block.read() - model
 
 
@@ -230,7 +220,7 @@ def _around(
 
 def _in_view(work: Work) -> list[tuple[Record, tuple[float, ...]]]:
     """The curves whose marks are in view, and where these stand."""
-    found = looks.readable(work.records, view_of(work.viewer, work.image))
+    found = looks.readable(work.records, space.view_of(work.viewer, work.image))
     return [(record, tuple(place.tolist())) for record, place in found]
 
 
@@ -243,20 +233,20 @@ def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
         "anchor": "center",
     }
     frame = marked[0][0].frame if marked else 0
-    return Made(in_stack(work.image, frame, places), {"text": text})
+    return Made(space.in_stack(work.image, frame, places), {"text": text})
 
 
 def _moving(work: Work, _: object) -> Made | None:
     """Lines that are not there yet; hidden at first, as to add a layer takes long enough."""
     if not work.moving:
         return None
-    look = {"edge_width": looks.line_width(size_of(work.image)), "edge_color": palette.MOVING}
+    look = {"edge_width": looks.line_width(space.size_of(work.image)), "edge_color": palette.MOVING}
     return Made(in_vectors(work.image, work.moving)[0], {"visible": True}, look)
 
 
 def _masks(work: Work, _: object) -> Made:
     """Label image of each frame: a pixel's value is the number of its curve."""
-    return Made(_planes(work, (), by_frame(work.records)), placement(work.image))
+    return Made(_planes(work, (), by_frame(work.records)), space.placement(work.image))
 
 
 def _stack(work: Work, _: object) -> Made | None:
@@ -264,7 +254,7 @@ def _stack(work: Work, _: object) -> Made | None:
     image, numbers = work.image, sorted({record.id for record in work.records})
     if not numbers:
         return None
-    records = {numbers.index(r.id) * frame_count(image) + r.frame: [r] for r in work.records}
+    records = {numbers.index(r.id) * space.frame_count(image) + r.frame: [r] for r in work.records}
     own = Affine(
         scale=image.scale, translate=image.translate, rotate=image.rotate, shear=image.shear
     ).expand_dims([0])
@@ -276,13 +266,13 @@ def _stack(work: Work, _: object) -> Made | None:
 
 def _planes(work: Work, more: tuple[int, ...], records: Mapping[int, list[Record]]) -> Planes:
     """Draw the masks of some curves, plane by plane, with more axes in front."""
-    size = size_of(work.image)
+    size = space.size_of(work.image)
 
     def mask(plane: int) -> Integer[np.ndarray, "H W"]:
         here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(plane, ())]
         return label_image(here, size, np.int32)
 
-    return Planes((*more, *frame_shape(work.image), *size), np.int32, mask)
+    return Planes((*more, *space.frame_shape(work.image), *size), np.int32, mask)
 
 
 MAKERS: dict[str, Maker] = {

@@ -14,24 +14,10 @@ from superqt.utils import qthrottled
 
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
-from napari_splinesketch.plugin.layers import drawn, looks
+from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import MAKERS
 from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
-from napari_splinesketch.plugin.layers.space import (
-    Ruler,
-    in_stack,
-    screen_pixel,
-    size_of,
-    to_pixels,
-)
-from napari_splinesketch.plugin.model import (
-    Changes,
-    History,
-    Key,
-    Record,
-    State,
-    bytes_beside,
-)
+from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
@@ -100,7 +86,7 @@ class CurveLines(Slot):
             some = records[start : start + drawn.CHUNK]
             lines = thinned([record.curve.points for record in some])
             for record, line in zip(some, lines, strict=True):
-                yield in_stack(self.work.image, record.frame, line)
+                yield space.in_stack(self.work.image, record.frame, line)
 
 
 class Work:
@@ -117,7 +103,7 @@ class Work:
         self.changes = Changes()
         self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
-        self.look: columns.Look = ("status", Ruler())
+        self.look: columns.Look = ("status", space.Ruler())
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
         self.slots = {
@@ -137,7 +123,7 @@ class Work:
     @property
     def screen(self) -> float:
         """What a pixel of the screen covers, px of the image, in steps."""
-        return looks.stepped(float(screen_pixel(self.viewer, self.image).mean()))
+        return looks.stepped(float(space.screen_pixel(self.viewer, self.image).mean()))
 
     @property
     def state(self) -> State:
@@ -267,11 +253,13 @@ class Work:
             layer.remove(old)
             yield
         if fresh := [one for one in wanted if one not in self._suggested]:
-            points = np.concatenate([in_stack(self.image, one.frame, one.line) for one in fresh])
-            vertices = to_pixels(self.viewer, self.image, layer, points).astype(np.float32)
+            points = np.concatenate(
+                [space.in_stack(self.image, one.frame, one.line) for one in fresh]
+            )
+            vertices = space.to_pixels(self.viewer, self.image, layer, points).astype(np.float32)
             shapes = np.split(vertices, np.cumsum([len(one.line) for one in fresh])[:-1])
             self._suggested |= dict(zip(fresh, shapes, strict=True))
-            style = drawn.line_style(size_of(self.image))
+            style = drawn.line_style(space.size_of(self.image))
             for _ in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
                 yield
 
