@@ -113,7 +113,9 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "background that varies": _set(background, TOLERANCE=1e6),
     "slopes count against ridges": _set(ridges, SLOPE=0.0),
     "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
-    "paths along the sketch": _set(strip, ordered_path=lambda _, sketch, *__: sketch),
+    "paths along the sketch": _set(
+        strip, ordered_paths=lambda _, sketch, __, reaches: [sketch] * len(reaches)
+    ),
     "joint choice": _set(choice, SHARED=0.0, EXPLAINS=0.0),
     "bends of a path": _set(
         scoring, WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, scoring.WEIGHTS)

@@ -168,7 +168,9 @@ def test_a_curve_that_leaves_its_path_again_stays_on_it(monkeypatch):
     """The sketch is a px aside; here any curve counts as astray, or none."""
     line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
     sketch = np.column_stack([np.full(5, 46.2), np.linspace(17, 103, 5)])
-    monkeypatch.setattr(finding.strip, "ordered_path", lambda _, sketch, *__: sketch)
+    monkeypatch.setattr(
+        finding.strip, "ordered_paths", lambda _, sketch, __, reaches: [sketch] * len(reaches)
+    )
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     free, held = (_refined_with(monkeypatch, most, drawn([line]), sketch) for most in (99.0, -99.0))
     assert abs(free.points[10:-10, 0] - 45).max() < 0.3
@@ -222,7 +224,7 @@ def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():
     evidence = np.zeros(SHAPE)
     evidence[43:46, 20:50] = evidence[43:46, 58:100] = 1
     sketch = np.array([[47.0, 17.0], [40.0, 60.0], [46.0, 104.0]])
-    path = strip.ordered_path(evidence, sketch, 2.0, 12.0)
+    [path] = strip.ordered_paths(evidence, sketch, 2.0, [12.0])
     assert np.abs(path[3:-3, 0] - 44).max() < 2
     assert path[[0, -1], 1] == pytest.approx([20, 99], abs=4)
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.cluster.hierarchy import DisjointSet
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
@@ -61,10 +60,12 @@ class Candidates:
 
 def interacting(candidates: list[Candidates]) -> list[list[int]]:
     """Groups of sketches whose plausible paths share pieces of the graph."""
-    likely = np.array([c.covers.any(0) for c in candidates]).astype(np.int32)
-    linked = csr_array(likely) @ csr_array(likely).T
-    count, label = connected_components(linked, directed=False)
-    return [np.flatnonzero(label == k).tolist() for k in range(count)]
+    likely = np.array([c.covers.any(0) for c in candidates])
+    mine, piece = likely.nonzero()
+    groups = DisjointSet(range(len(candidates)))
+    for pair in set(zip(likely.argmax(0)[piece].tolist(), mine.tolist(), strict=True)):
+        groups.merge(*pair)
+    return sorted(sorted(group) for group in groups.subsets())
 
 
 def prices(
@@ -137,11 +138,12 @@ def margin(
     that the sketch takes in sets of rising `costs`.
     """
     first, same = candidates.lines[chosen[0]], {int(chosen[0])}
+    near = max(half_width, OTHER_PX)
     for path, cost in zip(chosen.tolist(), costs.tolist(), strict=True):
         if path not in same:
             other = candidates.lines[path]
-            both = spline.apart(first, other).mean(), spline.apart(other, first).mean()
-            if max(both) > max(half_width, OTHER_PX):
+            both = (first, other), (other, first)
+            if any(spline.apart(*pair).mean() > near for pair in both):
                 return cost - float(costs[0])
             same.add(path)
     return np.inf

@@ -230,7 +230,7 @@ def _candidates(
     reaches = [share * reach for share in STRIPS]
     if clicked:
         reaches.append(min(NARROW * half_width + NARROW_PX, reach))
-    own = [strip.ordered_path(evidence, sketch, half_width, within) for within in reaches]
+    own = strip.ordered_paths(evidence, sketch, half_width, reaches)
     own += [sketch] * clicked
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     lines = smoothed([*lines, *own], SMOOTH * half_width)
@@ -275,7 +275,7 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
         wide = wider.start + int(first + np.argmax(part >= ENOUGH * part.max()))
         reach = NARROW * WIDTHS[wide] + NARROW_PX
-        line = strip.ordered_path(seen.evidence(wide), sketch, WIDTHS[wide], reach)
+        [line] = strip.ordered_paths(seen.evidence(wide), sketch, WIDTHS[wide], [reach])
         line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
         sampled = spline.resample(line, scoring.SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
@@ -325,7 +325,8 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     widest = WIDTHS[max(own, rung)]
     half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, scoring.SAMPLES)
-    first, last = scoring.goes_on(seen.evidence(rung), sampled[None], WIDTHS[rung])[0].tolist()
+    at = sampled.T[:, :, None]
+    first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
     tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
     return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last), tips)
 

@@ -88,14 +88,15 @@ def features(
     """(C, F) what is known of paths for one sketch, in the order of FEATURES."""
     length = float(spline.arc_length(sketch)[-1])
     samples = lines.shape[1]
-    usual = tolerance(sketch, half_width, samples)
-    apart = _distance(lines - spline.resample(sketch, samples)) / usual
-    sharpest = _kinks(lines, total, half_width)
+    at = np.ascontiguousarray(lines.transpose(2, 1, 0))
+    drawn, usual = spline.resample(sketch, samples), tolerance(sketch, half_width, samples)
+    apart = _distance(at - drawn.T[:, :, None]) / usual[:, None]
+    sharpest = _kinks(at, total, half_width)
     return np.column_stack(
         [
-            1 - np.minimum(_sampled(evidence, lines) / SEEN, 1).mean(1),
-            np.log1p(apart.mean(1)),
-            _missed(lines, sketch, half_width, ~goes_on(evidence, lines, half_width)),
+            1 - np.minimum(_sampled(evidence, at) / SEEN, 1).mean(0),
+            np.log1p(apart.mean(0)),
+            _missed(at, sketch, half_width, ~goes_on(evidence, at, half_width)),
             np.clip(sharpest - BENT, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
@@ -103,25 +104,25 @@ def features(
     )
 
 
-def _distance(apart: Float[Array, "... 2"]) -> Float[Array, "..."]:
-    """Length of (row, col); NumPy's norm is ten times slower along so short an axis."""
-    return np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2)
+def _distance(apart: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+    """Length of (row, col)."""
+    return np.sqrt(apart[0] ** 2 + apart[1] ** 2)
 
 
 def _kinks(
-    lines: Float[Array, "C S 2"], total: Float[Array, " C"], half_width: float
+    at: Float[Array, "2 S C"], total: Float[Array, " C"], half_width: float
 ) -> Float[Array, " C"]:
     """(C,) largest curvature of paths, in units of the half-width.
 
     They are smoothed first: skeletons zigzag where bodies cross, and bodies do not.
     """
-    spacing = total / (lines.shape[1] - 1)
+    samples, count = at.shape[1:]
+    spacing = total / (samples - 1)
     smooth = np.clip(np.rint(2 * SMOOTH * half_width / spacing) / 2, 0.5, WIDEST)
-    sharpest = np.zeros(len(lines))
+    sharpest = np.zeros(count)
     for sigma in np.unique(smooth):
         of = smooth == sigma
-        weights = _smoothing(lines.shape[1], sigma)
-        down, across = (np.diff(weights @ lines[of, :, axis].T, axis=0) for axis in (0, 1))
+        down, across = np.diff(_smoothing(samples, sigma) @ at[:, :, of], axis=1)
         straight = down[1:] * down[:-1] + across[1:] * across[:-1]
         aside = np.abs(down[1:] * across[:-1] - across[1:] * down[:-1])
         # Falls as the angle rises, and costs less.
@@ -131,7 +132,7 @@ def _kinks(
 
 
 def _missed(
-    lines: Float[Array, "C S 2"], sketch: Line, half_width: float, tips: Bool[Array, "C 2"]
+    at: Float[Array, "2 S C"], sketch: Line, half_width: float, tips: Bool[Array, "2 C"]
 ) -> Float[Array, " C"]:
     """(C,) by how much paths miss the vertices of a sketch; `tips` are ends of bodies.
 
@@ -139,42 +140,38 @@ def _missed(
     known, so that each factor counts the same.
     """
     few = sketch[np.linspace(0, len(sketch) - 1, min(len(sketch), VERTICES)).astype(int)]
-    row, column = (np.ascontiguousarray(lines[..., axis].T) for axis in (0, 1))
-    down, across = np.diff(row, axis=0), np.diff(column, axis=0)
+    down, across = np.diff(at, axis=1)
     inverse = 1 / (down**2 + across**2 + 1e-9)
-    least = np.empty((len(lines), len(few)))
+    least = np.empty((len(few), at.shape[2]))
     # One vertex after the other, so that what is computed stays in the cache.
     for k, vertex in enumerate(few):
-        below, aside = vertex[0] - row[:-1], vertex[1] - column[:-1]
+        below, aside = vertex[:, None, None] - at[:, :-1]
         part = np.clip((below * down + aside * across) * inverse, 0, 1)
-        squared = (below - part * down) ** 2 + (aside - part * across) ** 2
-        least[:, k] = squared.min(0)
-    inside = (~tips).sum(1)
+        least[k] = ((below - part * down) ** 2 + (aside - part * across) ** 2).min(0)
+    inside = (~tips).sum(0)
     if not clicked(sketch):
-        return ON * inside + 0.5 * np.log1p(least.mean(1) / hit(half_width) ** 2)
+        return ON * inside + 0.5 * np.log1p(least.mean(0) / hit(half_width) ** 2)
     length = spline.arc_length(sketch)[-1]
     near = hit(half_width, length)
     share = near / (near + ENDS * tips * length)
-    ends = ((lines[:, [0, -1]] - sketch[[0, -1]]) ** 2).sum(2)
-    off = np.concatenate([least, share**2 * ends], axis=1)
+    ends = (share * _distance(at[:, [0, -1]] - sketch[[0, -1]].T[:, :, None])) ** 2
+    off = np.concatenate([least, ends])
     careful = float(np.clip(len(sketch), *CAREFUL))
-    return ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(1) / near**2)
+    return ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(0) / near**2)
 
 
-def _sampled(evidence: Float[Array, "H W"], lines: Float[Array, "C S 2"]) -> Float[Array, "C S"]:
-    return ndimage.map_coordinates(evidence, lines.transpose(2, 0, 1), order=1, cval=0.0)
+def _sampled(evidence: Float[Array, "H W"], at: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+    return ndimage.map_coordinates(evidence, at, order=1, cval=0.0)
 
 
-def goes_on(evidence: Float[Array, "H W"], lines, half_width: float):
-    """(C, 2) whether there is a body beyond each end."""
-    away = half_width * np.linspace(*AHEAD, 4)[:, None]
-    found = []
-    for tip, inner in ((lines[:, 0], lines[:, 3]), (lines[:, -1], lines[:, -4])):
-        out = tip - inner
-        out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-9
-        ahead = tip[:, None] + away * out[:, None]
-        found.append(_sampled(evidence, ahead).mean(1) > 0.5)
-    return np.column_stack(found)
+def goes_on(
+    evidence: Float[Array, "H W"], at: Float[Array, "2 S C"], half_width: float
+) -> Bool[Array, "2 C"]:
+    """Whether there is a body beyond the first and the last points of paths."""
+    tip, inner = at[:, [0, -1]], at[:, [3, -4]]
+    out = (tip - inner) / (_distance(tip - inner) + 1e-9)
+    away = half_width * np.linspace(*AHEAD, 4)[:, None, None]
+    return _sampled(evidence, tip[:, None] + away * out[:, None]).mean(0) > 0.5
 
 
 @lru_cache(maxsize=64)

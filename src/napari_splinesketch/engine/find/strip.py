@@ -1,4 +1,6 @@
-"""The path that keeps the sketch's order: the image straightened along the sketch."""
+"""Paths that keep the sketch's order: the image straightened along the sketch."""
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,16 +22,18 @@ ASTRAY = 0.25
 """Cost of a path at the reach, against one without any evidence."""
 DRAWN, EXTRA = 0.1, 0.5
 """What a step of the sketch that is left out costs, and one beyond its ends."""
+MOST_BEYOND = 0.6
+"""Cost of a step beyond the sketch's ends, at most."""
 SEEN = 0.4
 """Evidence above this speaks for a step, below against it."""
 
 Line = Float[Array, "N 2"]
 
 
-def ordered_path(
-    evidence: Float[Array, "H W"], sketch: Line, half_width: float, reach: float
-) -> Line:
-    """The path with the most evidence that runs along a sketch, within `reach` of it.
+def ordered_paths(
+    evidence: Float[Array, "H W"], sketch: Line, half_width: float, reaches: Sequence[float]
+) -> list[Line]:
+    """The paths with the most evidence that run along a sketch, each within a reach of it.
 
     Dynamic programming over offsets across the sketch (the path is a function of the arc length
     of the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near
@@ -41,7 +45,7 @@ def ordered_path(
         (H, W) 0 to 1.
     sketch
         (N, 2).
-    half_width, reach
+    half_width, reaches
         Px.
     """
     length = spline.arc_length(sketch)[-1]
@@ -49,21 +53,26 @@ def ordered_path(
     count = max(12, round(length / along) + 1)
     along = length / (count - 1)
     extra = int(np.ceil(BEYOND * length / along)) + 3
-    points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
-    half = int(np.ceil(reach / across))
-    offsets = across * np.arange(-half, half + 1)
-    at = points[:, None] + offsets[None, :, None] * normal[:, None]
-    seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
-    cost = (1 - seen) + ASTRAY * (offsets / reach) ** 2
-    beyond = np.ones(len(points), dtype=bool)
-    beyond[extra:-extra] = False
-    cost[beyond] = np.minimum(cost[beyond], 0.6)
+    strips, costs = [], []
+    for reach in reaches:
+        points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
+        half = int(np.ceil(reach / across))
+        offsets = across * np.arange(-half, half + 1)
+        at = points[:, None] + offsets[None, :, None] * normal[:, None]
+        seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
+        cost = (1 - seen) + ASTRAY * (offsets / reach) ** 2
+        for beyond in (cost[:extra], cost[-extra:]):
+            np.minimum(beyond, MOST_BEYOND, out=beyond)
+        strips.append((at, seen))
+        costs.append(cost)
     steepest = max(2, int(np.ceil(STEEPEST * along / across)))
-    best = _cheapest(cost, steepest, TILT * (across / along) ** 2)
-    rows = np.arange(len(points))
-    path = points + offsets[best, None] * normal
-    first, last = _ends(seen[rows, best], extra)
-    return path[first : last + 1]
+    found = []
+    best_of = _cheapest(costs, steepest, TILT * (across / along) ** 2)
+    for (at, seen), best in zip(strips, best_of, strict=True):
+        ways = np.arange(len(best)), best
+        first, last = _ends(seen[ways], extra)
+        found.append(at[ways][first : last + 1])
+    return found
 
 
 def _frame(
@@ -80,8 +89,15 @@ def _frame(
     return np.concatenate([before, points, after]), tangent[:, ::-1] * [-1.0, 1.0]
 
 
-def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Array, " S"]:
-    """Columns of the cheapest way from the first row to the last (Viterbi)."""
+def _cheapest(
+    costs: list[Float[Array, "S T"]], steepest: int, tilt: float
+) -> Iterator[Int[Array, " S"]]:
+    """Columns of the cheapest way from the first row of each strip to its last (Viterbi).
+
+    The strips are searched at once, side by side with walls between them.
+    """
+    walled = [np.pad(c, ((0, 0), (0, steepest)), constant_values=np.inf) for c in costs]
+    cost = np.concatenate(walled, axis=1)
     rows, columns = cost.shape
     price = tilt * np.arange(-steepest, steepest + 1.0) ** 2
     padded = np.full(columns + 2 * steepest, np.inf)
@@ -94,12 +110,15 @@ def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Arra
         ways = before + price
         came[row] = ways.argmin(1)
         total[:] = ways[index, came[row]] + cost[row]
-    at = int(total.argmin())
-    found = [at]
-    for row in range(rows - 1, 0, -1):
-        at += int(came[row, at]) - steepest
-        found.append(at)
-    return np.array(found[::-1])
+    first = 0
+    for strip in walled:
+        at = first + int(total[first : first + strip.shape[1]].argmin())
+        found = [at]
+        for row in range(rows - 1, 0, -1):
+            at += int(came[row, at]) - steepest
+            found.append(at)
+        yield np.array(found[::-1]) - first
+        first += strip.shape[1]
 
 
 def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:

@@ -100,20 +100,20 @@ def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> Tr
             bridges.append(crossing and short)
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree[node] == 1 for node in number], dtype=bool)
-    headings = [[_heading(p, half_width), _heading(p[::-1], half_width)] for p in pieces]
-    for a, b in _gaps(nodes, tips, ends, headings, GAP * half_width):
-        ends.append([a, b])
-        pieces.append(nodes[[a, b]])
-        bridges.append(False)
-        ahead = (nodes[b] - nodes[a]) / np.linalg.norm(nodes[b] - nodes[a])
-        headings.append([-ahead, ahead])
+    headings, lengths = _headings(pieces, half_width)
+    gaps = _gaps(nodes, tips, ends, headings, GAP * half_width)
+    if gaps:
+        pieces += list(nodes[gaps])
+        across, far = _headings(pieces[-len(gaps) :], half_width)
+        headings, lengths = np.concatenate([headings, across]), np.append(lengths, far)
+        ends, bridges = ends + gaps, bridges + [False] * len(gaps)
     return TraceGraph(
         nodes,
         tips,
         tuple(pieces),
         np.array(ends, dtype=int).reshape(-1, 2),
-        np.array([arc_length(p)[-1] for p in pieces]),
-        np.array(headings).reshape(-1, 2, 2),
+        lengths,
+        headings,
         np.array(bridges, dtype=bool),
     )
 
@@ -123,17 +123,18 @@ def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     if tips.sum() < 1 or len(nodes) < 3:
         return []
     out: dict[int, list[Float[Array, 2]]] = {}
+    beside: dict[int, set[int]] = {}
     for pair, both in zip(ends, headings, strict=True):
         for node, heading in zip(pair, both, strict=True):
             out.setdefault(node, []).append(heading)
+            beside.setdefault(node, set()).update(pair)
     tree, found = KDTree(nodes), set()
     for tip in np.flatnonzero(tips).tolist():
-        own = {tip, *(n for pair in ends if tip in pair for n in pair)}
         likely = []
         for other in tree.query_ball_point(nodes[tip], reach):
             apart = nodes[other] - nodes[tip]
             distance = float(np.linalg.norm(apart))
-            if other in own or distance == 0:
+            if other in beside[tip] or distance == 0:
                 continue
             ahead = float(out[tip][0] @ apart) / distance
             facing = max(-float(heading @ apart) / distance for heading in out[other])
@@ -144,12 +145,19 @@ def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _heading(piece: Float[Array, "N 2"], half_width: float) -> Float[Array, "2"]:
-    """Unit vector pointing out of the piece at its first point."""
-    s = arc_length(piece)
-    inner = piece[min(np.searchsorted(s, TANGENT * half_width), len(piece) - 1)]
-    out = piece[0] - inner
-    return out / (np.linalg.norm(out) + 1e-9)
+def _headings(
+    pieces: list[Float[Array, "N 2"]], half_width: float
+) -> tuple[Float[Array, "E 2 2"], Float[Array, " E"]]:
+    """Unit vectors that point out of pieces at their first and last points, and their lengths."""
+    if not pieces:
+        return np.zeros((0, 2, 2)), np.zeros(0)
+    points, last = np.concatenate(pieces), np.cumsum([len(piece) for piece in pieces]) - 1
+    first, s = np.append(0, last[:-1] + 1), arc_length(points)
+    after = np.searchsorted(s, s[first] + TANGENT * half_width)
+    before = np.searchsorted(s, s[last] - TANGENT * half_width, side="right") - 1
+    inner = np.stack([np.minimum(after, last), np.maximum(before, first)], axis=1)
+    out = points[np.stack([first, last], axis=1)] - points[inner]
+    return out / (np.linalg.norm(out, axis=2, keepdims=True) + 1e-9), s[last] - s[first]
 
 
 def _split(chain: Float[Array, "N 2"], longest: float) -> list[Float[Array, "N 2"]]:
