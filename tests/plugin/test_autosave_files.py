@@ -134,10 +134,10 @@ def test_a_head_that_could_not_be_written_is_written_later(
 ) -> None:
     folder, first, real = Folder(tmp_path), session(), sessions._write
 
-    def full(path: Path, what: Any) -> None:
+    def full(path: Path, *what: Any) -> None:
         if path.name == "session.json":
             raise OSError("No space left on device")
-        real(path, what)
+        real(path, *what)
 
     monkeypatch.setattr(sessions, "_write", full)
     with pytest.raises(OSError, match="No space"):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -120,10 +122,6 @@ def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
     return [named]
 
 
-class CancelledError(Exception):
-    """The user wants nothing written any more."""
-
-
 def export(
     path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
 ) -> tuple[str, ...]:
@@ -131,13 +129,12 @@ def export(
 
     Once `on_progress` returns False, nothing is written.
     """
-    told, reached = 0, 0.0
+    steps, reached = count(1), 0.0
 
     def tell(done: float | None) -> None:
-        nonlocal told, reached
-        told += 1
-        # Most formats go through them twice.
-        fraction = told / (2 * len(labels.labels)) if done is None else done
+        nonlocal reached
+        # Most formats go through all of them twice.
+        fraction = next(steps) / (2 * len(labels.labels)) if done is None else done
         reached = max(reached, min(fraction, 1.0))
         if on_progress(Progress("writing the file", reached)) is False:
             raise CancelledError

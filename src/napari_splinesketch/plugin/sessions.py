@@ -27,14 +27,15 @@ from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
-from napari_splinesketch.plugin.model import Record, Review, State, by_frame, once
+from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
 FORMAT = 1
 EVERY = -1
 """The frame of sketches that belong to all of them."""
-VERTICES = {"line": (2, 2), "path": (2, 0), "polygon": (3, 0), "rectangle": (4, 4),
-            "ellipse": (4, 4)}  # fmt: skip
-"""The kinds of shapes that napari has, and how many vertices they may have; 0 for any number."""
+MANY = 2**31
+VERTICES = {"line": range(2, 3), "path": range(2, MANY), "polygon": range(3, MANY),
+            "rectangle": range(4, 5), "ellipse": range(4, 5)}  # fmt: skip
+"""The kinds of shapes that napari has, and how many vertices they may have."""
 LONGEST_NAME = 1000
 """Of a layer, letters."""
 HEAD = "session.json"
@@ -85,13 +86,14 @@ class Shape:
     points: _Places
     frame: Annotated[int, Field(exclude=True)] = EVERY
 
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Shape) and self.kind == other.kind
+        return same and np.array_equal(self.points, other.points)
+
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What is known of an image through the layer of sketches of that name.
-
-    What was drawn there is in the order of the layer.
-    """
+    """What is known of an image through the layer of sketches of that name, and is drawn there."""
 
     layer: str
     image: Mapping[str, object] = field(default_factory=dict)
@@ -136,6 +138,11 @@ class _Record(_File):
     drawn: bool
     edited: bool
 
+    @classmethod
+    def of(cls, record: Record) -> Self:
+        values: dict[str, Any] = vars(record.curve) | vars(record)
+        return cls.model_construct(**values | {"residual": np.array([record.curve.residual])})
+
     def record(self, frame: int) -> Record:
         values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
         curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
@@ -153,9 +160,8 @@ class Page(_File):
     @pydantic.model_validator(mode="after")
     def _is_possible(self) -> "Page":
         for shape in self.sketches:
-            (least, most), given = VERTICES[shape.kind], len(shape.points)
-            if not least <= given <= (most or given):
-                raise ValueError(f"has a {shape.kind} of {given} vertices")
+            if len(shape.points) not in VERTICES[shape.kind]:
+                raise ValueError(f"has a {shape.kind} of {len(shape.points)} vertices")
         for one in (*self.records, *self.deleted):
             for given in (one.half_width, one.sd):
                 if len(given) != len(one.points):
@@ -188,11 +194,7 @@ class Head(_File):
         return number
 
 
-_SHAPES = pydantic.TypeAdapter(Sequence[Shape])
-
-
 def _head_text(session: Session) -> str:
-    """Write the head of a session."""
     drawn, records = session.drawn, session.state.records
     head = Head.model_construct(
         image=dict(session.image),
@@ -205,16 +207,13 @@ def _head_text(session: Session) -> str:
     return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
 
 
-@once
-def _record_text(record: Record) -> str:
-    """Write a curve; it never changes, and so that is done once."""
-    values: dict[str, Any] = vars(record.curve) | vars(record)
-    values["residual"] = np.array([record.curve.residual])
-    return _Record.model_construct(**values).model_dump_json()
+def _page_text(page: dict[str, Any]) -> str:
+    curves = {name: tuple(map(_Record.of, page[name])) for name in ("records", "deleted")}
+    return Page.model_construct(**page | curves).model_dump_json()
 
 
 def _files_of(session: Session) -> dict[str, Any]:
-    """Give what belongs into each file, in the order of writing.
+    """Give what belongs into each file, in the order of writing; what is equal is written already.
 
     The head counts the pages, once they are written; pictures, which take longest, come last.
     """
@@ -222,13 +221,12 @@ def _files_of(session: Session) -> dict[str, Any]:
     drawn, records, deleted = map(by_frame, (session.drawn, state.records, state.deleted))
     files = dict[str, Any]()
     for frame in sorted({*drawn, *records, *deleted}):
-        sketches = _SHAPES.dump_json(drawn.get(frame, ())).decode()
-        files[_name(frame)] = (
-            f'{{"frame":{frame},"sketches":{sketches},'
-            f'"records":[{",".join(map(_record_text, records.get(frame, ())))}],'
-            f'"deleted":[{",".join(map(_record_text, deleted.get(frame, ())))}],'
-            f'"notes":{json.dumps(state.notes.get(frame, ()))}}}'
-        )
+        files[_name(frame)] = {
+            "sketches": tuple(drawn.get(frame, ())),
+            "records": tuple(records.get(frame, ())),
+            "deleted": tuple(deleted.get(frame, ())),
+            "notes": state.notes.get(frame, ()),
+        }
     files[HEAD] = session.layer, dict(files)
     pictures = {_name(frame, "npz"): patch for frame, patch in state.patches.items()}
     return files | {name: one for name, one in pictures.items() if f"{name[:-3]}json" in files}
@@ -274,7 +272,7 @@ class Folder:
                 known.pop(name, None)
         for name, what in files.items():
             if known.get(name) != what:
-                _write(path / name, _head_text(session) if name == HEAD else what)
+                _write(path / name, what, session)
                 known[name] = what
 
     def _find(self, parent: Path) -> Path:
@@ -297,16 +295,17 @@ class Folder:
         return self.path
 
 
-def _write(path: Path, what: str | Patch) -> None:
-    """Write a text, or a picture of part of a frame, whole or not at all."""
+def _write(path: Path, what: Any, session: Session) -> None:
+    """Write the head, a page, or a picture of part of a frame, whole or not at all."""
     with atomic(path, overwrite=True) as temporary:
-        if isinstance(what, str):
-            # Names of files, and so of layers, may hold what is no text.
-            temporary.write_text(what + "\n", encoding="utf-8", errors="replace")
-        else:
+        if isinstance(what, Patch):
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
             np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
+        else:
+            text = _head_text(session) if path.name == HEAD else _page_text(what)
+            # Names of files, and so of layers, may hold what is no text.
+            temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
 
 
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
