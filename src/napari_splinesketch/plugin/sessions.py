@@ -87,8 +87,9 @@ class Shape:
     frame: Annotated[int, Field(exclude=True)] = EVERY
 
     def __eq__(self, other: object) -> bool:
-        same = isinstance(other, Shape) and self.kind == other.kind
-        return same and np.array_equal(self.points, other.points)
+        if not isinstance(other, Shape):
+            return False
+        return self.kind == other.kind and np.array_equal(self.points, other.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +142,8 @@ class _Record(_File):
     @classmethod
     def of(cls, record: Record) -> Self:
         values: dict[str, Any] = vars(record.curve) | vars(record)
-        return cls.model_construct(**values | {"residual": np.array([record.curve.residual])})
+        values["residual"] = np.array([record.curve.residual])
+        return cls.model_construct(None, **values)
 
     def record(self, frame: int) -> Record:
         values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
@@ -209,13 +211,13 @@ def _head_text(session: Session) -> str:
 
 def _page_text(page: dict[str, Any]) -> str:
     curves = {name: tuple(map(_Record.of, page[name])) for name in ("records", "deleted")}
-    return Page.model_construct(**page | curves).model_dump_json()
+    return Page.model_construct(None, **page | curves).model_dump_json()
 
 
 def _files_of(session: Session) -> dict[str, Any]:
-    """Give what belongs into each file, in the order of writing; what is equal is written already.
+    """Give what belongs into each file: pages first, then the head that counts them.
 
-    The head counts the pages, once they are written; pictures, which take longest, come last.
+    Pictures, which take longest, come last.
     """
     state = session.state
     drawn, records, deleted = map(by_frame, (session.drawn, state.records, state.deleted))
