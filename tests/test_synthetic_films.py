@@ -52,6 +52,7 @@ def test_a_cover_hides_parts():
     made = film(4, cover=12.0, **SMALL)
     partly = made.visible.any(2) & ~made.visible.all(2)
     assert partly.any()
+    assert made.visible[0].all()
 
 
 def test_what_does_not_fit_is_said():

@@ -50,6 +50,7 @@ CASES: dict[str, dict[str, Any]] = {
     "crossing": {},
     "hiding": {"hidden": True},
     "covered": {"cover": 12.0},
+    "covered at first": {"cover": 12.0, "covered_first": True},
     "drifting": {"drift": True},
     "apart": {"crossing": False},
     "faint": {"crossing": False, "snr": 3.0},
@@ -63,6 +64,8 @@ SIDE = 108.0
 SEEN = 0.95
 """Share of a body that is seen where its curve is compared with all of it."""
 COMMAND = "import sys; from napari_splinesketch.cli import main; sys.exit(main())"
+LONGEST = 10
+"""Frames for which bodies hide at most, and films of them at least: in each for one more frame."""
 PAUSE = 1.0
 """From one look at the memory of the command line to the next, s."""
 
@@ -100,7 +103,7 @@ def made(case: str, index: int, held_out: bool) -> Film:
     """Give a film of a case."""
     options = dict(CASES[case])
     if options.get("hidden"):
-        options["hidden"] = 1 + index % 10
+        options["hidden"] = 1 + index % LONGEST
     motion = MOTIONS[index % len(MOTIONS)]
     return film(index + HELD_OUT * held_out, motion=motion, **options)
 
@@ -333,8 +336,11 @@ def main() -> None:
 def _tracked(options: argparse.Namespace) -> str:
     """Track films, and give the table of all that were."""
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
-    wanted = range(options.first, options.first + options.films)
-    tasks = list(product(options.cases, wanted, MODES, [options.held_out]))
+    tasks = []
+    for case in options.cases:
+        count = max(options.films, LONGEST) if CASES[case].get("hidden") else options.films
+        wanted = range(options.first, options.first + count)
+        tasks += product([case], wanted, MODES, [options.held_out])
     tasks = [task for task in tasks if _name(task) not in kept]
     for task, counts in each(options.jobs, measured, tasks):
         kept[_name(task)] = counts

@@ -69,6 +69,13 @@ def test_a_curve_is_longer_than_its_body_by_what_lengths_have_varied() -> None:
     assert replace(known, lengths=(*known.lengths, 80.0)).length_sd < 1
 
 
+def test_an_end_that_is_never_shown_is_not_hidden() -> None:
+    usual = ShownPlaces()
+    usual.learn(BODY.id, 0.15)
+    assert curve_inferred(held(at(6), 0, 44))
+    assert not curve_inferred(held(at(6), 0, 44, usual))
+
+
 @pytest.mark.parametrize("by", [-1.5, 1.5])
 def test_ends_that_are_seen_are_believed_where_others_are_foretold(by) -> None:
     found = held(moved(at(6), 0, by))

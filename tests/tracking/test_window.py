@@ -52,11 +52,11 @@ def test_a_gap_in_the_image_is_bridged() -> None:
     assert (results[4].curves[0].sd >= results[3].curves[0].sd).all()
 
 
-def test_a_body_that_does_not_come_back_is_lost_after_ten_frames() -> None:
+def test_a_body_that_does_not_come_back_is_lost_after_twelve_frames() -> None:
     half = BRIGHT.copy()
     half[:25] = 0
-    results = run(FakeRefine((0, 0)), range(1, 14), read=lambda frame, lines: View(half))
-    assert [sorted(r.lost) for r in results].index([7]) == 10
+    results = run(FakeRefine((0, 0)), range(1, 16), read=lambda frame, lines: View(half))
+    assert [sorted(r.lost) for r in results].index([7]) == 12
     assert all(r.ids == (3,) for r in results)
 
 

@@ -75,6 +75,7 @@ def film(
     touching: bool = False,
     hidden: int = 0,
     cover: float = 0.0,
+    covered_first: bool = False,
     drift: bool = False,
     divides: int = 0,
     **look: object,
@@ -100,6 +101,8 @@ def film(
         Every second body vanishes for so many frames, about when bodies meet.
     cover
         Radius of an opaque disc of background near the middle, px; 0 for none.
+    covered_first
+        Whether that may cover a part of a body in the first frame.
     drift
         Whether focus and light change over the film.
     divides
@@ -122,9 +125,14 @@ def film(
     for body in range(0, bodies, 2) if hidden else ():
         first = int(np.clip(frames / 2 + rng.normal(0, frames / 8), 2, frames - hidden - 2))
         lit[first : first + hidden, body] = 0
-    centre = np.array(shape) / 2 + rng.normal(0, 12, 2)
+    for _ in range(_TRIES):
+        centre = np.array(shape) / 2 + rng.normal(0, 12, 2)
+        uncovered = np.linalg.norm(lines - centre, axis=3) >= cover
+        if uncovered[0].all() or covered_first:
+            break
+    else:
+        raise ValueError(f"{_TRIES} discs of {cover:g} px cover bodies in the first frame.")
     inside = ((lines >= 0) & (lines <= np.array(shape) - 1)).all(3)
-    uncovered = np.linalg.norm(lines - centre, axis=3) >= cover
     images = _drawn(rng, chosen, shape, lines, widths, lit, (centre, cover), drift, divides)
     visible = inside & uncovered & (lit[:, :, None] > 0)
     return Film(images, lines, widths, visible, chosen)

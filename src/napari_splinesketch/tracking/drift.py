@@ -42,15 +42,18 @@ SAME = 0.6
 ALONG = 0.5
 """... for this share of the length of one of them."""
 
+LEARNED = 0.2
+"""By how much one frame changes what is usual."""
+
 AROUND = np.argwhere(np.ones((3, 3))) - 1
 """A place and those beside it."""
 
 
-def doubts(body: Body, curve: Curve, expected: Line) -> list[str]:
+def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> list[str]:
     """Say what looks unlike the body so far, in words for the user."""
     found = []
     usual = body.length
-    if body.exceeded(curve) or not usual / LONGER < curve.length < usual * LONGER:
+    if (smooth and body.exceeded(curve)) or not usual / LONGER < curve.length < usual * LONGER:
         found.append(f"its length jumped from {usual:.0f} to {curve.length:.0f} px")
     before, now = body.half_width, float(np.median(curve.half_width))
     if np.isfinite(before) and abs(now - before) > max(WIDER * before, THIN):
@@ -127,6 +130,13 @@ class ShownPlaces:
     def __init__(self) -> None:
         self._cells: set[tuple[int, ...]] = set()
         self._size = 1.0
+        self.faint: dict[int, float] = {}
+        """Share of each body that frames do not show where nothing hides it: its ends are thin."""
+
+    def learn(self, body: int, unseen: float) -> None:
+        """Take a share of a body that a frame does not show."""
+        usual = self.faint.get(body, unseen)
+        self.faint[body] = usual + LEARNED * (unseen - usual)
 
     def add(self, points: Line, half_width: float) -> None:
         """Take points at which a body of such a half-width is seen, px of the image."""

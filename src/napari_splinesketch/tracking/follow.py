@@ -27,7 +27,7 @@ from napari_splinesketch.tracking.window import Window
 NOTHING = "nothing like it is there"
 LEFT, DIVIDED = "it left the image", "it divided into parts"
 """Why a body ends, other than that it is not found any more."""
-PATIENCE = 10
+PATIENCE = 12
 """Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""

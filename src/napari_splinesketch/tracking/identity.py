@@ -9,39 +9,22 @@ from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.tracking import motion
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import distance, mostly_on, on_others
-from napari_splinesketch.tracking.motion import Foretold, Known, Points
+from napari_splinesketch.tracking.motion import Foretold, Points
 from napari_splinesketch.tracking.types import Line
 
 AGREE = 3.0
 """Standard errors, beside half of a half-width, within which a curve is where it is expected."""
-SWAP = 8.0
-"""By how much less likely (-2 log) every other curve must be to be the body's."""
 REACH, LENGTH = 0.6, 0.5
 """How far a body may have gone that is looked for among suggestions, as a share of its length; and
 what a px of difference in length costs, in px of distance."""
 TAKEN = 2.0
 """A suggestion that lies so near to a placed curve is taken, px."""
-LENGTH_SD = 0.1
-"""By which lengths of one body differ from frame to frame, relative."""
 BAND = 4.0
 """Background beside a body of which its residual is known, px."""
 FREE = 6.0
 """Numbers that a body's place and shape come to, about."""
-
-
-def unlikely(before: list[Known], now: Known, either_way: bool) -> float:
-    """-2 log likelihood that one body did what is known before, and is where a line is now."""
-    frame, line = now
-    expected, sd = motion.ahead(before, frame)
-    if not np.isfinite(sd):
-        sd = motion.BEFORE * abs(frame - before[-1][0]) ** motion.GROWTH
-    ways = (line, line[::-1]) if either_way else (line,)
-    apart = min(float(((expected - way) ** 2).sum(1).mean()) / 2 for way in ways)
-    lengths = [np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (before[-1][1], line)]
-    return apart / sd**2 + (np.log(lengths[0] / lengths[1]) / LENGTH_SD) ** 2
 
 
 def run_like(curve: Curve, like: Points) -> Curve:

@@ -5,6 +5,7 @@ assumed of how it moves: a worm crawls along its path or swims by waves, a filam
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,9 @@ BASE = 3
 """Frames whose movement together foretells: that of one would be twice as uncertain as a curve's
 ends are."""
 END = 12
-"""Points at either end whose direction, or bend, a body goes on in."""
+"""Points at either end whose direction a body goes on in."""
+WAVES = np.arange(0.4, 2.3, 0.1)
+"""How often the wave of a swimmer may go into its length."""
 SHIFT = 25
 """Points by which the bends of a body move along it from one known frame to the next at most."""
 
@@ -164,10 +167,8 @@ def _wave(older: Points, newer: Points, steps: float) -> Points:
     left, least, right = unlike[best - 1 : best + 2]
     between = (left - right) / max(2 * (left - 2 * least + right), 1e-12)
     at = np.arange(len(now)) + (shifts[best] + np.clip(between, -0.5, 0.5)) * steps
-    beyond = np.clip(at, -SHIFT, len(now) - 1 + SHIFT) - np.clip(at, 0, len(now) - 1)
-    bend = np.where(at < 0, now[END] - now[0], now[-1] - now[-1 - END]) / END
     turned = (np.nanmean(apart[best]) + np.pi) % (2 * np.pi) - np.pi
-    angle = np.interp(at, np.arange(len(now)), now) + beyond * bend + steps * turned
+    angle = _going_on(now, at) + steps * turned
     step = arc_length(newer)[-1] / len(now) * np.stack([np.cos(angle), np.sin(angle)], 1)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
     return line + (newer + steps * (newer - older) - line).mean(0)
@@ -177,6 +178,28 @@ def _directions(line: Points) -> Float[np.ndarray, " P-1"]:
     """Of its steps, rad."""
     step = np.diff(line, axis=0)
     return np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+
+
+def _going_on(angle: Float[np.ndarray, " N"], at: Float[np.ndarray, " M"]) -> np.ndarray:
+    """Directions of a line at places along it; beyond its ends it bends evenly and in a wave."""
+    basis, fitting = _waves(len(angle))
+    terms = fitting @ angle
+    best = int(np.argmin((((basis @ terms[..., None])[..., 0] - angle) ** 2).sum(1)))
+    inside = np.clip(at, 0, len(angle) - 1)
+    there, end = (_waved(WAVES[best], x / len(angle)) @ terms[best] for x in (at, inside))
+    return np.interp(inside, np.arange(len(angle)), angle) + there - end
+
+
+@lru_cache
+def _waves(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """An even bend with each of the waves upon it, at so many points; and what fits that."""
+    basis = np.stack([_waved(wave, np.arange(count) / count) for wave in WAVES])
+    return basis, np.linalg.pinv(basis)
+
+
+def _waved(wave: float, u: Float[np.ndarray, " N"]) -> Float[np.ndarray, "N 4"]:
+    turn = 2 * np.pi * wave * u
+    return np.stack([np.ones_like(u), u, np.sin(turn), np.cos(turn)], 1)
 
 
 def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Points:

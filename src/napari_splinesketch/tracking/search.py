@@ -135,6 +135,8 @@ class Search:
             line = found[body.id].curve.points
             inside = binary_erosion(self._seen(line), iterations=_points(body, line))
             self._shown.add(line[np.asarray(inside, bool)], body.half_width)
+            if found[body.id].trusted and not curve_inferred(found[body.id].curve):
+                self._shown.learn(body.id, float(self._unseen(body, line).mean()))
         return found
 
     def _known(self, body: Body) -> bool:
@@ -163,7 +165,11 @@ class Search:
 
     def _hidden(self, body: Body, curve: Curve) -> bool:
         """Whether something may hide a part of a body that has been fitted as if it were whole."""
-        return body.lacks(curve) or self._unseen(body, curve.points).mean() > UNSEEN
+        return body.lacks(curve) or self._partly(body, curve.points)
+
+    def _partly(self, body: Body, line: Line) -> bool:
+        """Whether the image shows less of a body than it usually does."""
+        return self._unseen(body, line).mean() > self._shown.faint.get(body.id, 0.0) + UNSEEN
 
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
         """Where the image does not show a body for its width, or for half of that at an end."""
@@ -235,7 +241,7 @@ class Search:
         held = isinstance(preset, Settings) and preset.hold is not None
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
-            said = doubts(body, curve, self._expected[body.id])
+            said = doubts(body, curve, self._expected[body.id], self._smooth)
             there = float(seen(curve.points).mean())
             rest = [other for other in everyone if other is not curve]
             if self._smooth:
@@ -247,7 +253,7 @@ class Search:
                 if there < MOST and (torn := parts(body, curve, rest, seen)):
                     self.parts[body.id] = torn
             partly = held and LEAST < there < MOST
-            if partly or (body.id in hidden and self._unseen(body, curve.points).mean() > UNSEEN):
+            if partly or (body.id in hidden and self._partly(body, curve.points)):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
             if i in shared and not (held and on_others(lines[body.id], [everyone[shared[i]]])):

@@ -29,8 +29,6 @@ ALONG = 0.3
 """Share of a body that may run along another without being taken for it."""
 CLEAR = 2
 """Frames in which a body must be clear of others and of doubts before a stretch is over."""
-LIKELY = 12.0
-"""How unlikely (-2 log) the way through a stretch may be that is beyond doubt."""
 SIDE = 5
 """Frames after one that foretell a body there."""
 FEWEST_SEEN = 4
@@ -56,8 +54,6 @@ class _Stretch:
     """Frames for which it has been clear of doubts again ..."""
     clear: int = 0
     """... and of other bodies as well."""
-    apart: bool = True
-    """Whether it no longer runs along another."""
 
 
 class Window:
@@ -105,33 +101,15 @@ class Window:
 
     def _close(self, group: set[int], over: bool) -> dict[int, Body]:
         """Decide on the stretches of a group that are over, or all if there is no more time."""
+        if not over and any(self._open[i].clear < CLEAR for i in group):
+            return {}
         back = {i for i in group if self._open[i].trusted >= CLEAR}
-        known: dict[int, Body] = {}
-        if over or all(self._open[i].clear >= CLEAR for i in group):
-            if back:
-                known = self._decided({i: self._open[i] for i in back})
-            for i in group:
-                stretch = self._open.pop(i)
-                if i not in back and stretch.doubted[1] > stretch.first:
-                    self._open[i] = _Stretch(*stretch.doubted, stretch.doubted)
-            return known
-        for i in sorted(back):
-            if self._open[i].apart and self._beyond_doubt(i, self._open[i]):
-                known |= self._decided({i: self._open.pop(i)})
+        known = self._decided({i: self._open[i] for i in back}) if back else {}
+        for i in group:
+            stretch = self._open.pop(i)
+            if i not in back and stretch.doubted[1] > stretch.first:
+                self._open[i] = _Stretch(*stretch.doubted, stretch.doubted)
         return known
-
-    def _beyond_doubt(self, name: int, stretch: _Stretch) -> bool:
-        """Whether a body that is back can be no other, by what was known of it before."""
-        result = self._held[-1]
-        curves = result.by_id
-        before = lines_of(stretch.anchor.seen)
-        cost = {
-            j: identity.unlikely(before, (result.frame, curves[j].points), j != name)
-            for j in {name, *stretch.partners}
-            if j in curves
-        }
-        own = cost.pop(name)
-        return own < LIKELY and all(other > own + identity.SWAP for other in cost.values())
 
     def ready(self, *, end: bool = False) -> Iterator[Tracked]:
         """Give the frames that nothing is to be learned about any more; at the `end`, all."""
@@ -197,7 +175,6 @@ class Window:
             if stretch.trusted and not trusted:
                 stretch.doubted = before[i], number
             stretch.trusted = stretch.trusted + 1 if trusted else 0
-            stretch.apart = not along.get(i)
             stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
 
     def _groups(self) -> list[set[int]]:
