@@ -37,6 +37,8 @@ STRIPS = (1.0, 0.4)
 """Shares of the reach within which paths along the sketch are looked for."""
 NARROW, NARROW_PX = 1.0, 1.0
 """Half-widths and px within which a clicked sketch that is right already has its body."""
+MIDDLE = 0.5
+"""A sketch in a hollow body is within so many half-widths of its middle, or a rim is nearer."""
 RIMS, OFFSETS = 1.3, 8
 """The rims of a hollow body are looked for within so many of its half-widths, at so many places on
 either side."""
@@ -243,7 +245,7 @@ def _candidates(
         cost[-1] = min(cost[-1], NOTHING)
         for wide, line in _wider(seen, sketch, rung):
             drawn, length = spline.resample(line, scoring.SAMPLES), spline.arc_length(line)[-1:]
-            more = scoring.features(drawn[None], length, sketch, half_width, seen.evidence(wide))
+            more = scoring.features(drawn[None], length, sketch, WIDTHS[wide], seen.evidence(wide))
             lines, rungs = [*lines, line], [*rungs, wide]
             known = np.concatenate([known, more])
             cost = np.append(cost, scoring.cost(more) + WIDER)
@@ -274,8 +276,8 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
         wide = wider.start + int(first + np.argmax(part >= ENOUGH * part.max()))
-        reach = NARROW * WIDTHS[wide] + NARROW_PX
-        [line] = strip.ordered_paths(seen.evidence(wide), sketch, WIDTHS[wide], [reach])
+        reaches = [MIDDLE * WIDTHS[wide]]
+        [line] = strip.ordered_paths(seen.evidence(wide), sketch, WIDTHS[wide], reaches)
         line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
         sampled = spline.resample(line, scoring.SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
