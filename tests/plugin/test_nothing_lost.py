@@ -117,6 +117,21 @@ def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
     assert counts(home) == [(2, 2)]
 
 
+def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> None:
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        until(lambda: counts(home) == [(2, 0)], SOON)
+        (away,) = home.glob("*/*/session.json")
+        back = away.parent.rename(home / "away")
+        layer.add_paths([LINES[0] + 9])
+        until(lambda: "could not be saved" in first.saver.problem, SOON)
+        back.rename(away.parent)
+        until(lambda: counts(home) == [(3, 0)], SOON)
+        away.parent.rename(home / "away")
+    assert not counts(home), "and the dock is closed"
+
+
 def test_an_image_that_could_not_be_read_is_saved_with_the_next_edit(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,6 @@ from superqt.utils import qthrottled
 from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
@@ -34,7 +33,7 @@ from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape, reopen
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape, reopen, summary
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
@@ -44,6 +43,8 @@ LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
 LONGEST_NAME = 255
 """Of a file or folder, bytes; disks take no longer ones."""
+OLD = ".old"
+"""Added to the name of a folder that is not offered again."""
 LETTERS, DIGITS = 50, 12
 """Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
@@ -179,7 +180,7 @@ class Saver(QObject):
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
         for path in self.offers():
-            names = (path.with_name(f"{path.name}{-n or ''}{sessions.OLD}") for n in count())
+            names = (path.with_name(f"{path.name}{-n or ''}{OLD}") for n in count())
             try:
                 with owned(path):
                     path.rename(next(name for name in names if not name.exists()))
@@ -341,8 +342,8 @@ def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -
     found, problem = dict[Path, Head](), ""
     for folder in chain.from_iterable(sorted(outer.iterdir()) for outer in folders):
         try:
-            wanted = folder.is_dir() and folder.suffix != sessions.OLD
-            held = sessions.summary(folder) if wanted else None
+            wanted = folder.is_dir() and folder.suffix != OLD
+            held = summary(folder) if wanted else None
         except (OSError, LabelsError) as error:
             problem = f"Saved work could not be read, and stays where it is: {error}."
             continue

@@ -32,16 +32,13 @@ from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 FORMAT = 1
 EVERY = -1
 """The frame of sketches that belong to all of them."""
-MANY = 2**31
-VERTICES = {"line": range(2, 3), "path": range(2, MANY), "polygon": range(3, MANY),
+VERTICES = {"line": range(2, 3), "path": range(2, 2**31), "polygon": range(3, 2**31),
             "rectangle": range(4, 5), "ellipse": range(4, 5)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
 LONGEST_NAME = 1000
 """Of a layer, letters."""
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
-OLD = ".old"
-"""Added to the name of a folder that is not offered again."""
 
 
 def _rows(columns: int, least: int, most: float = MAX_COORDINATE) -> pydantic.PlainValidator:
@@ -167,9 +164,7 @@ class Page(_File):
         for one in (*self.records, *self.deleted):
             for given in (one.half_width, one.sd):
                 if len(given) != len(one.points):
-                    raise ValueError(
-                        f"has {len(given)} values for {len(one.points)} points of curve {one.id}"
-                    )
+                    raise ValueError(f"has {len(given)} values for {len(one.points)} points")
         if len({record.id for record in self.records}) < len(self.records):
             raise ValueError("has a curve twice")
         return self
@@ -204,7 +199,7 @@ def _head_text(session: Session) -> str:
         saved=datetime.now(UTC),
         sketches=len(drawn),
         curves=len(records),
-        frames=len({*by_frame(drawn), *by_frame(records)}),
+        frames=len({one.frame for one in (*drawn, *records)}),
     )
     return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
 
@@ -220,15 +215,16 @@ def _files_of(session: Session) -> dict[str, Any]:
     Pictures, which take longest, come last.
     """
     state = session.state
-    drawn, records, deleted = map(by_frame, (session.drawn, state.records, state.deleted))
-    files = dict[str, Any]()
-    for frame in sorted({*drawn, *records, *deleted}):
-        files[_name(frame)] = {
-            "sketches": tuple(drawn.get(frame, ())),
-            "records": tuple(records.get(frame, ())),
-            "deleted": tuple(deleted.get(frame, ())),
-            "notes": state.notes.get(frame, ()),
-        }
+    parts = {
+        "sketches": by_frame(session.drawn),
+        "records": by_frame(state.records),
+        "deleted": by_frame(state.deleted),
+        "notes": state.notes,
+    }
+    files: dict[str, Any] = {
+        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
+        for frame in sorted(set[int]().union(*parts.values()))
+    }
     files[HEAD] = session.layer, dict(files)
     pictures = {_name(frame, "npz"): patch for frame, patch in state.patches.items()}
     return files | {name: one for name, one in pictures.items() if f"{name[:-3]}json" in files}
@@ -247,17 +243,15 @@ class Folder:
 
     def __init__(self, path: Path | None = None):
         self.path, self._lock = path, ExitStack()
-        self._left: int | None = None
-        """When it had been written last as others were let in."""
-        self._written: dict[str, object] = {}
-        """What files hold, where that is known."""
+        self._left: int | None = None  # when it had been written last as others were let in
+        self._written: dict[str, object] = {}  # what files hold, where that is known
         if path is not None:
             self._lock.enter_context(owned(path))
 
     def release(self) -> None:
         """Let others write there."""
         if self.path is not None and self._left is None:
-            self._left = self.path.stat().st_mtime_ns
+            self._left = _written_at(self.path)
             self._lock.close()
 
     def write(self, session: Session, parent: Path | None = None) -> None:
@@ -282,7 +276,7 @@ class Folder:
         if self.path is not None and self._left is not None:
             with suppress(OSError):
                 self._lock.enter_context(owned(self.path))
-                if self._left == self.path.stat().st_mtime_ns:
+                if self._left == _written_at(self.path):
                     self._left = None
                     return self.path
             self._lock.close()
@@ -295,6 +289,11 @@ class Folder:
                 self._lock.enter_context(owned(path))
                 self.path = path
         return self.path
+
+
+def _written_at(path: Path) -> int:
+    head = path / HEAD
+    return head.stat().st_mtime_ns if head.exists() else 0
 
 
 def _write(path: Path, what: Any, session: Session) -> None:
