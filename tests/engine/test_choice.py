@@ -271,7 +271,10 @@ def test_a_sketch_that_is_right_already_keeps_its_body():
 
 @pytest.mark.parametrize(
     ("aside", "rim", "off"),
-    [(5.0, 1.0, 0.0), (6.0, 1.0, 1.5), (7.0, 1.5, 2.5), (7.0, 1.0, 4.0), (8.0, 1.0, 4.0)],
+    [
+        *((5.0, 1.0, 0.0), (6.0, 1.0, 0.0), (5.0, 1.0, 1.5), (6.0, 1.0, 1.5)),
+        *((7.0, 1.5, 2.5), (7.0, 1.0, 4.0), (8.0, 1.0, 4.0)),
+    ],
 )
 def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside, rim, off):
     """Without the search between rims its curve lies on one of them.
