@@ -191,6 +191,8 @@ def _numbered(pixels: list[Int[Array, " m"]]) -> list[Int[Array, " m"]]:
 
 def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
     """Which bands share pixels with which others."""
+    if len(pixels) < 2:
+        return np.zeros((len(pixels), len(pixels)), dtype=bool)
     number, ends = np.concatenate(_numbered(pixels)), np.cumsum([0, *map(len, pixels)])
     shape = len(pixels), 1 + number.max(initial=0)  # of bands without pixels SciPy cannot tell
     there = csr_array((np.ones(len(number), np.float32), number, ends), shape)
