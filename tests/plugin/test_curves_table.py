@@ -151,10 +151,10 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
     assert len(asked) == 1
 
 
-def text(records: tuple[Record, ...], ruler: Ruler) -> str:
+def text(records: tuple[Record, ...], ruler: Ruler, **options: str) -> str:
     model = CurvesModel()
     model.show(records, ruler)
-    return as_text(records, ruler, model.curve_at)
+    return as_text(records, ruler, model.curve_at, **options)
 
 
 def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
@@ -186,16 +186,17 @@ def test_values_that_are_the_same_have_one_colour() -> None:
 
 def test_the_table_as_text() -> None:
     lines = text(MIXED[:2], Ruler((0.5, 0.5), "µm")).splitlines()
-    assert lines[0].startswith("curve\tframe\treasons\tstatus\treview\tlength")
-    assert lines[1].split("\t")[:6] == ["1", "0", "", "good", "open", "25.0"]
-    assert lines[2].split("\t")[2] == "it moved"
-    assert lines[2].endswith("\tFalse\tµm")
+    assert lines[0].startswith("curve,frame,reasons,status,review,length")
+    assert lines[1].split(",")[:6] == ["1", "0", "", "good", "open", "25.0"]
+    assert lines[2].split(",")[2] == "it moved"
+    assert lines[2].endswith(",False,µm")
+    assert "\t" in text(MIXED, Ruler(), separator="\t")
 
 
 def test_layers_table_and_files_read_one_table_of_columns() -> None:
     names = [column.name for column in COLUMNS]
     assert list(features(MIXED).columns) == names
-    header = text((), Ruler()).strip().split("\t")
+    header = text((), Ruler()).strip().split(",")
     assert header == ["curve", *names[1:], "units"]
     first_text = next(column for column in SHOWN if column.kind == "text")
     assert first_text.name == "reasons"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from napari.layers import Shapes
 from qtpy.QtCore import QPoint, Qt, QTimer
-from qtpy.QtWidgets import QApplication
+from qtpy.QtWidgets import QApplication, QFileDialog
 
 from napari_splinesketch.plugin.commands import go_to
 from napari_splinesketch.plugin.dock import SplinesketchDock
@@ -146,12 +146,17 @@ def test_the_table_goes_elsewhere(
     panel = opened(viewer, dock, fake)
     panel.shown.setCurrentIndex(1)
     panel.shown.activated.emit(1)
-    click(panel.more)
+    panel.copy()
     clipboard = QApplication.clipboard()
     assert clipboard is not None
     lines = clipboard.text().splitlines()
     assert [line.split("\t")[0] for line in lines] == ["curve", "5", "2", "4"]
-    assert lines[1].startswith("5\t0\t\tfailed\topen\t40.0")
+    path = tmp_path / "table.csv"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    menu = panel.more.menu()
+    assert menu is not None
+    menu.actions()[1].trigger()
+    assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,,failed,open,40.0")
 
 
 @pytest.mark.window

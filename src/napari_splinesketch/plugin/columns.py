@@ -1,4 +1,4 @@
-"""What is said of each curve: one table, which layers, the review table, its copy and colours read.
+"""What is said of each curve: one table, which layers, the review table, its CSV and colours read.
 
 A column that is added here is in all of them.
 """
@@ -165,10 +165,12 @@ def features(
     return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
 
 
-def as_text(records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone) -> str:
-    """Write records as a table for a spreadsheet, with a header, numbers in full."""
+def as_text(
+    records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
+) -> str:
+    """Write records as a table with a header, numbers in full."""
     said = features(records, ruler, curve_at).rename(columns={"id": "curve"})
-    return said.assign(units=ruler.unit).to_csv(None, sep="\t", index=False, na_rep="nan")
+    return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:

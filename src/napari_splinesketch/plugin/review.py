@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, Literal
 
+from napari.utils.notifications import show_error
 from qtpy import QtCore
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
 from napari_splinesketch.plugin.columns import STATUS, as_text
@@ -29,7 +31,6 @@ NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
-COPY_TIP = "Copy the table as it is sorted and filtered: a spreadsheet takes it"
 HEIGHT = 210
 """That it asks for, px: leaves most of a laptop's window to the canvas."""
 SHARES = [740, 530]
@@ -212,7 +213,11 @@ class ReviewPanel(qt.QWidget):
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3)
-        self.more = Button("Copy", COPY_TIP, self.copy)
+        self.more = Button("Table", "Copy or save the table as it is sorted and filtered")
+        menu = qt.QMenu(self.more)
+        menu.addAction("Copy to the clipboard", self.copy)
+        menu.addAction("Save as CSV…", self._ask_where)
+        self.more.setMenu(menu)
         self.more.setMinimumWidth(self.more.sizeHint().width())
         left, right = qt.QWidget(), qt.QWidget()
         stack(left, (self.count, self.judges, self.shown, self.more), self.table)
@@ -283,9 +288,23 @@ class ReviewPanel(qt.QWidget):
             self.plots.show_plots(empty=(ONE_FRAME.format(record.id), ""))
 
     def copy(self) -> None:
-        """Put the table, as it is shown, onto the clipboard."""
+        """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
         if (clipboard := qt.QApplication.clipboard()) is not None:
-            clipboard.setText(as_text(self.visible(), self.model.ruler, self.model.curve_at))
+            clipboard.setText(self._as_text("\t"))
+
+    def _as_text(self, separator: str) -> str:
+        return as_text(self.visible(), self.model.ruler, self.model.curve_at, separator=separator)
+
+    def _ask_where(self) -> None:
+        chosen, _ = qt.QFileDialog.getSaveFileName(
+            self, "Save the table", "curves.csv", "CSV (*.csv)"
+        )
+        try:
+            if chosen:
+                with atomic(chosen, overwrite=True) as temporary:
+                    temporary.write_text(self._as_text(","), encoding="utf-8")
+        except OSError as error:
+            show_error(f"The table was not saved: {error}")
 
     def _show_rows(self) -> None:
         """Show what the user wants to see, which may depend on the frame in view."""
