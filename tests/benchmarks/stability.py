@@ -1,6 +1,6 @@
 """Where methods fail: sweeps the stability set, and writes tables, pictures and docs/limits.md.
 
-    python tests/benchmarks/stability.py [parts...] [--seeds 12] [--presets ...] [--cases ...]
+    python tests/benchmarks/stability.py [parts...] [--seeds 12] [--cases ...]
 
 Parts: sweep, weights, real, pictures, page. Trials that were run with this version of the engine
 are skipped. Rows and tables go to docs/limits.
@@ -18,31 +18,29 @@ from insert import insert
 from stability_cases import CASES, by_group
 from stability_rows import FOLDER, Row, Store, measure
 
-from napari_splinesketch.engine.settings import PresetName
-
 PAGE = FOLDER.parent / "limits.md"
-PRESETS: tuple[PresetName, ...] = ("balanced",)
+PRESET = "balanced"
 PARTS = ("sweep", "weights", "real", "pictures", "page")
 
 
-def sweep(preset: PresetName, cases: list[str], seeds: int, deadline: float) -> int:
+def sweep(cases: list[str], seeds: int, deadline: float) -> int:
     """Run what has not been run; returns how many trials were new."""
-    version = methods.make(preset).version
-    store, new = Store(preset, version), 0
+    version = methods.make(PRESET).version
+    store, new = Store(PRESET, version), 0
     for seed in range(seeds):
         for name in cases:
             if time.monotonic() > deadline:
                 return new
             if not store.has(name, seed):
-                store.add(measure(version, CASES[name], seed, preset))
+                store.add(measure(version, CASES[name], seed, PRESET))
                 new += 1
     return new
 
 
 def stored() -> dict[str, list[Row]]:
     """All rows, by preset."""
-    found = {p: Store(p, methods.make(p).version).rows for p in PRESETS}
-    return {preset: rows for preset, rows in found.items() if rows}
+    rows = Store(PRESET, methods.make(PRESET).version).rows
+    return {PRESET: rows} if rows else {}
 
 
 def pictures() -> None:
@@ -92,7 +90,6 @@ def main() -> None:
     parser = argparse.ArgumentParser("python tests/benchmarks/stability.py", description=__doc__)
     parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(PARTS))
     parser.add_argument("--seeds", type=int, default=12, help="trials of each case")
-    parser.add_argument("--presets", nargs="+", default=list(PRESETS), choices=PRESETS)
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--minutes", type=float, default=float("inf"), help="start nothing after")
     options = parser.parse_args()
@@ -100,9 +97,8 @@ def main() -> None:
         parser.error(f"parts are {', '.join(PARTS)}")
     deadline = time.monotonic() + 60 * options.minutes
     if "sweep" in options.parts:
-        for preset in options.presets:
-            new = sweep(preset, options.cases, options.seeds, deadline)
-            print(f"{preset}: {new} new trials", flush=True)
+        new = sweep(options.cases, options.seeds, deadline)
+        print(f"{PRESET}: {new} new trials", flush=True)
     if "weights" in options.parts:
         stability_weights.run(options.seeds, deadline)
     if "real" in options.parts:

@@ -1,6 +1,6 @@
 """Can the standard errors be believed? Shares of true errors within one, two, ... of them.
 
-    python tests/benchmarks/uncertainty.py [--frames 12] [--presets ...] [--minutes M]
+    python tests/benchmarks/uncertainty.py [--frames 12] [--minutes M]
 
 Generated frames of one, two and three bodies with a usual look, with strong texture, with strong
 noise, and thin; sketches rotated by 20 degrees. Curves that are not on their body (average DTW
@@ -22,12 +22,11 @@ from insert import insert
 from stability_rows import FAR, FOLDER
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.metrics import average_dtw, resample
 
 PAGE = FOLDER.parent / "limits.md"
 PATH = FOLDER / "rows" / "uncertainty.csv"
-PRESETS: tuple[PresetName, ...] = ("balanced",)
+PRESET = "balanced"
 BODIES = (1, 2, 3)
 LOOKS: dict[str, dict] = {
     "usual": {},
@@ -86,12 +85,12 @@ def normal_errors(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.where(ended, np.nan, ((dense[nearest] - points) * normal).sum(1))
 
 
-def measure(version: str, preset: PresetName, look: str, bodies: int, seed: int) -> list[Row]:
+def measure(version: str, look: str, bodies: int, seed: int) -> list[Row]:
     """Refine one frame."""
     scene = synthetic.scene(seed, bodies=bodies, **LOOKS[look])
     turns = np.random.default_rng(seed).choice([-20.0, 20.0], bodies)
     sketches = [synthetic.rotate(c, t) for c, t in zip(scene.centrelines, turns, strict=True)]
-    curves = refine(scene.image, sketches, preset).curves
+    curves = refine(scene.image, sketches, PRESET).curves
     errors, sds, places = [], [], []
     for i, (curve, truth) in enumerate(zip(curves, scene.centrelines, strict=True)):
         if average_dtw(curve.points, truth) <= FAR:
@@ -108,7 +107,7 @@ def measure(version: str, preset: PresetName, look: str, bodies: int, seed: int)
         within = tuple(float(np.mean(np.abs(error) < m * sd)) for m in MULTIPLES if len(error))
         sizes = (1.4826 * _median(np.abs(error)), _median(sd))
         found.append(
-            Row(version, preset, look, bodies, seed, place, len(error), *sizes, within=within)
+            Row(version, PRESET, look, bodies, seed, place, len(error), *sizes, within=within)
         )
     return found
 
@@ -157,18 +156,17 @@ def write(rows: Sequence[Row]) -> None:
     fresh.replace(PATH)
 
 
-def sweep(presets: Sequence[PresetName], frames: int, deadline: float) -> list[Row]:
+def sweep(frames: int, deadline: float) -> list[Row]:
     """Measure what has not been measured."""
-    version = methods.make("balanced").version
+    version = methods.make(PRESET).version
     rows = [row for row in read() if row.version == version]
-    done = {(row.preset, row.look, row.bodies, row.seed) for row in rows}
+    done = {(row.look, row.bodies, row.seed) for row in rows}
     for seed in range(FIRST_SEED, FIRST_SEED + frames):
-        for preset in presets:
-            for look in LOOKS:
-                for bodies in BODIES:
-                    new = (preset, look, bodies, seed) not in done
-                    if new and time.monotonic() < deadline:
-                        rows += measure(version, preset, look, bodies, seed)
+        for look in LOOKS:
+            for bodies in BODIES:
+                new = (look, bodies, seed) not in done
+                if new and time.monotonic() < deadline:
+                    rows += measure(version, look, bodies, seed)
         write(rows)
     return rows
 
@@ -191,9 +189,8 @@ def table(rows: Sequence[Row]) -> str:
     lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
     kinds = [("preset", "{}"), ("look", "balanced, {}"), ("place", "balanced, {}")]
     for field, label in kinds:
-        some = rows if field == "preset" else [r for r in rows if r.preset == "balanced"]
-        for value in dict.fromkeys(getattr(row, field) for row in some):
-            mine = [row for row in some if getattr(row, field) == value and row.points]
+        for value in dict.fromkeys(getattr(row, field) for row in rows):
+            mine = [row for row in rows if getattr(row, field) == value and row.points]
             if not mine:
                 continue
             found, (error, sd) = shares(mine), _sizes(mine)
@@ -208,20 +205,13 @@ def main() -> None:
     """Measure, draw, and write the table."""
     parser = argparse.ArgumentParser("python tests/benchmarks/uncertainty.py", description=__doc__)
     parser.add_argument("--frames", type=int, default=12, help="frames of each kind")
-    parser.add_argument("--presets", nargs="+", default=list(PRESETS), choices=PRESETS)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="start nothing after")
     options = parser.parse_args()
-    rows = sweep(options.presets, options.frames, time.monotonic() + 60 * options.minutes)
-    curves = {
-        **{p: shares([r for r in rows if r.preset == p]) for p in options.presets},
-        **{
-            f"balanced, {look}": shares(
-                [r for r in rows if (r.preset, r.look) == ("balanced", look)]
-            )
-            for look in LOOKS
-            if look != "usual" and "balanced" in options.presets
-        },
-    }
+    rows = sweep(options.frames, time.monotonic() + 60 * options.minutes)
+    curves = {PRESET: shares(rows)}
+    for look in LOOKS:
+        if look != "usual":
+            curves[f"{PRESET}, {look}"] = shares([r for r in rows if r.look == look])
     stability_charts.reliability(curves, MULTIPLES, NORMAL, FOLDER / "reliability.png")
     insert("reliability", table(rows), PAGE)
     print(table(rows))
