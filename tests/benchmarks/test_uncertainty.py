@@ -45,7 +45,7 @@ def test_rows_survive_the_disk(tmp_path, monkeypatch):
 
 
 def test_a_frame_is_measured_place_by_place():
-    rows = uncertainty.measure("1", "balanced", "usual", 2, 7_001)
+    rows = uncertainty.measure("1", "usual", 2, 7_001)
     assert [r.place for r in rows] == ["middle", "beside", "end"]
     assert sum(r.points for r in rows) <= 200
     assert rows[0].points > 40
