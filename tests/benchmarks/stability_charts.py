@@ -117,7 +117,7 @@ def reliability(
     panel.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
     for at, tolerance in ((0.683, 0.08), (0.954, 0.04)):
         panel.plot([at, at], [at - tolerance, at + tolerance], color="#cccccc", linewidth=8)
-    for (name, found), colour in zip(shares.items(), COLOURS, strict=False):
+    for (name, found), colour in zip(shares.items(), COLOURS[: len(shares)], strict=True):
         style = "o-" if "," not in name else "o:"
         panel.plot(normal, found, style, color=colour, markersize=3, linewidth=1, label=name)
     for x, multiple in zip(normal, multiples, strict=True):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import stability_charts
 import uncertainty
 from uncertainty import Row
 
@@ -52,3 +53,13 @@ def test_a_frame_is_measured_place_by_place():
     assert (np.diff(rows[0].within) >= 0).all()
     assert rows[0].error == pytest.approx(0.1, abs=0.1)
     assert rows[0].sd > 0
+
+
+def test_the_chart_takes_any_number_of_curves(tmp_path):
+    for count in (1, 5):
+        shares = {
+            f"balanced, {i}": np.linspace(0.4, 1, len(uncertainty.NORMAL)) for i in range(count)
+        }
+        path = tmp_path / f"{count}.png"
+        stability_charts.reliability(shares, uncertainty.MULTIPLES, uncertainty.NORMAL, path)
+        assert path.stat().st_size > 0
