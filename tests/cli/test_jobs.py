@@ -10,8 +10,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
+from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -62,27 +63,33 @@ def same(path: str = "many.csv", other: str = "one.csv") -> bool:
     return Path(path).read_bytes() == Path(other).read_bytes()
 
 
-def start(*more: str, env: dict[str, str] | None = None) -> subprocess.Popen[str]:
-    """Refine in another process, which has a group of its own for Ctrl-C."""
+@contextmanager
+def started(*more: str, env: dict[str, str] | None = None) -> Iterator[subprocess.Popen[str]]:
+    """Refine in another process, which has a group of its own for Ctrl-C, until the test ends."""
     # Where the tests run in the background, Ctrl-C is ignored, and by what they start too.
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     run = "from napari_splinesketch.cli import main; exit(main())"
     command = [sys.executable, "-c", f"{heard}; {run}"]
     command += [*COMMAND, *more]
-    return subprocess.Popen(
+    with subprocess.Popen(
         command,
         env=env,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-    )
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def wait_for_frames(output: str, count: int) -> None:
     """Wait until so many frames are kept."""
     for _ in range(6000):
-        if len(list(Path(f"{output}.partial").glob("*/frame-*.json"))) >= count:
+        # Not by pathlib, which fails on a folder that goes while one looks.
+        if len(glob(f"{output}.partial/*/frame-*.json")) >= count:
             return
         time.sleep(0.01)
     raise AssertionError(f"fewer than {count} frames were done in a minute")
@@ -107,10 +114,10 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="process
 def test_a_process_that_is_killed_costs_no_frame(
     folder: Path, engine: FakeEngine, elsewhere: dict[str, str]
 ) -> None:
-    run = start("-o", "killed.csv", "--jobs", "2", env=elsewhere)
-    wait_for_frames("killed.csv", 1)
-    os.kill(workers_of(run.pid)[0], signal.SIGKILL)
-    _, told = run.communicate()
+    with started("-o", "killed.csv", "--jobs", "2", env=elsewhere) as run:
+        wait_for_frames("killed.csv", 1)
+        os.kill(workers_of(run.pid)[0], signal.SIGKILL)
+        _, told = run.communicate()
     assert run.returncode == 0, told
     assert main([*COMMAND, "-o", "alive.csv"]) == 0
     assert same("killed.csv", "alive.csv")
@@ -118,8 +125,8 @@ def test_a_process_that_is_killed_costs_no_frame(
 
 def test_two_processes_give_the_labels_of_one(folder: Path) -> None:
     more = ["--reconstruction", "many.tif", "--masks", "masks.tif", "--json"]
-    run = start("-o", "many.csv", "--jobs", "2", *more)
-    given, told = run.communicate()
+    with started("-o", "many.csv", "--jobs", "2", *more) as run:
+        given, told = run.communicate()
     assert run.returncode == 1, told
     report = json.loads(given)
     assert [frame["frame"] for frame in report["frames"]] == list(range(FRAMES))
@@ -139,11 +146,11 @@ def test_two_processes_give_the_labels_of_one(folder: Path) -> None:
 def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_else(
     folder: Path, engine: FakeEngine, elsewhere: dict[str, str]
 ) -> None:
-    run = start("-o", "stopped.csv", "--jobs", "2", env=elsewhere)
-    wait_for_frames("stopped.csv", 1)
-    workers = workers_of(run.pid)
-    os.killpg(run.pid, signal.SIGINT)
-    _, told = run.communicate()
+    with started("-o", "stopped.csv", "--jobs", "2", env=elsewhere) as run:
+        wait_for_frames("stopped.csv", 1)
+        workers = workers_of(run.pid)
+        os.killpg(run.pid, signal.SIGINT)
+        _, told = run.communicate()
     assert run.returncode == 130
     assert told == "interrupted; finished frames are kept: add --resume\n"
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
@@ -200,10 +207,11 @@ def test_a_cluster_of_which_a_worker_is_killed_gives_the_labels_of_one_process(
     with Client(scheduler, set_as_default=False) as client:
         workers = list(client.run(os.getpid).values())  # pyright: ignore
     assert len(workers) == 2
-    run = start("-o", "lost.csv", "--scheduler", scheduler, "--reconstruction", "lost.tif")
-    wait_for_frames("lost.csv", 1)
-    os.kill(workers[0], signal.SIGKILL)
-    _, told = run.communicate()
+    more = ["--scheduler", scheduler, "--reconstruction", "lost.tif"]
+    with started("-o", "lost.csv", *more) as run:
+        wait_for_frames("lost.csv", 1)
+        os.kill(workers[0], signal.SIGKILL)
+        _, told = run.communicate()
     assert run.returncode == 0, told
     assert same("lost.csv", "here.csv")
     images = tifffile.imread("lost.tif"), tifffile.imread("here.tif")
