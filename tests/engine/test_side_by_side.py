@@ -1,6 +1,7 @@
 """Batches of curves that do not touch, on as many cores as there are."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -66,24 +67,37 @@ def test_a_cancel_stops_all_threads(cores):
     assert threading.active_count() == before
 
 
-def test_what_fails_first_is_raised(cores):
-    both, asked = threading.Barrier(cores), []
+def test_what_the_call_raises_first_is_raised(cores):
+    image, sketches = crowd()
+    asked = []
 
-    def run(number, alone):
-        if number < cores:
-            both.wait(10)
-        for _ in range(50):
-            alone(lambda: asked.append(number))
-            if len(asked) > 20:
-                alone(lambda: 1 / 0)
+    def on_progress(now):
+        asked.append(now.stage)
+        if asked.count("polishing") == 3:
+            raise ZeroDivisionError
+
+    before = threading.active_count()
+    with pytest.raises(ZeroDivisionError):
+        refine(image, sketches, on_progress=on_progress)
+    assert asked.count("polishing") == 3  # never asked again
+    assert threading.active_count() == before
+
+
+def test_what_a_run_raises_leaves_out_those_that_had_not_begun(cores):
+    begun = []
+
+    def run(number):
+        begun.append(number)
+        time.sleep(0.01)
+        return 1 / (number - 1)
 
     with pytest.raises(ZeroDivisionError):
-        side_by_side.side_by_side(run, 6)
-    assert len(asked) < 30
+        side_by_side.side_by_side(run, 1000)
+    assert len(begun) < 1000
 
 
 def test_results_come_in_order(cores):
-    assert side_by_side.side_by_side(lambda i, _: i * i, 9) == [i * i for i in range(9)]
+    assert side_by_side.side_by_side(lambda i: i * i, 9) == [i * i for i in range(9)]
 
 
 def test_cores_are_those_that_may_be_used(monkeypatch):

@@ -1,5 +1,6 @@
 """The public call: sketches in, curves out."""
 
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -121,18 +122,30 @@ def _fitted(
 
 
 class _Progress:
-    """Passes progress on; never falls; raises `Stopped` when told to stop."""
+    """Passes progress on, from one thread at a time; never falls.
+
+    What the call raises, or `Stopped` when told to stop, is raised in all threads from then on.
+    """
 
     def __init__(self, on_progress: OnProgress | None, lines: list[Array], total: int):
         self._call, self._fraction = on_progress, 0.0
         self._lines, self._total, self._before = list(lines), total, 0
+        self._lock, self._over = threading.Lock(), None
 
     def __call__(self, stage: str, fraction: float, lines: list[Array] | None = None) -> None:
         if self._call is None:
             return
-        self._fraction = max(self._fraction, min(fraction, 1.0))
-        if self._call(Progress(stage, self._fraction, tuple(lines) if lines else None)) is False:
-            raise fitting.Stopped
+        with self._lock:
+            if self._over:
+                raise self._over
+            self._fraction = max(self._fraction, min(fraction, 1.0))
+            now = Progress(stage, self._fraction, tuple(lines) if lines else None)
+            try:
+                if self._call(now) is False:
+                    raise fitting.Stopped
+            except BaseException as error:
+                self._over = error
+                raise
 
     def of(self, island: Island) -> Reporter:
         """What reports on one island, as its share of everything."""

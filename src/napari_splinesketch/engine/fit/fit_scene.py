@@ -136,7 +136,7 @@ def _fit_batches(
     done: dict[int, Body] = {}
     shares = [0.0] * len(batches)
 
-    def fit_batch(number: int, alone: Callable[[side_by_side.Step], None]):
+    def fit_batch(number: int):
         members, beside = batches[number], sorted(near[number])
 
         def on_fit(share: float, current: Callable[[], list[Body]]) -> None:
@@ -144,18 +144,15 @@ def _fit_batches(
                 now = {**done, **dict(zip(members, current(), strict=False))}
                 return [now[i].points() if i in now else s.line for i, s in enumerate(starts)]
 
-            def tell() -> None:
-                shares[number] = share * len(members)
-                report("polishing", 0.4 + 0.6 * sum(shares) / len(starts), lines)
-
-            alone(tell)
+            shares[number] = share * len(members)
+            report("polishing", 0.4 + 0.6 * sum(shares) / len(starts), lines)
 
         fitted, kept = _fit_group(
             seen, [starts[i] for i in members], [still[k] for k in beside],
             [needs[i] for i in members],
             [settings.hold[i] for i in members] if settings.hold else [], on_fit,
         )  # fmt: skip
-        alone(lambda: done.update(zip(members, fitted, strict=False)))
+        done.update(zip(members, fitted, strict=False))
         return dict(zip(beside, fitted[len(members) :], strict=True)), {members[k] for k in kept}
 
     others: dict[int, Body] = {}

@@ -1,7 +1,6 @@
 """Curves that do not touch are fitted in batches, side by side on the cores there are."""
 
 import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -15,7 +14,6 @@ from napari_splinesketch.engine.fit.bands import CURVES
 from napari_splinesketch.engine.types import Array
 
 Result = TypeVar("Result")
-Step = Callable[[], None]
 
 
 def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list[int]]:
@@ -40,41 +38,15 @@ def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list
     return sorted(found, key=len, reverse=True)
 
 
-def side_by_side(run: Callable[[int, Callable[[Step], None]], Result], count: int) -> list[Result]:
+def side_by_side(run: Callable[[int], Result], count: int) -> list[Result]:
     """What `run` gives for each number below `count`, as many at a time as there are cores.
 
-    `run` is given a function as well, which does what it is told to while no other run does the
-    same, and raises as soon as any run has failed. What is raised first is raised here.
+    What the first of them raises is raised here; those that had not begun are left out.
     """
-    lock, failed = threading.Lock(), []
-
-    def alone(step: Step) -> None:
-        with lock:
-            if failed:
-                raise failed[0]
-            try:
-                step()
-            except BaseException as error:
-                failed.append(error)
-                raise
-
-    def one(number: int) -> Result:
-        try:
-            return run(number, alone)
-        except BaseException as error:
-            failed.append(error)
-            raise
-
     if min(count, cores()) < 2:
-        return [one(number) for number in range(count)]
+        return [run(number) for number in range(count)]
     with ThreadPoolExecutor(cores()) as pool:
-        jobs = [pool.submit(one, number) for number in range(count)]
-        try:
-            return [job.result() for job in jobs]
-        except BaseException as error:
-            failed.append(error)
-            pool.shutdown(cancel_futures=True)
-            raise failed[0] from None
+        return list(pool.map(run, range(count)))
 
 
 def cores() -> int:
