@@ -30,6 +30,8 @@ AROUND, AROUND_PX = 10.0, 16
 """Side of the blocks that tell what is usual, half-widths, and px at least."""
 LEFT = 1.4
 """Noise of the difference of two smoothed pixels, in units of one's."""
+BLOCK = 2**14
+"""Pixels whose ridges are measured at a time."""
 FLOOR = 0.03
 """Ridges lower than this share of the bodies' tell nothing, whatever is usual."""
 
@@ -142,7 +144,24 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
     """By how much pixels are above, and below, both their sides, in their best direction."""
     reach = int(np.ceil(away))
     wide = np.pad(smooth, reach, mode="edge")
+    found = np.empty((2, *smooth.shape), np.float32)
+    # Some rows after the other, so that what is computed stays in the cache.
+    rows = max(1, BLOCK // smooth.shape[1])
+    for first in range(0, len(smooth), rows):
+        here = slice(first, first + rows)
+        _heights_of(smooth[here], wide[first : first + rows + 2 * reach], away, found[:, here])
+    return found[0], found[1]
+
+
+def _heights_of(
+    smooth: Float[Array, "h W"],
+    wide: Float[Array, "h+2r W+2r"],
+    away: float,
+    found: Float[Array, "2 h W"],
+) -> None:
+    """The same for some rows, of which `wide` is what is around them."""
     rows, columns = smooth.shape
+    reach = (wide.shape[1] - columns) // 2
     sides, slopes = [], []
     for angle in np.pi * np.arange(ANGLES) / ANGLES:
         r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
@@ -151,13 +170,14 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
         sides.append((np.maximum(one, two), np.minimum(one, two)))
         slopes.append(np.subtract(*sides[-1]))
         slopes[-1] *= SLOPE
-    above = np.full(smooth.shape, np.inf, np.float32)
-    below = np.full(smooth.shape, -np.inf, np.float32)
+    above, below = found
+    above[:], below[:] = np.inf, -np.inf
     for k, (most, least) in enumerate(sides):
         slope = slopes[(k + ANGLES // 2) % ANGLES]
         np.minimum(above, np.add(most, slope, out=most), out=above)
         np.maximum(below, np.subtract(least, slope, out=least), out=below)
-    return np.subtract(smooth, above, out=above), np.subtract(below, smooth, out=below)
+    np.subtract(smooth, above, out=above)
+    np.subtract(below, smooth, out=below)
 
 
 def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
