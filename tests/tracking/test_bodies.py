@@ -76,6 +76,19 @@ def test_an_end_that_is_never_shown_is_not_hidden() -> None:
     assert not curve_inferred(held(at(6), 0, 44, usual))
 
 
+def test_a_body_that_was_out_of_sight_is_known_again_by_most_of_it() -> None:
+    for shown, back in ((70, False), (90, True)):
+        pixels = np.zeros((50, 100))
+        pixels[:, :shown] = 1.0
+        line, fake = np.array([[25.0, 20], [25, 90]]), FakeRefine((0, 0))
+        body = Body(1, tuple((t, curve(line)) for t in range(5)), misses=3)
+        foretold = {1: Foretold(body.seen[-1][1].points, 1.0)}
+        search = Search(View(pixels), foretold, {}, fake, "fast", lambda told: None)
+        assert search([body])[1].trusted == back
+        search = Search(View(pixels), foretold, {}, fake, "fast", lambda told: None)
+        assert search([replace(body, misses=0)])[1].trusted
+
+
 @pytest.mark.parametrize("by", [-1.5, 1.5])
 def test_ends_that_are_seen_are_believed_where_others_are_foretold(by) -> None:
     found = held(moved(at(6), 0, by))

@@ -10,8 +10,10 @@ from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
+from napari_splinesketch.tracking.bodies import curve_inferred
+from napari_splinesketch.tracking.drift import ShownPlaces
 from napari_splinesketch.tracking.surface import REACH
-from napari_splinesketch.tracking.window import LONGEST
+from napari_splinesketch.tracking.window import LONGEST, Window
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
 
@@ -50,6 +52,28 @@ def test_a_gap_in_the_image_is_bridged() -> None:
     columns = np.array([r.curves[0].points[0, 1] for r in results])
     assert (np.diff(columns) > 0).all()
     assert (results[4].curves[0].sd >= results[3].curves[0].sd).all()
+
+
+def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
+    """Two bodies run along each other for ever; a third that met them goes out of sight."""
+    pair = {1: curve(LINE), 2: curve(moved(LINE, 3, 0))}
+    gone = range(LONGEST - 2, LONGEST + 4)
+    bodies = {i: Body(i, ((0, c),)) for i, c in {**pair, 3: curve(moved(LINE, 30, 0))}.items()}
+    window = Window(FakeRefine((0, 0)), "fast", True, ShownPlaces())
+    results: list[Tracked] = []
+    for frame in range(1, 41):
+        third = {} if frame in gone else {3: curve(moved(LINE, 2 * abs(frame - 15), 33))}
+        now = {**pair, **third}
+        missing = {} if third else {3: "nothing like it is there"}
+        lines = tuple(c.points for c in now.values())
+        result = Tracked(frame, tuple(now), lines, tuple(now.values()), missing=missing)
+        known = window.push(result, {}, bodies)
+        bodies = after(bodies, result, NOTHING_GIVEN) | known
+        results += window.ready()
+    results += window.rest()
+    assert [r.frame for r in results] == list(range(1, 41))
+    for result in results:
+        assert curve_inferred(result.by_id[3]) == (result.frame in gone)
 
 
 def test_a_body_that_does_not_come_back_is_lost_after_twelve_frames() -> None:

@@ -258,6 +258,8 @@ class Search:
                 curve = replace(curve, status="check", reasons=reasons)
             if i in shared and not (held and on_others(lines[body.id], [everyone[shared[i]]])):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
+            if body.misses and there < MOST:
+                said.append("too little of it is seen to know it again")
             near = agrees(curve.points, self._foretold[body.id], body.half_width)
             if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")

@@ -105,9 +105,10 @@ class Window:
             return {}
         back = {i for i in group if self._open[i].trusted >= CLEAR}
         known = self._decided({i: self._open[i] for i in back}) if back else {}
+        first = min(self._open[i].first for i in group)
         for i in group:
             stretch = self._open.pop(i)
-            if i not in back and stretch.doubted[1] > stretch.first:
+            if i not in back and stretch.doubted[1] > first:
                 self._open[i] = _Stretch(*stretch.doubted, stretch.doubted)
         return known
 
