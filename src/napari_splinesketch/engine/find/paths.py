@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from itertools import chain, count
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import spline
@@ -55,40 +55,43 @@ def routes_of_sketch(
         return []
     line = spline.resample(sketch, max(20, int(length / (2 * half_width))))
     tree = KDTree(line)
-    away, at = tree.query(graph.nodes, distance_upper_bound=reach)
-    near = (away < reach)[graph.ends].all(1)
-    apart = np.full(len(near), np.inf)
-    apart[near] = tree.query(graph.middles[near])[0]
-    weight = graph.lengths / half_width * (BASE + UNSEEN * unseen + (apart / tolerance) ** 2 / 8)
-    ahead = np.asarray(BASE * length / half_width * (1 - at / (len(line) - 1)))
-    from_start = np.linalg.norm(graph.nodes - line[0], axis=1) - 2 * graph.tips
-    near_nodes = np.unique(graph.ends[near])
-    likely = near_nodes[np.argsort(from_start[near_nodes], kind="stable")[:STARTS]].tolist()
-    return list(_routes_near(graph, near, weight, likely, ahead, 3 * length + 2 * reach))
+    around = (graph.nodes > line.min(0) - reach) & (graph.nodes < line.max(0) + reach)
+    nodes = np.flatnonzero(around.all(1))
+    away, at = np.full(len(around), np.inf), np.zeros(len(around), dtype=int)
+    away[nodes], at[nodes] = tree.query(graph.nodes[nodes], distance_upper_bound=reach)
+    near = np.flatnonzero((away < reach)[graph.ends].all(1))
+    apart = tree.query(graph.middles[near])[0]
+    weight = BASE + UNSEEN * unseen[near] + (apart / tolerance) ** 2 / 8
+    weight *= graph.lengths[near] / half_width
+    nodes = np.unique(graph.ends[near])
+    ahead = BASE * length / half_width * (1 - at[nodes] / (len(line) - 1))
+    from_start = np.linalg.norm(graph.nodes[nodes] - line[0], axis=1) - 2 * graph.tips[nodes]
+    likely = nodes[np.argsort(from_start, kind="stable")[:STARTS]].tolist()
+    cost = dict(zip(near.tolist(), weight.tolist(), strict=True))
+    rest = dict(zip(nodes.tolist(), ahead.tolist(), strict=True))
+    return list(_routes_near(graph, cost, likely, rest, 3 * length + 2 * reach))
 
 
 def _routes_near(
     graph: TraceGraph,
-    near: Bool[Array, " E"],
-    weight: Float[Array, " E"],
+    cost: dict[int, float],
     likely: list[int],
-    ahead: Float[Array, " V"],
+    ahead: dict[int, float],
     longest: float,
 ) -> Iterator[Route]:
     """Routes without repeated pieces and without sharp turns, cheapest first from each node.
 
-    Of those over the same pieces the first. `weight` is the cost of each piece that is `near`,
-    `ahead` the least cost from each node to where a path ought to end; no route is longer than
+    Of those over the same pieces the first. `cost` is that of each piece that is near, `ahead` the
+    least cost from each of their nodes to where a path ought to end; no route is longer than
     `longest` px.
     """
     ends, lengths, headings, bridges = graph.lists
-    cost, rest = weight.tolist(), ahead.tolist()
     leaving: dict[int, list[tuple]] = {}
-    for piece in np.flatnonzero(near).tolist():
+    for piece, price in cost.items():
         for side in (0, 1):
             at, beyond = ends[piece][side], ends[piece][1 - side]
             back, out = headings[piece][side], headings[piece][1 - side]
-            step = 2 * piece + side, beyond, 1 << piece, cost[piece], lengths[piece]
+            step = 2 * piece + side, beyond, 1 << piece, price, lengths[piece]
             more = (None, None) if bridges[piece] else (back, out)
             leaving.setdefault(at, []).append((*step, *more))
     number, found = count(), set[int]()
@@ -112,7 +115,7 @@ def _routes_near(
                         continue
                     paid += TURNING * (1 - straight)
                 item = (*route, step), beyond, used | piece, paid, reached, out or heading
-                heapq.heappush(heap, (paid + rest[beyond], next(number), *item, back is not None))
+                heapq.heappush(heap, (paid + ahead[beyond], next(number), *item, back is not None))
 
 
 def sampled(

@@ -207,12 +207,14 @@ def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2
 
 def drawn(bodies: Sequence[Body], at: Int[Array, " P"]) -> Float[Array, " P"]:
     """Bodies at some of the image's flat indices, which rise, in contrasts."""
-    total, most = np.zeros((2, len(at)))
+    if not len(at):
+        return np.zeros(0)
+    first = at[0]
+    total, most = np.zeros((2, at[-1] - first + 1))
     for body in bodies:
-        here = np.searchsorted(at, body.pixels)
-        there = at.take(here, mode="clip") == body.pixels
-        here, own = here[there], body.own[there]
-        total[here] += own
-        most[here] = np.maximum(most[here], own)
+        here = slice(*np.searchsorted(body.pixels, (first, at[-1] + 1)))
+        pixels, own = body.pixels[here] - first, body.own[here]
+        total[pixels] += own
+        most[pixels] = np.maximum(most[pixels], own)
     overlap = float(np.median([body["overlap"] for body in bodies]))
-    return blend(overlap, 0.0, total, most, np)
+    return blend(overlap, 0.0, total[at - first], most[at - first], np)

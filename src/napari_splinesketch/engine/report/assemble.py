@@ -145,8 +145,10 @@ def _curves(
 
 def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
     """All bodies, as a share of the contrast; guessed where the image has no value."""
-    drawn, at = np.zeros(valid.shape), np.unique(np.concatenate([b.pixels for b in bodies]))
-    drawn.flat[at] = fitting.drawn(bodies, at)
+    there = np.zeros(valid.shape, dtype=bool)
+    there.flat[np.concatenate([body.pixels for body in bodies])] = True
+    drawn = np.zeros(valid.shape)
+    drawn[there] = fitting.drawn(bodies, np.flatnonzero(there))
     return drawn if valid.all() else scene.filled(drawn, valid)
 
 
