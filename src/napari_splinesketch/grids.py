@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -10,15 +9,9 @@ from scipy.ndimage import map_coordinates
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import edges
-from napari_splinesketch.raster import Patch as Touched
-from napari_splinesketch.raster import rasterise
 
-SOFT = 3.0
-"""How far beyond its edge a body may be seen, px of the picture."""
 SPACING = 0.5
 """Between the places across a body at which a picture is read, px at most."""
-BIN = 0.5
-"""Width of the rings in which a body is taken to be equally bright, px."""
 Along = Float[np.ndarray, " P"]
 
 
@@ -117,44 +110,6 @@ def around_all(
 def slices(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
     """Give the rows and columns between two corners."""
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-
-
-def alone(patch: Patch, curve: Curve, others: Sequence[Curve]) -> Float[np.ndarray, "H W"]:
-    """Draw one body of a reconstruction on its background; curves are in px of the image.
-
-    Where it touches none of the others, it is what the reconstruction has. Where it does, it is as
-    bright as elsewhere at the same depth below its edge.
-    """
-    background = np.zeros(patch.pixels.shape) if patch.background is None else patch.background
-    picture = np.array(background, dtype=float)
-    touched = _touched(patch, curve)
-    if touched is None:
-        return picture
-    elsewhere = np.zeros(picture.shape, dtype=bool)
-    for beside in map(partial(_touched, patch), others):
-        if beside is not None:
-            elsewhere[beside.place] |= beside.inside
-    shared = elsewhere[touched.place]
-    own = (patch.pixels - background)[touched.place]
-    drawn = np.where(touched.inside, own, 0.0)
-    both, only = touched.inside & shared, touched.inside & ~shared
-    if both.any() and only.any():
-        ring = np.floor(touched.depth[only] / BIN).astype(int)
-        count = np.bincount(ring)
-        mean = np.bincount(ring, own[only]) / np.maximum(count, 1)
-        middle = (np.flatnonzero(count) + 0.5) * BIN
-        drawn[both] = np.interp(touched.depth[both], middle, mean[count > 0])
-    picture[touched.place] += drawn
-    return picture
-
-
-def _touched(patch: Patch, curve: Curve) -> Touched | None:
-    """The pixels that a body may be seen in."""
-    if curve.status == "failed" or not np.isfinite(curve.half_width).all():
-        return None
-    reach = curve.half_width / patch.grid.size + SOFT
-    height, width = patch.pixels.shape
-    return rasterise(patch.grid.to_block(curve.points), reach, (height, width))
 
 
 def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:

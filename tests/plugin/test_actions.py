@@ -36,7 +36,7 @@ def table(heard: list[str]) -> Commands:
     viewer = ViewerModel()
     viewer.bind_key("K", lambda viewer: heard.append("other"))
     rows = tuple(Command(n, n, k, lambda c, n=n: heard.append(n), n) for n, k in ("aJ", "bK"))
-    controller: Any = SimpleNamespace(viewer=viewer, is_meant=lambda: True)
+    controller: Any = SimpleNamespace(viewer=viewer, is_meant=lambda: True, progress=None)
     return Commands(controller, rows)
 
 

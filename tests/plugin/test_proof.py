@@ -75,22 +75,8 @@ def test_every_proof_lies_on_the_image(
     assert (masks.data[1][19:22, 12] == 1).all()
     assert (masks.data[1][7, 29:32] == 2).all()
     assert not masks.data[0].any()
-    ask(dock, "stack")
-    stack = layer_named(viewer, "film masks, one a body")
-    assert_lies_on(stack, image)
-    assert stack.data.shape == (2, 3, 40, 60)
-    assert stack.data[0, 1, 20, 30] == 1
-    assert stack.data[1, 1, 20, 30] == 2, "where bodies cross, both have their mask"
-    kinds = [type(layer) for layer in (residual, lines, masks, stack)]
-    assert kinds == [Image, Vectors, Labels, Labels]
-    assert not dock.eyes.entries["body"].isChecked()
-    ask(dock, "body")
-    assert "Select one curve" in dock.notice.text()
-    assert [layer.name for layer in viewer.layers].count("film selected body") == 0
-    dock.controller.selected = (1, 1)
-    ask(dock, "body")
-    body = layer_named(viewer, "film selected body")
-    assert_lies_on(body, image)
+    kinds = [type(layer) for layer in (residual, lines, masks)]
+    assert kinds == [Image, Vectors, Labels]
     assert viewer.layers.selection.active.name == "film sketches", "she can draw on"
 
 

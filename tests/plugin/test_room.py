@@ -63,10 +63,10 @@ def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_who
 @pytest.mark.parametrize("unit", ["px", "µm"])
 def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str) -> None:
     plots = CurvePlots("dark")
-    titles = f"Half-width ({unit})", RESIDUAL
+    titles = f"Half-width ± sd ({unit})", RESIDUAL
     plots.show()
     plots.resize(plots.minimumWidth(), 200)
-    plots.show_plots(Profile("curve 1", unit, *np.ones((3, 9)), residual=np.ones(9)))
+    plots.show_plots(Profile(unit, *np.ones((3, 9)), residual=np.ones(9)))
     until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
     QTest.qWait(20)
     for title, plot in zip(titles, plots.ci.items, strict=True):

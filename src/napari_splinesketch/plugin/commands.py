@@ -52,51 +52,62 @@ class Command:
     meanwhile: bool = False
 
 
-def flip(controller: Controller) -> None:
-    """Let the selected curves begin where they ended."""
-    if turned := [replace(r, curve=editing.flipped(r.curve)) for r in _chosen(controller)]:
-        _put(controller, f"Flip {words.curves(list(map(key_of, turned)))}", turned)
+def _flip(c: Controller, *records: Record) -> list[Record]:
+    return [replace(record, curve=editing.flipped(record.curve)) for record in records]
 
 
-def split(controller: Controller) -> None:
-    """Cut a curve at the point that is nearest to the pointer."""
-    record = _one(controller, "Select the curve to split, and point at the place.")
-    if record is None:
-        return
-    try:
-        at = editing.nearest(record.curve, _place(controller))[0]
-        first, rest = editing.split(record.curve, at)
-    except ValueError as error:
-        controller.say(str(error))
-        return
-    other = Record(
-        controller.state.last + 1, record.frame, rest.points, rest, drawn=False, edited=True
-    )
-    _put(controller, f"Split curve {record.id}", [_edited(record, first), other])
+def _split(c: Controller, record: Record) -> list[Record]:
+    at = editing.nearest(record.curve, _place(c))[0]
+    first, rest = editing.split(record.curve, at)
+    number, place = c.state.last + 1, record.frame
+    other = Record(number, place, rest.points, rest, drawn=False, edited=True)
+    return [_edited(record, first), other]
 
 
-def join(controller: Controller) -> None:
-    """Make one curve of the two that are selected; it keeps the first one's number."""
-    chosen = _chosen(controller)
-    if len(chosen) != 2 or chosen[0].frame != chosen[1].frame:
-        controller.say("Select two curves of this frame to join: click one, Shift-click the other.")
-        return
-    first, second = chosen
-    made = _edited(first, editing.joined(first.curve, second.curve))
-    state = controller.state.without([key_of(second)]).with_records(made)
-    controller.apply(f"Join curves {first.id} and {second.id}", state)
-    controller.selected = key_of(made)
+def _join(c: Controller, first: Record, second: Record) -> list[Record]:
+    if first.frame != second.frame:
+        raise ValueError("Select two curves of this frame to join.")
+    return [_edited(first, editing.joined(first.curve, second.curve))]
 
 
-def extend(controller: Controller) -> None:
-    """Lengthen the end nearest to the pointer by the body's width, and refine."""
-    record = _one(controller, "Select the curve to extend, and point at its end.")
-    if record is not None:
-        curve = record.curve
-        apart = np.linalg.norm(curve.points[[0, -1]] - _place(controller), axis=1)
-        longer = editing.extended(curve, bool(apart[1] <= apart[0]), editing.body_width(curve))
-        _put(controller, f"Extend curve {record.id}", [_edited(record, longer)])
-        controller.refine("selected")
+def _extend(c: Controller, record: Record) -> list[Record]:
+    curve = record.curve
+    apart = np.linalg.norm(curve.points[[0, -1]] - _place(c), axis=1)
+    longer = editing.extended(curve, bool(apart[1] <= apart[0]), editing.body_width(curve))
+    return [_edited(record, longer)]
+
+
+def _shape(
+    verb: str, number: range, change: Callable[..., list[Record]]
+) -> Callable[[Controller], bool]:
+    """Make what changes the selected curves, or else the one pointed at; says what it misses.
+
+    `change` gives what they become; those that it does not give are deleted.
+    """
+
+    def run(c: Controller) -> bool:
+        pointed = None if c.selection else _pointed(c)
+        chosen = c.selected_records() or ((pointed,) if pointed else ())
+        locked = [str(record.id) for record in chosen if record.locked]
+        said = f"Curve {', '.join(locked)} is locked." if locked else ""
+        if len(chosen) not in number:
+            one = ", or point at it" if 1 in number else ": click one, Shift-click the other"
+            said = f"Select {words.wanted(number)}{one}."
+        try:
+            if said:
+                raise ValueError(said)
+            made = change(c, *chosen)
+        except ValueError as error:
+            c.say(str(error))
+            return False
+        keys, before = list(map(key_of, made)), list(map(key_of, chosen))
+        gone = [key for key in before if key not in keys]
+        what = f"{verb} {words.curves(before)}"
+        c.apply(what, c.state.without(gone).with_records(*made))
+        c.select(keys)
+        return True
+
+    return run
 
 
 def _all_locked(controller: Controller) -> bool:
@@ -154,30 +165,6 @@ def _pointed(controller: Controller) -> Record | None:
     return min(reached, key=lambda pair: pair[0])[1] if reached else None
 
 
-def _chosen(controller: Controller) -> list[Record]:
-    """Give the selected curves, or else the one pointed at; say so if there is none."""
-    pointed = None if controller.selection else _pointed(controller)
-    chosen = list(controller.selected_records()) or ([pointed] if pointed else [])
-    if not chosen:
-        controller.say("Select a curve first, or point at it.")
-    locked = [record for record in chosen if record.locked]
-    if locked:
-        controller.say("Curve " + ", ".join(str(r.id) for r in locked) + " is locked.")
-    return [] if locked else chosen
-
-
-def _one(controller: Controller, otherwise: str) -> Record | None:
-    chosen = _chosen(controller)
-    if len(chosen) > 1:
-        controller.say(otherwise)
-    return chosen[0] if len(chosen) == 1 else None
-
-
-def _put(controller: Controller, what: str, changed: list[Record]) -> None:
-    controller.apply(what, controller.state.with_records(*changed))
-    controller.select(map(key_of, changed))
-
-
 def _edited(record: Record, curve: Curve) -> Record:
     """Put a changed curve into a record; what was said of the old one no longer holds."""
     return replace(record, curve=curve, edited=True, review="open")
@@ -194,7 +181,7 @@ def _place(controller: Controller) -> np.ndarray:
 
 COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
-            "Draw lines, or go back to selecting curves",
+            "Draw lines: press where a body begins, release where it ends",
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
@@ -206,13 +193,14 @@ COMMANDS = (
     Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
             "Drag the knots of the selected curve", "curve", ONE,
             label=lambda c: "Done" if c.knots else "Knots"),
-    Command("flip", "Flip", "Shift+H", flip,
+    Command("flip", "Flip", "Shift+H", _shape("Flip", ANY, _flip),
             "Swap head and tail of the selected curves", "curve", ANY),
-    Command("split", "Split", "Shift+U", split,
+    Command("split", "Split", "Shift+U", _shape("Split", ONE, _split),
             "Cut the curve where you point", "curve", ONE),
-    Command("join", "Join", "Shift+J", join,
+    Command("join", "Join", "Shift+J", _shape("Join", TWO, _join),
             "Make one curve of the two that are selected", "curve", TWO),
-    Command("extend", "Extend", "Shift+N", extend,
+    Command("extend", "Extend", "Shift+N",
+            lambda c: _shape("Extend", ONE, _extend)(c) and c.refine("selected"),
             "Lengthen the end you point at, and refine", "curve", ONE),
     Command("lock", "Lock", "Shift+K", lambda c: c.lock(not _all_locked(c)),
             "Keep the selected curves as they are", "curve", ANY,
@@ -281,8 +269,13 @@ class Commands:
         return self._commands[name]
 
     def run(self, name: str) -> None:
-        """Do it."""
-        self._commands[name].run(self._controller)
+        """Do it, if it can be done; says why not where no text in the dock does so already."""
+        command = self._commands[name]
+        problem = self._problem(command)
+        if not problem:
+            command.run(self._controller)
+        elif command.place and not self._controller.progress:
+            self._controller.say(problem)
 
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""
@@ -292,12 +285,16 @@ class Commands:
 
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
-        command, controller = self._commands[name], self._controller
-        if controller.progress and not command.meanwhile:
-            return "Something is running: wait until it is finished"
-        if command.curves and len(controller.selection) not in command.curves:
+        command = self._commands[name]
+        problem, selected = self._problem(command), len(self._controller.selection)
+        if not problem and command.curves and selected not in command.curves:
             return f"Select {words.wanted(command.curves)}"
-        return command.problem(controller)
+        return problem
+
+    def _problem(self, command: Command) -> str:
+        if self._controller.progress and not command.meanwhile:
+            return "Something is running: wait until it is finished"
+        return command.problem(self._controller)
 
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
@@ -317,9 +314,9 @@ class Commands:
             # One that is ours is of a dock that was closed, or shown again: this one takes over.
             if key and (taken is None or getattr(taken, "__module__", "") == __name__):
 
-                def press(viewer: ViewerModel, run: Callable[[Any], object] = chosen.run) -> None:
+                def press(viewer: ViewerModel, name: str = chosen.id) -> None:
                     if self._controller.is_meant():
-                        run(self._controller)
+                        self.run(name)
 
                 press.__name__, press.__doc__ = chosen.id, chosen.tip
                 self._bound[command.id] = key, press

@@ -112,6 +112,8 @@ class Controller(Keeper):
         the user cancels, and says what has become of what was done by then. What runs ends when a
         layer is removed that it is `on`.
         """
+        if self.progress:
+            return
 
         def show(outcome: Any) -> None:
             self._job = None  # it can no longer be cancelled

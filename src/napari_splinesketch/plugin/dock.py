@@ -45,7 +45,6 @@ IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
 LABELS_TIP = "Take these curves up as results, as they were judged"
 IMAGE_TIP = "The image that the bodies are in"
 SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
-DRAW_TIP = "Draw lines: press where a body begins, release where it ends"
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 
@@ -72,18 +71,18 @@ class SplinesketchDock(QWidget):
         self._lay_out()
         self._connect()
         self._show_place()
-        self._warm_up()
+        job = Job(engine.warm_up, parent=self)
+        job.done.connect(self._settle)
+        QTimer.singleShot(WARM_UP_AFTER_MS, job.start)
 
     def _build(self) -> None:
         controller = self.controller
         choices = controller.choices
         pick_image = partial(setattr, choices, "image")
         self.image = LayerChoice("Image", partial(choices.layers, Image), pick_image, IMAGE_TIP)
-        self.sketches = LayerChoice(
-            *("Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP),
-            new="New layer",
-        )
-        self.draw = Button("Draw lines", DRAW_TIP, controller.draw)
+        lines = "Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP
+        self.sketches = LayerChoice(*lines, new="New layer")
+        self.draw = CommandButton(controller.actions, "draw", controller.draw)
         self.offer = OfferBox(controller, self.saver)
         self.suggest = widgets.SuggestBox(controller)
         self.settings_form = widgets.SettingsForm(controller)
@@ -93,11 +92,16 @@ class SplinesketchDock(QWidget):
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         self.more = widgets.RefineMenu(controller)
-        buttons = partial(widgets.CommandButtons, controller.actions)
-        self.curve = buttons("curve", 4, self._has_curves, self._selected)
+        buttons, c = partial(widgets.CommandButtons, controller.actions), controller
+        self.curve = buttons(
+            *("curve", 4, lambda: bool(c.records() or c.state.deleted)),
+            lambda: words.selected(c.selected_records(), c.frame),
+        )
         self.curve.setStyleSheet("QPushButton { padding: 3px 1px; }")
         self.track = buttons("film", 2, self._is_film)
-        self.steps = buttons("steps", 2, self._has_steps)
+        self.steps = buttons(
+            "steps", 2, lambda: bool(c.records() or c.steps.done or c.steps.undone)
+        )
         self.undo, self.redo = self.steps.buttons.values()
         self.results = TextLabel()
         self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
@@ -111,9 +115,8 @@ class SplinesketchDock(QWidget):
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
         self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
-        self.settings = widgets.Folded(
-            "Settings", "Options, kept for next time", self.settings_form
-        )
+        kept = "Options, kept for next time"
+        self.settings = widgets.Folded("Settings", kept, self.settings_form)
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = widgets.ProgressBox(controller.cancel)
         self.saved = QElidingLabel()
@@ -170,11 +173,6 @@ class SplinesketchDock(QWidget):
         self.saver.found.connect(self._show_place)
         self.at_once.clicked.connect(controller.toggle_at_once)
 
-    def _warm_up(self) -> None:
-        job = Job(engine.warm_up, parent=self)
-        job.done.connect(self._settle)
-        QTimer.singleShot(WARM_UP_AFTER_MS, job.start)
-
     def _settle(self) -> None:
         """Leave what there is by now out of Python's search for garbage, while the dock is seen.
 
@@ -192,15 +190,15 @@ class SplinesketchDock(QWidget):
             self.close_work()
 
     def _show_or_hide_panel(self) -> None:
-        if self.panel is None:
-            # Plots take 0.4 s to import: not before they are wanted.
-            from napari_splinesketch.plugin.review import open_panel
-
-            self.panel = open_panel(self.controller)
-            self.panel.closed.connect(self._on_panel_closed)
-            self.review.setChecked(True)
-        else:
+        if self.panel is not None:
             self._hide_panel()
+            return
+        # Plots take 0.4 s to import: not before they are wanted.
+        from napari_splinesketch.plugin.review import open_panel
+
+        self.panel = open_panel(self.controller)
+        self.panel.closed.connect(self._on_panel_closed)
+        self.review.setChecked(True)
 
     def _hide_panel(self) -> None:
         if self.panel is not None:
@@ -240,8 +238,7 @@ class SplinesketchDock(QWidget):
         choices = self.controller.choices
         self.image.show_layers(choices.image)
         self.sketches.show_layers(choices.sketches)
-        tip = f"{DRAW_TIP} ({self.controller.actions['draw'].key})"
-        widgets.enable(self.draw, "" if choices.image else "Open an image first", tip)
+        self.draw.show_state()
 
     def _show_place(self) -> None:
         """Say where work is saved: a folder appears beside the user's data."""
@@ -252,18 +249,18 @@ class SplinesketchDock(QWidget):
         self.saved.setToolTip(f"{place or said}\nChange it under Settings")
 
     def _show_refine(self) -> None:
-        controller, plan = self.controller, self.controller.request()
+        actions, plan = self.controller.actions, self.controller.request()
         self.refine.show_state()
-        self.at_once.setChecked(controller.at_once)
-        self.at_once.setToolTip(controller.actions.tip("at_once"))
+        self.at_once.setChecked(self.controller.at_once)
+        self.at_once.setToolTip(actions.tip("at_once"))
         self._to_do = f"{plan.problem} {words.left_alone(plan)}".strip()
 
     def _show_hint(self) -> None:
         """Say what is doubtful about the selected curve, or else what there is to refine."""
         controller = self.controller
-        unasked = controller.progress or controller.knots
         said = words.doubts(controller.selected_records()) or self._to_do
-        self.hint.say("" if unasked else escape(said, quote=False))
+        busy = controller.progress or controller.knots
+        self.hint.say("" if busy else escape(said, quote=False))
 
     def _show_running(self) -> None:
         controller = self.controller
@@ -275,16 +272,6 @@ class SplinesketchDock(QWidget):
         image = self.controller.choices.image
         return image is not None and frame_count(image) > 1
 
-    def _has_curves(self) -> bool:
-        return bool(self.controller.records() or self.controller.state.deleted)
-
-    def _selected(self) -> str:
-        return words.selected(self.controller.selected_records(), self.controller.frame)
-
-    def _has_steps(self) -> bool:
-        steps = self.controller.steps
-        return bool(self.controller.records() or steps.done or steps.undone)
-
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work
         records = controller.records()
@@ -294,8 +281,8 @@ class SplinesketchDock(QWidget):
         notes = work.state.notes.get(controller.frame, ()) if work and here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
-        for widget in (self.eyes, self.colour_by.native):
-            widget.setVisible(bool(records))
+        self.eyes.setVisible(bool(records))
+        self.colour_by.native.setVisible(bool(records))
         self.review.setVisible(bool(records) or self.panel is not None)
         look = controller.settings.colour_by, controller.ruler
         self.legend.say(words.legend(records, look) if records else "")
@@ -304,7 +291,7 @@ class SplinesketchDock(QWidget):
         records = self.controller.records()
         nothing = "" if records else "Nothing to export yet: refine first"
         running = "Something is running" if self.controller.progress else ""
-        widgets.enable(self.export, nothing or running, words.EXPORT_TIP)
+        self.export.allow(nothing or running, words.EXPORT_TIP)
         self.rejected.setVisible("rejected" in [record.review for record in records])
 
     def _pick_sketches(self, layer: Shapes | None) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
 from napari_splinesketch import tracking
@@ -49,32 +48,26 @@ class Suggestions:
     def problem(self) -> str:
         """Why no lines can be suggested, or nothing."""
         image = self._controller.choices.image
-        if self._controller.progress:
-            return "Something is running"
         return space.plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def suggest(self) -> None:
         """Suggest lines in the frame in view, in the place of those that were not taken up."""
-        controller = self._controller
-        image, layer = controller.choices.image, controller.choices.sketches
-        if self.problem() or image is None:
+        c = self._controller
+        image, layer = c.choices.image, c.choices.sketches
+        if image is None:
             return
-        if layer is None:
-            # To add a layer and to draw it first takes napari 0.1 s each: the window lives between.
-            layer = drawn.new_sketch_layer(controller.viewer, image, visible=False)
-            QTimer.singleShot(drawn.BREATH_MS, partial(drawn.begin_drawing, layer))
-        work, frame = controller.work_on(image, layer), controller.frame
+        work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image))
+        frame = c.frame
         # Drawn by hand or refined: these bodies need no suggestion.
-        seen = drawn.drawn_in(controller.viewer, layer, image, frame)
         left = work.state.suggested(frame, ()).suggestions
         old = work.positions(set(work.state.suggestions).difference(left))
-        pairs = zip(seen.lines, seen.numbers, strict=True)
+        pairs = zip(c.drawn.lines, c.drawn.numbers, strict=True)
         known = [line for line, position in pairs if position not in old]
-        known += [record.curve.points for record in controller.records(frame)]
+        known += [record.curve.points for record in c.records(frame)]
         corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
-        block = space.block_around(image, frame, [corners])
-        look = partial(engine.suggest, block, known, controller.how(image))
-        controller.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
+        look = partial(engine.suggest, space.block_around(image, frame, [corners]), known)
+        look = partial(look, c.how(image))
+        c.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
         """Suggest other lines in the place of the last ones, soon."""
@@ -119,9 +112,9 @@ def tracking_problem(c: Controller, way: int) -> str:
 
 def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
-    if c.work is not None and not tracking_problem(c, way):
-        end = space.frame_count(c.work.image) if way > 0 else -1
-        _start(c, c.work, bodies_at(c.state, c.frame, way), [range(c.frame + way, end, way)[:most]])
+    if c.work is not None:
+        frames = range(c.frame + way, space.frame_count(c.work.image) if way > 0 else -1, way)
+        Tracking(c, c.work, frames[:most]).start(follow, bodies_at(c.state, c.frame, way))
 
 
 def around_problem(c: Controller) -> str:
@@ -132,68 +125,59 @@ def around_problem(c: Controller) -> str:
 
 def around(c: Controller) -> None:
     """Carry corrected curves of the frame in view both ways, until nothing changes."""
-    if c.work is not None and not around_problem(c):
-        ways = range(c.frame + 1, space.frame_count(c.work.image)), range(c.frame - 1, -1, -1)
-        _start(c, c.work, corrected_at(c.state, c.frame, c.selection), ways, corrected=c.frame)
-
-
-def _start(
-    controller: Controller,
-    work: Work,
-    bodies: tuple[Body, ...],
-    ways: Sequence[Sequence[int]],
-    corrected: int | None = None,
-) -> None:
-    going = Tracking(controller, work, ways[0], corrected)
-    known = by_frame(work.records)
-    given = {
-        frame: Given(
-            {r.id: r.curve for r in here if _decided(r) and r.usable},
-            whole=all(r.decided for r in here),
-        )
-        for frame, here in known.items()
-    }
-    there = {t: {r.id: r.curve for r in here if r.usable} for t, here in known.items()}
-    way = (
-        partial(follow, ways[0], bodies)
-        if corrected is None
-        else partial(tracking.around, ways, bodies, there=lambda t: there.get(t, {}))
-    )
-    carry = partial(way, given=lambda frame: given.get(frame, NOTHING_GIVEN))
-    block, how = partial(space.block_around, work.image), controller.how(work.image)
-    run = partial(engine.track, carry, block, how, going.results.append)
-    controller.start(run, going.over, "Tracking", going.take, going.cancelled, on=work)
+    if c.work is not None:
+        at, last = c.frame, space.frame_count(c.work.image)
+        curves = {
+            t: {r.id: r.curve for r in here if r.usable}
+            for t, here in by_frame(c.work.records).items()
+        }
+        carry = partial(tracking.around, there=lambda frame: curves.get(frame, {}))
+        going = Tracking(c, c.work, (range(at + 1, last), range(at - 1, -1, -1)), corrected=at)
+        going.start(carry, corrected_at(c.state, at, c.selection))
 
 
 @dataclass(eq=False)
 class Tracking:
     """Curves that are carried over some `frames`, and taken over as they come.
 
-    Where they were `corrected` in a frame, those around it are fitted again. The `results` are
-    still to be taken over.
+    Where they were `corrected` in a frame, those around it are fitted again: then the `frames` are
+    those of both ways. The `results` are still to be taken over.
     """
 
     controller: Controller
     work: Work
-    frames: Sequence[int]
+    frames: Sequence[Any]
     corrected: int | None = None
     results: list[Tracked] = field(default_factory=list)
     _taken: list[Tracked] = field(default_factory=list)
-    _begun: bool = False
+
+    def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
+        """Begin, by one of the ways of `tracking`."""
+        c, image = self.controller, self.work.image
+        given = {
+            frame: Given(
+                {r.id: r.curve for r in here if _decided(r) and r.usable},
+                whole=all(r.decided for r in here),
+            )
+            for frame, here in by_frame(self.work.records).items()
+        }
+        run = partial(carry, self.frames, bodies, given=lambda t: given.get(t, NOTHING_GIVEN))
+        block = partial(space.block_around, image)
+        run = partial(engine.track, run, block, c.how(image), self.results.append)
+        c.start(run, self.over, "Tracking", self.take, self.cancelled, on=self.work)
 
     def take(self, progress: object = None) -> None:
         """Take over the frames that are done by now."""
         controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
+        if done:
+            what = f"Refit around frame {self.corrected}"
+            if self.corrected is None:
+                what = f"Track to frame {self.frames[-1]}"
+            state = reduce(taken_in, done, work.state)
+            controller.apply("" if self._taken else what, state, work=work)
         # The pictures of a long film would fill the memory.
         self._taken += [replace(one, view=None, refinement=None) for one in done]
-        if done:
-            to = f"Track to frame {self.frames[-1]}"
-            around = f"Refit around frame {self.corrected}"
-            what = to if self.corrected is None else around
-            state = reduce(taken_in, done, work.state)
-            controller.apply("" if self._begun else what, state, work=work)
-            self._begun = True
 
     def over(self, outcome: object = None) -> None:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""

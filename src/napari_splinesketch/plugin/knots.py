@@ -47,7 +47,7 @@ class KnotEditing:
         viewer, layers = controller.viewer, controller.viewer.layers
         self.number, self._key = record.id, key_of(record)
         self._controller, self._work, self._before = controller, work, work.state
-        self._active = layers.selection.active
+        self._active, self._dropped, self._moved = layers.selection.active, False, False
         maker = Maker(Points, f"knots of curve {record.id}", lambda work: [object()], self._made)
         self._slot = Slot("knots", maker, work)
         next(self._slot.update())
@@ -74,6 +74,7 @@ class KnotEditing:
     def close(self) -> None:
         """Show the knots no longer; the curve stays as they are."""
         controller, layers = self._controller, self._controller.viewer.layers
+        self._take()
         if controller.knots is not self:
             return
         controller.knots = None
@@ -92,10 +93,12 @@ class KnotEditing:
         self._controller.refine("selected")
 
     def discard(self) -> None:
-        """Leave the curve as it was."""
-        history = self._work.history
+        """Leave the curve as it was; what was done with its knots cannot be redone either."""
+        history, self._dropped = self._work.history, False
         while history.done == self._step and history.value is not self._before:
             history.undo()
+        if self._moved:
+            history.forget_undone()
         self.close()
         self._controller.show(self._work)
 
@@ -134,12 +137,15 @@ class KnotEditing:
 
     def _on_data(self, event: Any) -> None:
         if event.action in DONE:
+            self._dropped = True
             # Later: napari is still busy with the edit that it tells of.
-            QTimer.singleShot(0, self._on_moved)
+            QTimer.singleShot(0, self._take)
 
-    def _on_moved(self) -> None:
+    def _take(self) -> None:
+        """Let the curve be as the knots are that were dropped."""
         layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
-        if self._controller.knots is not self or layer is None or record is None:
+        dropped, self._dropped = self._dropped, False
+        if not dropped or self._controller.knots is not self or layer is None or record is None:
             return
         knots = np.array(layer.data[:, -2:], dtype=float)
         if not FEWEST <= len(knots) <= len(record.curve.knots):
@@ -147,6 +153,6 @@ class KnotEditing:
             self._show()
             return
         fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
-        state = self._work.state.with_records(fresh)
+        state, self._moved = self._work.state.with_records(fresh), True
         self._controller.apply(self._step, state, work=self._work)
         self._controller.tell(Notice("none", HELP))

@@ -333,6 +333,10 @@ class History(Generic[T]):
         self._at += bool(what)
         return what
 
+    def forget_undone(self) -> None:
+        """Let nothing be done again."""
+        del self._steps[self._at + 1 :]
+
     def _forget(self) -> None:
         """Drop the oldest values where there are too many, or too heavy ones."""
         values = [value for _, value in self._steps[::-1]]

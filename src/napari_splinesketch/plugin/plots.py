@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -25,11 +24,9 @@ SMALL = "8pt"
 """Size of the text."""
 LEFT = 38
 """Room for the numbers at the left, px: both plots begin at the same place whatever they show."""
-ROOM = 0.6
-"""Left free above the half-widths, for the legend, as a share of the largest."""
 AFTER_MS = 30
 """Plots are drawn when what they show has stood still for so long: that takes as much again."""
-LINE, OTHER, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"
+LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"
 """Colours of lines that can be told apart by everybody, in dark windows and in light ones."""
 SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
 """From negative over zero to positive, in colours that can be told apart by everybody."""
@@ -44,16 +41,13 @@ NO_MODEL = "There is no model of this frame to compare with"
 class Profile:
     """What is drawn of one curve against the distance from its first point; lengths in the unit.
 
-    `mean` is the half-width of all curves at the same share of their lengths, `residual` the image
-    minus the reconstruction; None where it is not known.
+    `residual` is the image minus the reconstruction; None where it is not known.
     """
 
-    name: str
     unit: str
     distance: Along
     half_width: Along
     sd: Along
-    mean: Along | None = None
     residual: Along | None = None
 
 
@@ -61,21 +55,12 @@ def profile_of(work: Work, record: Record, ruler: Ruler) -> Profile:
     """Say what there is to draw of a curve."""
     curve, patch = record.curve, work.state.patches.get(record.frame)
     return Profile(
-        f"curve {record.id}",
         ruler.unit,
         ruler.along(curve.points),
         half_widths(curve, ruler),
         ruler.across(curve, curve.sd),
-        _mean_half_width(work.records, ruler),
         residual_along(work.image, patch, record) if patch else None,
     )
-
-
-@lru_cache(1)
-def _mean_half_width(records: tuple[Record, ...], ruler: Ruler) -> Along | None:
-    every = np.array([half_widths(record.curve, ruler) for record in records])
-    known = every[np.isfinite(every).all(axis=1)]
-    return known.mean(axis=0) if len(known) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,36 +183,24 @@ class CurvePlots(pg.GraphicsLayoutWidget):
 
     def _add_profile(self, profile: Profile) -> None:
         """Draw half-widths along a curve, how far they may be off, and what is left unexplained."""
-        plot = self._add_plot(f"Half-width ({profile.unit})", profile.unit)
-        named: Any = {"labelTextSize": SMALL, "labelTextColor": self._text}
-        plot.addLegend(offset=(1, 1), verSpacing=-8, **named)
-        x, y = profile.distance, profile.half_width
-        sd = np.where(np.isfinite(profile.sd), profile.sd, 0.0)
-        known = np.isfinite(y)
-        edges = [pg.PlotDataItem(x[known], np.maximum(e, 0)[known]) for e in (y - sd, y + sd)]
-        plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
-        self._add_line(plot, x, y, f"{profile.name} ± sd")
-        if profile.mean is not None:
-            self._add_line(plot, x, profile.mean, "mean of all", dashed=True)
-        shown = np.concatenate([y + sd, [0.0] if profile.mean is None else profile.mean])
-        high = float(np.max(shown, where=np.isfinite(shown), initial=0.0)) or 1.0
-        plot.setYRange(0, (1 + ROOM) * high)
-        if profile.residual is None:
-            self._say(NO_MODEL)
-            return
-        plot = self._add_plot(RESIDUAL, profile.unit)
-        self._add_line(plot, x, profile.residual)
-        self._add_line(plot, x, 0 * x, dashed=True)
-
-    def _add_line(
-        self, plot: Any, x: Along, y: Along, name: str | None = None, *, dashed: bool = False
-    ) -> None:
-        """Draw a line, maybe a dashed one, broken where it is not known."""
-        style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        pen = pg.mkPen(OTHER if dashed else LINE, width=1.5, style=style)
-        plot.setXRange(x[0], x[-1], padding=0.02)
-        if np.isfinite(y).any():
-            plot.plot(x, y, pen=pen, name=name, connect="finite")
+        x, width, sd = profile.distance, profile.half_width, np.nan_to_num(profile.sd, posinf=0.0)
+        for title, y in (
+            (f"Half-width ± sd ({profile.unit})", width),
+            (RESIDUAL, profile.residual),
+        ):
+            if y is None:
+                self._say(NO_MODEL)
+                continue
+            plot, known = self._add_plot(title, profile.unit), np.isfinite(y)
+            if y is width:
+                sides = [np.maximum(side, 0) for side in (y - sd, y + sd)]
+                edges = [pg.PlotDataItem(x[known], side[known]) for side in sides]
+                plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
+                plot.setYRange(0, np.max(sides[1], where=known, initial=0.0) or 1.0)
+            plot.setXRange(x[0], x[-1], padding=0.02)
+            plot.addLine(y=0, pen=pg.mkPen(ZERO, width=1.5, style=Qt.PenStyle.DashLine))
+            if known.any():
+                plot.plot(x, y, pen=pg.mkPen(LINE, width=1.5), connect="finite")
 
     def _add_picture(self, picture: Picture) -> None:
         """Draw a picture, time downwards, with the colours beside it."""

@@ -10,7 +10,6 @@ from napari._app_model import get_app_model
 from napari.layers import Layer
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
-from qtpy.QtGui import QPaintEvent
 from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Progress
@@ -18,18 +17,21 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.pictures import MAKERS
+from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
 from napari_splinesketch.plugin.plan import Scope
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+ARROW = 30
+"""Of a combo box, and the room around its text, px."""
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 APART = ("preset", "colour_by")
 DECIMALS = 3
 """Of half-widths."""
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 SCOPES: dict[Scope, str] = {"selected": "Refine the selected", "all": "Refine all that are open"}
 
 
@@ -44,11 +46,10 @@ class Button(qt.QPushButton):
         if run is not None:
             self.clicked.connect(lambda: run())
 
-
-def enable(widget: qt.QWidget, problem: str, tip: str) -> None:
-    """Enable a widget, or let its tooltip say why not."""
-    widget.setEnabled(not problem)
-    widget.setToolTip(problem or tip)
+    def allow(self, problem: str, tip: str) -> None:
+        """Enable it, or let its tooltip say why not."""
+        self.setEnabled(not problem)
+        self.setToolTip(problem or tip)
 
 
 def stack(
@@ -88,17 +89,17 @@ def form(*rows: Any) -> qt.QWidget:
 
 
 class CommandButton(Button):
-    """A button that carries out a command, and says why it cannot."""
+    """A button that carries out a command, or another `run`, and says why it cannot."""
 
-    def __init__(self, actions: Commands, name: str):
-        super().__init__(run=lambda: actions.run(name))
+    def __init__(self, actions: Commands, name: str, run: Callable[[], object] | None = None):
+        super().__init__(run=run or (lambda: actions.run(name)))
         self._actions, self._name = actions, name
         self.show_state()
 
     def show_state(self) -> None:
         """Show what the command is called now, and whether it can be carried out."""
         self.setText(self._actions.label(self._name))
-        enable(self, self._actions.problem(self._name), self._actions.tip(self._name))
+        self.allow(self._actions.problem(self._name), self._actions.tip(self._name))
 
 
 class CommandButtons(qt.QWidget):
@@ -235,16 +236,11 @@ class LayerChoice(qt.QComboBox):
         middle = Qt.TextElideMode.ElideMiddle
         return self.fontMetrics().elidedText(self.currentText(), middle, room)
 
-    def paintEvent(self, e: QPaintEvent | None) -> None:
-        """Paint a name that has an end."""
-        option, painter = qt.QStyleOptionComboBox(), qt.QStylePainter(self)
-        self.initStyleOption(option)
-        parts = qt.QStyle.ComplexControl.CC_ComboBox, qt.QStyle.SubControl.SC_ComboBoxEditField
-        style = self.style()
-        room = style.subControlRect(parts[0], option, parts[1], self).width() if style else 0
-        option.currentText = self.shortened(room - 2)
-        painter.drawComplexControl(parts[0], option)
-        painter.drawControl(qt.QStyle.ControlElement.CE_ComboBoxLabel, option)
+    def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
+        """Show a name that has an end."""
+        super().initStyleOption(option)
+        if option is not None:
+            option.currentText = self.shortened(self.width() - ARROW)
 
 
 class ProgressBox(qt.QWidget):
@@ -281,16 +277,14 @@ class EyeBox(qt.QWidget):
         more = Button("More", "Show more: residual, background, uncertainty, masks")
         menu: Any = qt.QMenu(more)
         menu.setToolTipsVisible(True)
-        self.entries: dict[str, Any] = {}
-        for role, maker in MAKERS.items():
-            if maker.title:
-                self.entries[role] = menu.addAction(maker.title)
-                self.entries[role].setToolTip(maker.tip)
         more.setMenu(menu)
-        eyes: dict[str, Any] = {**self.buttons, **self.entries}
-        for role, eye in eyes.items():
+        self.entries: dict[str, Any] = {}
+        for role in ASKED:
+            self.entries[role] = menu.addAction(MAKERS[role].title)
+            self.entries[role].setToolTip(MAKERS[role].tip)
+        for role, eye in (self.buttons | self.entries).items():
             eye.setCheckable(True)
-            (eye.triggered if role in self.entries else eye.clicked).connect(
+            getattr(eye, "triggered" if role in ASKED else "clicked").connect(
                 partial(self._ask, role)
             )
         made = [*self.buttons.values(), more]
@@ -301,7 +295,7 @@ class EyeBox(qt.QWidget):
         work = self._controller.work
         for role, eye in (self.buttons | self.entries).items():
             layer = work.layer(role) if work else None
-            eye.setEnabled(layer is not None or role in self.entries)
+            eye.setEnabled(layer is not None or role in ASKED)
             eye.setChecked(layer is not None and layer.visible)
 
     def _ask(self, role: str, on: bool) -> None:
@@ -346,16 +340,15 @@ class SuggestBox(qt.QWidget):
         self._suggestions = controller.suggestions
         self.button = CommandButton(controller.actions, "suggest")
         self.slider = qt.QSlider(Qt.Orientation.Horizontal)
-        self.slider.setRange(0, 100)
-        self.slider.setValue(round(100 * controller.suggestions.sensitivity))
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
-        for label, side in zip(ends[1:], ("AlignHCenter", "AlignRight"), strict=True):
-            label.setAlignment(getattr(Qt.AlignmentFlag, side) | Qt.AlignmentFlag.AlignVCenter)
-        stack(self, ends, self.slider)
+        self.slider.setRange(0, 100)
         self.slider.valueChanged.connect(self._on_slider)
-        self._on_slider(self.slider.value())
+        self.slider.setValue(round(100 * controller.suggestions.sensitivity))
+        ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
+        ends[1].setAlignment(Qt.AlignmentFlag.AlignCenter)
+        ends[2].setAlignment(RIGHT)
+        stack(self, ends, self.slider)
 
     def _on_slider(self, value: int) -> None:
         self.slider.setToolTip(f"Sensitivity of Suggest, {value} %: {words.SENSITIVITY_TIP}")
@@ -369,26 +362,25 @@ class SettingsForm(qt.QWidget):
         super().__init__()
         self._controller = controller
         self.widgets: dict[str, Any] = {}
-        for name, how in FORM.items():
-            options, value = dict(how), getattr(Settings, name)
-            kind = "ComboBox" if "choices" in how else None
-            named: Any = {"name": name, "label": options.pop("label"), "widget_type": kind}
-            made: Any = create_widget(0.0 if value is None else value, **named, options=options)
+        for name, options in FORM.items():
+            value = getattr(Settings, name)
+            made: Any = create_widget(0.0 if value is None else value, name=name, options=options)
             made.native.setMinimumWidth(NARROW)
             made.changed.connect(partial(self._take, name))
             self.widgets[name] = made
-        rest = form(*(made for name, made in self.widgets.items() if name not in APART))
-        run = partial(get_app_model().commands.execute_command, PREFERENCES)
-        keys = Button("Change keys…", KEYS_TIP, run)
-        elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
-        beside = Button(
-            "Save work beside the image", FOLDER_TIP, partial(self._take, "work_folder", "")
-        )
-        stack(self, rest, keys, elsewhere, beside)
         self.half_width = self.widgets["half_width"].native
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
+        run = partial(get_app_model().commands.execute_command, PREFERENCES)
+        beside = partial(self._take, "work_folder", "")
+        stack(
+            self,
+            form(*(made for name, made in self.widgets.items() if name not in APART)),
+            Button("Change keys…", KEYS_TIP, run),
+            Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder),
+            Button("Save work beside the image", FOLDER_TIP, beside),
+        )
 
     def show_state(self) -> None:
         """Show what is chosen, silently; lengths in the unit of the image."""

@@ -22,8 +22,6 @@ SHORTEST = 2.0
 """Anything shorter is a stray click, px."""
 SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
 """Modes in which napari shows what is selected; while drawing, the last line always is."""
-BREATH_MS = 5
-"""Between two short steps of a long change, in which the window lives."""
 MANY = 200
 """With so many sketches, what follows from several edits in a row is worked out once."""
 CHUNK = 50
@@ -92,15 +90,11 @@ def selected_in(layer: Shapes) -> frozenset[int]:
     return frozenset(layer.selected_data) if layer.mode in SELECTING else frozenset()
 
 
-def new_sketch_layer(viewer: ViewerModel, image: Image, *, visible: bool = True) -> Shapes:
-    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view.
-
-    A layer that is not to be visible yet gets ready by `begin_drawing`.
-    """
-    layer = empty_layer(image, image.name + SUFFIX, visible=visible)
+def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
+    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view."""
+    layer = empty_layer(image, image.name + SUFFIX)
     viewer.layers.append(layer)
-    if visible:
-        begin_drawing(layer)
+    begin_drawing(layer)
     return layer
 
 

@@ -7,29 +7,20 @@ masks are made when the user asks for them, and follow what is known while they 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
 from napari.layers import Image, Labels, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
-from napari.utils.transforms import Affine
 
 from napari_splinesketch import palette
-from napari_splinesketch.grids import (
-    Along,
-    Grid,
-    Patch,
-    across,
-    alone,
-    around_all,
-    mean_across,
-    slices,
-)
+from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.grids import Along, Grid, Patch, across, around_all, mean_across, slices
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
-from napari_splinesketch.plugin.layers.slot import Made, Maker, in_vectors
+from napari_splinesketch.plugin.layers.slot import Made, Maker
 from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
 
@@ -40,11 +31,8 @@ DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995
 """Share of the residuals that the colours span."""
-BODY = "body"
-"""Name of the axis along which a stack has its bodies."""
 THIN = 0.5
 """Breadth of outlines and halos, relative to a curve's line."""
-
 HALO = 2.0
 """Breadth of halos at least, px of the screen."""
 KEPT = 4
@@ -116,20 +104,20 @@ def _curves(work: Work) -> list[Any]:
     return [record.curve for record in work.records]
 
 
-def _like(image: Image) -> dict[str, Any]:
-    """Give the keywords that make pictures in an image's own units look like it."""
-    low, high = image.contrast_limits
-    look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
-    return look | {"contrast_limits": (float(low or 0), float(high or 0))}
-
-
 def _film(
-    work: Work, patches: Sequence[tuple[int, Patch]], look: dict[str, Any], *make: Any
+    work: Work,
+    patches: Sequence[tuple[int, Patch]],
+    make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+    look: Mapping[str, Any] | None = None,
 ) -> Made | None:
-    """Pictures of the frames that are known."""
+    """Pictures of the frames that are known; they look like the image unless something is said."""
     if not patches:
         return None
-    film, grid = film_of(dict(patches), space.frame_shape(work.image), *make)
+    film, grid = film_of(dict(patches), space.frame_shape(work.image), make)
+    if look is None:
+        image, (low, high) = work.image, work.image.contrast_limits
+        look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
+        look["contrast_limits"] = (float(low or 0), float(high or 0))
     return Made(film, space.placement_on(work.image, grid.origin, grid.step), look)
 
 
@@ -148,38 +136,42 @@ def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
     last = np.array([np.abs(rest(*known)) for known in patches[-1:]])
     last = last[np.isfinite(last)]
     most = (float(np.quantile(last, TYPICAL)) if last.size else 0.0) or 1.0
-    look = {"colormap": DIVERGING, "contrast_limits": (-most, most)}
-    return _film(work, patches, look, rest)
+    return _film(work, patches, rest, {"colormap": DIVERGING, "contrast_limits": (-most, most)})
 
 
 def _background(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
     known = [(frame, patch) for frame, patch in patches if patch.background is not None]
-    return _film(work, known, _like(work.image), lambda frame, patch: patch.background)
+    return _film(work, known, lambda frame, patch: patch.background)  # pyright: ignore
 
 
-def _chosen(work: Work) -> list[Any]:
-    """The selected curve, if it is a single one, and the picture of its frame."""
-    chosen, patches = work.selected, work.state.patches
-    known = len(chosen) == 1 and chosen[0].frame in patches
-    return [chosen[0].frame, chosen[0].curve, patches[chosen[0].frame]] if known else []
+def _lines(
+    work: Work,
+    lines: Sequence[tuple[int, looks.Line]],
+    colour: str | Sequence[str],
+    width: float,
+    **look: Any,
+) -> Made:
+    """Show lines, each with its frame, px, in one colour or each in its own.
+
+    napari draws thousands of vectors in the time of a shape.
+    """
+    if not lines:
+        return Made(np.zeros((0, 2, work.image.ndim)))
+    counts = np.array([len(line) for _, line in lines])
+    frames = np.repeat([frame for frame, _ in lines], counts).tolist()
+    points = space.in_stack(work.image, frames, np.concatenate([line for _, line in lines]))
+    along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
+    pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
+    if isinstance(colour, str):
+        return Made(pieces, {}, {"edge_color": colour, "edge_width": width, **look})
+    colours = np.repeat(looks.rgba(colour), counts - 1, axis=0)
+    return Made(pieces, {"edge_width": width, "edge_color": colours})
 
 
-def _body(work: Work, chosen: list[Any]) -> Made | None:
-    if not chosen:
-        return None
-    frame, curve, patch = chosen
-    others = [r.curve for r in work.records if r.frame == frame and r.curve is not curve]
-    draw = partial(alone, curve=curve, others=others)
-    return _film(work, [(frame, patch)], _like(work.image), lambda frame, patch: draw(patch))
-
-
-def _ribbon(work: Work, _: object) -> Made | None:
+def _ribbon(work: Work, curves: list[Curve]) -> Made | None:
     drawn = [(record.frame, looks.ribbon(record.curve)) for record in work.records]
     lines = [(frame, line) for frame, line in drawn if line is not None]
-    if not lines:
-        return None
-    look = {"edge_color": palette.UNCERTAIN, "edge_width": 0.4 * looks.breadth(_curves(work))}
-    return Made(in_vectors(work.image, lines)[0], {}, look)
+    return _lines(work, lines, palette.UNCERTAIN, 0.4 * looks.breadth(curves)) if lines else None
 
 
 def _wide(work: Work) -> list[Record]:
@@ -188,34 +180,19 @@ def _wide(work: Work) -> list[Record]:
 
 def _outlines(work: Work, _: object) -> Made:
     known = _wide(work)
-    lines = [looks.outline(record.curve) for record in known]
-    return _around(work, known, lines, colours_of(known, work.look))
+    lines = [(record.frame, looks.outline(record.curve)) for record in known]
+    width = THIN * looks.breadth([record.curve for record in known])
+    return _lines(work, lines, colours_of(known, work.look), width)
 
 
 def _halos(work: Work, _: object) -> Made:
     """Lines outside the selected bodies: napari marks them in some of its tools only."""
     curves = [record.curve for record in work.selected]
-    gap = looks.gap(curves, work.screen)
-    lines = looks.coarse([looks.halo(curve, gap) for curve in curves])
-    colours = [palette.MOVING] * len(curves)
-    return _around(work, work.selected, lines, colours, HALO * work.screen)
-
-
-def _around(
-    work: Work,
-    records: Sequence[Record],
-    lines: Sequence[looks.Line],
-    colours: Sequence[str],
-    least: float = 0.0,
-) -> Made:
-    """Show lines around bodies in the colours of their curves, so broad at least."""
-    frames = [record.frame for record in records]
-    data, counts = in_vectors(work.image, list(zip(frames, lines, strict=True)))
-    if not records:
-        return Made(data)
-    width = max(THIN * looks.breadth([record.curve for record in records]), least)
-    look = {"edge_width": width, "edge_color": np.repeat(looks.rgba(colours), counts, axis=0)}
-    return Made(data, look)
+    gap, breadth = looks.gap(curves, work.screen), looks.breadth(curves)
+    drawn = looks.coarse([looks.halo(curve, gap) for curve in curves])
+    lines = [(record.frame, line) for record, line in zip(work.selected, drawn, strict=True)]
+    colours = [palette.MOVING] * len(lines)
+    return _lines(work, lines, colours, max(THIN * breadth, HALO * work.screen))
 
 
 def _in_view(work: Work) -> list[tuple[Record, tuple[float, ...]]]:
@@ -238,46 +215,26 @@ def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
 
 def _moving(work: Work, _: object) -> Made | None:
     """Lines that are not there yet; hidden at first, as to add a layer takes long enough."""
-    if not work.moving:
-        return None
-    look = {"edge_width": looks.line_width(space.size_of(work.image)), "edge_color": palette.MOVING}
-    return Made(in_vectors(work.image, work.moving)[0], {"visible": True}, look)
+    width = looks.line_width(space.size_of(work.image))
+    return _lines(work, work.moving, palette.MOVING, width, visible=True) if work.moving else None
 
 
 def _masks(work: Work, _: object) -> Made:
     """Label image of each frame: a pixel's value is the number of its curve."""
-    return Made(_planes(work, (), by_frame(work.records)), space.placement(work.image))
+    size, records = space.size_of(work.image), by_frame(work.records)
 
-
-def _stack(work: Work, _: object) -> Made | None:
-    """One mask for each curve, along an axis of their own in front: overlaps are kept."""
-    image, numbers = work.image, sorted({record.id for record in work.records})
-    if not numbers:
-        return None
-    records = {numbers.index(r.id) * space.frame_count(image) + r.frame: [r] for r in work.records}
-    own = Affine(
-        scale=image.scale, translate=image.translate, rotate=image.rotate, shear=image.shear
-    ).expand_dims([0])
-    place = {name: getattr(own, name) for name in ("scale", "translate", "rotate", "shear")}
-    place |= {"affine": image.affine.expand_dims([0]), "units": ("pixel", *image.units)}
-    place |= {"axis_labels": (BODY, *image.axis_labels)}
-    return Made(_planes(work, (len(numbers),), records), place)
-
-
-def _planes(work: Work, more: tuple[int, ...], records: Mapping[int, list[Record]]) -> Planes:
-    """Draw the masks of some curves, plane by plane, with more axes in front."""
-    size = space.size_of(work.image)
-
-    def mask(plane: int) -> Integer[np.ndarray, "H W"]:
-        here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(plane, ())]
+    def mask(frame: int) -> Integer[np.ndarray, "H W"]:
+        here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(frame, ())]
         return label_image(here, size, np.int32)
 
-    return Planes((*more, *space.frame_shape(work.image), *size), np.int32, mask)
+    planes = Planes((*space.frame_shape(work.image), *size), np.int32, mask)
+    return Made(planes, space.placement(work.image))
 
 
 MAKERS: dict[str, Maker] = {
-    "reconstruction": Maker(Image, "reconstruction", _patches,
-                            lambda work, patches: _film(work, patches, _like(work.image))),
+    # Lines of their own, some at a time.
+    "curves": Maker(Shapes, "curves", _curves, lambda work, curves: None),
+    "reconstruction": Maker(Image, "reconstruction", _patches, _film),
     "outlines": Maker(Vectors, "outlines",
                       lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
@@ -288,19 +245,14 @@ MAKERS: dict[str, Maker] = {
                       "Image minus model: blue below, white right, orange above"),
     "background": Maker(Image, "background", _patches, _background, "Background",
                         "What the model has behind the bodies"),
-    "body": Maker(Image, "selected body", _chosen, _body, "Selected body alone",
-                  "The selected curve's body on the background",
-                  "Select one curve first: its body is shown alone."),
     "ribbon": Maker(Vectors, "uncertainty", _curves, _ribbon, "Uncertainty",
                     "Lines at twice the standard error to both sides of each curve",
                     "No standard errors are known: the preset Paper gives none."),
     "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
                    "A Labels layer: pixels have their curve's number"),
-    "stack": Maker(Labels, "masks, one a body", _curves, _stack, "One mask for each body",
-                   "A stack with a mask for each curve: overlaps are kept"),
-    # Lines of their own, some at a time.
-    "curves": Maker(Shapes, "curves", _curves, lambda work, curves: None),
 }  # fmt: skip
+ASKED = [role for role, maker in MAKERS.items() if maker.title]
+"""The layers that are there only when the user asks for them."""
 
 
 def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from time import perf_counter
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,19 +15,15 @@ from superqt.utils import qthrottled
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
-from napari_splinesketch.plugin.layers.pictures import MAKERS
+from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws a whole layer of shapes anew."""
-ASKED = [role for role, maker in MAKERS.items() if maker.title]
-"""The layers that are there only when the user asks for them."""
 ERASE = ("Delete", "Backspace")
 """With which napari deletes shapes."""
-AT_ONCE = 0.02
-"""Spent on outlines at each step, s."""
 AFTER_MS = 120
 """Marks and halos follow the camera when it has stood still for so long."""
 
@@ -68,7 +64,10 @@ class CurveLines(Slot):
             edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
         ):
             self._shown = [*self._shown, *fresh[done]]
-            columns.features(fresh[done])  # a few are measured at a time: below, all are asked for
+            # A few are worked out at a time: below, and for outlines, all are asked for.
+            columns.features(fresh[done])
+            for record in filter(lambda r: looks.has_outline(r.curve), fresh[done]):
+                looks.outline(record.curve)
             yield
         known = [wanted[id(record.curve)] for record in self._shown]
         if gone or fresh or known != self._shown or layer.features.empty:
@@ -166,13 +165,11 @@ class Work:
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        yield from self._suggest()
-        for step in (self._prepare(), self._add(), self._follow()):
-            while self.image in self.viewer.layers:
-                with self._by_us():
-                    if next(step, step) is step:
-                        break
-                yield
+        steps = chain(self._suggest(), self._add(), self._follow())
+        while self.image in self.viewer.layers:
+            with self._by_us():
+                if next(steps, steps) is steps:
+                    break
             yield
         self._fade()
 
@@ -279,16 +276,6 @@ class Work:
         if (wanted != before).any():
             colours[:, 3] = wanted
             layer.edge_color = colours
-
-    def _prepare(self) -> Iterator[None]:
-        """Work out, once, what takes long for many curves."""
-        began = perf_counter()
-        for record in self.records:
-            if looks.has_outline(record.curve):
-                looks.outline(record.curve)
-            if perf_counter() - began > AT_ONCE:
-                yield
-                began = perf_counter()
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:

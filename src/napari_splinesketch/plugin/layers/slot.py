@@ -10,13 +10,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Shapes, Vectors
 from qtpy.QtCore import QTimer
 
-from napari_splinesketch.plugin.layers import looks
-from napari_splinesketch.plugin.layers.space import in_stack, placement
+from napari_splinesketch.plugin.layers.space import placement
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
@@ -53,23 +51,6 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
             selection.update(chosen.intersection(viewer.layers))
         elif active in viewer.layers and active is not selection.active:
             selection.active = active
-
-
-def in_vectors(
-    image: Image, lines: Sequence[tuple[int, looks.Line]]
-) -> tuple[Float[np.ndarray, "P 2 D"], list[int]]:
-    """Take lines, each with its frame, px, for vectors; and say how many each of them has.
-
-    napari draws thousands of vectors in the time of a shape.
-    """
-    if not lines:
-        return np.zeros((0, 2, image.ndim)), []
-    counts = [len(line) for _, line in lines]
-    frames = np.repeat([frame for frame, _ in lines], counts).tolist()
-    points = in_stack(image, frames, np.concatenate([line for _, line in lines]))
-    along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
-    pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
-    return pieces, [count - 1 for count in counts]
 
 
 class Made(NamedTuple):
