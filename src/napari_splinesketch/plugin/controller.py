@@ -52,7 +52,6 @@ class Controller(Keeper):
         self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
         self._pair = self.choices.image, self.choices.sketches
         self._job: Job | None = None
-        self._moving: Work | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
         self._told: list[Image] = []
@@ -87,14 +86,13 @@ class Controller(Keeper):
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)
-        work_out = partial(engine.run, block, lines, wanted.fixed, self.how(image))
-        self._moving = work
+        run = partial(engine.run, block, lines, wanted.fixed, self.how(image))
 
         def see(progress: Progress) -> None:
             if progress.centrelines:
                 work.move(wanted.frame, progress.centrelines)
 
-        self.start(work_out, partial(self._on_refined, work, wanted), "Refining", see, on=work)
+        self.start(run, partial(self._on_refined, work, wanted), "Refining", see, on=work)
 
     def start(
         self,
@@ -147,9 +145,9 @@ class Controller(Keeper):
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
-        if self._moving:
-            self._moving.move()
-        self._job = self._moving = self.progress = self._on = None
+        if self._on and not self.knots:
+            self._on.move()
+        self._job = self.progress = self._on = None
         self.tell(notice)
         self.changes.busy.emit()
 

@@ -72,11 +72,9 @@ def taken(
 ) -> Refined:
     """Take a refinement over, of a region of the pixels on a grid that were read, or of all."""
     # Half of the bytes, and as good as what is shown.
-    pictures = (result.reconstruction, result.background)
-    patch = Patch(grid, *(picture.astype(np.float32) for picture in pictures))
-    low = np.zeros(2) if low is None else low
+    patch = Patch(grid, *(p.astype(np.float32) for p in (result.reconstruction, result.background)))
     high = np.subtract(patch.pixels.shape, 1.0) if high is None else high
-    region = grid.to_image(low), grid.to_image(high)
+    region = grid.to_image(np.zeros(2) if low is None else low), grid.to_image(high)
     return Refined(tuple(curves), patch, result.model.notes, region)
 
 
@@ -151,23 +149,19 @@ class _Worker(threading.Thread):
 
     def __init__(self, work: Callable[[OnProgress], Any]):
         super().__init__(name="splinesketch", daemon=True)
-        self.work: Callable[[OnProgress], Any] | None = work
         self.news: Progress | None = None
         self.outcome: tuple[str, Any] | None = None
         self.cancelled = False
+        self._work = [work]
 
     def run(self) -> None:
         """Do the work; whoever still holds the job does not hold the arrays that it worked on."""
-        work, self.work = self.work, None
-        assert work is not None
         try:
-            self.outcome = "done", work(self._report)
+            self.outcome = "done", self._work.pop()(self._report)
         except Exception as error:
             if not self.cancelled:
                 _log.exception("Work beside the window failed")
             self.outcome = "failed", f"{type(error).__name__}: {error}"
-        finally:
-            del work
 
     def _report(self, progress: Progress) -> bool:
         self.news = progress

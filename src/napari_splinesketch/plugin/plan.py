@@ -8,20 +8,10 @@ import numpy as np
 
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin import model, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
 from napari_splinesketch.plugin.layers.space import plane_problem
-from napari_splinesketch.plugin.model import (
-    SAMPLES,
-    Key,
-    Line,
-    Record,
-    State,
-    identify,
-    key_of,
-    print_of_sketch,
-    prints_of,
-)
+from napari_splinesketch.plugin.model import Key, Line, Record, State
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -118,7 +108,7 @@ def make_plan(
     lined = set(ids)
     alone = [] if chosen else [record for record in here if record.id not in lined]
     for record in alone:
-        asked = scope == "selected" and key_of(record) in selection
+        asked = scope == "selected" and model.key_of(record) in selection
         if (asked or _wanted(scope, record, True, False)) and not record.decided:
             start = record.curve.points
             targets.append(Target(record.id, record.sketch, start, False, record.drawn))
@@ -156,15 +146,15 @@ def _matched(
 ) -> tuple[list[int], list[bool]]:
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
-    exact = {print_of_sketch(record): record.id for record in reversed(drawn)}
-    found = [exact.get(known, 0) for known in prints_of(lines)]
+    exact = {model.print_of_sketch(record): record.id for record in reversed(drawn)}
+    found = [exact.get(known, 0) for known in model.prints_of(lines)]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right.
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
     carried = [r for r in here if r.id in elsewhere and not (r.drawn or r.decided)]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
-    others = identify(rest, left, (*state.records, *state.deleted))
+    others = model.identify(rest, left, (*state.records, *state.deleted))
     numbers = iter(others)
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
@@ -195,7 +185,7 @@ def _apart(line: Line, record: Record) -> float:
     share = arc_length(line)[-1] / max(curve.length, 1e-9)
     if curve.status == "failed" or not LIKE < share < 1 / LIKE:
         return np.inf
-    some = resample(line, SAMPLES)
+    some = resample(line, model.SAMPLES)
     far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
     width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
     return float(far / max(width, LEAST))

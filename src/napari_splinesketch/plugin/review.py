@@ -25,7 +25,7 @@ from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.space import Ruler, view_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
-from napari_splinesketch.plugin.widgets import NARROW, Button, CommandButtons, stack
+from napari_splinesketch.plugin.widgets import NARROW, RIGHT, Button, CommandButtons, stack
 
 NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
@@ -44,7 +44,6 @@ SHOWN: dict[Shown, str] = {
 }
 NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
-RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 PADDING = 16
 MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown", "Home", "End")]
 
@@ -57,8 +56,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         self.ruler = Ruler()
         self.records: list[Record] = []
         """Row by row."""
-        self._asked: tuple[Shown, int] = "all", 0
-        self._all: Sequence[Record] = ()
+        self._asked: tuple[Sequence[Record], Shown, int] = (), "all", 0
         self._known: dict[Key, Record] = {}
         self._by = STATUS, Qt.SortOrder.DescendingOrder
 
@@ -72,20 +70,19 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def body(self, number: int) -> dict[int, Curve]:
         """Curves of one body, by frame."""
-        return {r.frame: r.curve for r in self._all if r.id == number}
+        return {r.frame: r.curve for r in self._asked[0] if r.id == number}
 
     def show(
         self, records: Sequence[Record], ruler: Ruler, shown: Shown = "all", frame: int = 0
     ) -> None:
         """Show records, all or some, in the order that was chosen; the frame is the one in view."""
-        asked = shown, frame if shown == "this frame" else 0
-        if records is self._all and (ruler, asked) == (self.ruler, self._asked):
+        asked = records, shown, frame if shown == "this frame" else 0
+        if (ruler, asked) == (self.ruler, self._asked):
             return
         if ruler != self.ruler:
             self.ruler = ruler
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
-        self._all, self._known = records, {key_of(r): r for r in records}
-        self._asked = asked
+        self._asked, self._known = asked, {key_of(r): r for r in records}
         self._arrange()
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -122,8 +119,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def _arrange(self) -> None:
         """Bring the rows in order; shows all anew where others are shown."""
-        (column, order), (shown, frame) = self._by, self._asked
-        rows, before = list(self._all), list(map(key_of, self.records))
+        (column, order), (records, shown, frame) = self._by, self._asked
+        rows, before = list(records), list(map(key_of, self.records))
         if shown == "this frame":
             rows = [r for r in rows if r.frame == frame]
         elif shown != "all":

@@ -71,12 +71,6 @@ def stack(
     return column
 
 
-def _tight(layout: Any, margin: int = 0) -> Any:
-    layout.setContentsMargins(margin, margin, margin, margin)
-    layout.setSpacing(3)
-    return layout
-
-
 def form(*rows: Any) -> qt.QWidget:
     """Lay magicgui's widgets out below each other, with their labels beside or in them."""
     made = qt.QWidget()
@@ -86,6 +80,12 @@ def form(*rows: Any) -> qt.QWidget:
     for each in rows:
         layout.addRow("" if isinstance(each, CheckBox) else each.label, each.native)
     return made
+
+
+def _tight(layout: Any, margin: int = 0) -> Any:
+    layout.setContentsMargins(margin, margin, margin, margin)
+    layout.setSpacing(3)
+    return layout
 
 
 class CommandButton(Button):

@@ -84,11 +84,6 @@ def outline(curve: Curve) -> Line:
     return thinned([_around(curve.points[some], curve.half_width[some])])[0]
 
 
-def reach(curve: Curve) -> float:
-    """How far a body goes from its centreline, px; a guess where it is not known."""
-    return float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
-
-
 def gap(curves: Sequence[Curve], pixel: float) -> float:
     """How far a halo is from the edge of a body, px; `pixel` is what one of the screen covers."""
     return max(GAP * breadth(curves), LEAST_GAP * pixel)
@@ -154,7 +149,11 @@ def readable(
     box = np.array([LINE_HEIGHT, 3 * LETTER]) * view.pixel / 2
     bodies = KDTree(np.concatenate([r.curve.points[::4] for r in frame]) / box, balanced_tree=False)
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
-    for record in sorted(here, key=_urgency, reverse=True):
+    # Of the same severity, those are spread over the frame: neighbours have similar numbers, and
+    # steps of the golden ratio fill an interval evenly.
+    order = [(severity(r.curve), r.id * GOLDEN % 1) for r in here]
+    for at in sorted(range(len(here)), key=order.__getitem__, reverse=True):
+        record = here[at]
         size = np.array([LINE_HEIGHT, LETTER * len(mark_of(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)
@@ -167,15 +166,6 @@ def readable(
             count += 1
         if count == MOST:
             return
-
-
-def _urgency(record: Record) -> tuple[tuple[int, float], float]:
-    """Give severity, and for curves of the same one an order that skips over the frame.
-
-    Neighbours have similar numbers, and steps of the golden ratio fill an interval evenly. It stays
-    as it is while the camera moves.
-    """
-    return severity(record.curve), record.id * GOLDEN % 1
 
 
 def mark_of(record: Record) -> str:
@@ -196,5 +186,6 @@ def _places(curve: Curve, size: Float[np.ndarray, "2"], view: View) -> Float[np.
     points, up = _stands(curve)
     half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there
     pixel = float(view.pixel.mean())
-    away = (reach(curve) + gap([curve], pixel) + BESIDE * pixel + half) * up
+    reach = float(np.max(curve.half_width)) if has_outline(curve) else UNKNOWN_REACH
+    away = (reach + gap([curve], pixel) + BESIDE * pixel + half) * up
     return np.stack([points + away, points - away], axis=1).reshape(-1, 2)

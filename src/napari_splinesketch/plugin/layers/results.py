@@ -207,7 +207,7 @@ class Work:
         """Select curves."""
         if keys != self.selection:
             self.selection = keys
-            self._update("selected", "body")
+            self._update("selected")
             self.changes.selection.emit()
 
     def _add(self) -> Iterator[None]:
@@ -250,15 +250,15 @@ class Work:
             layer.remove(old)
             yield
         if fresh := [one for one in wanted if one not in self._suggested]:
-            points = np.concatenate(
-                [space.in_stack(self.image, one.frame, one.line) for one in fresh]
-            )
-            vertices = space.to_pixels(self.viewer, self.image, layer, points).astype(np.float32)
-            shapes = np.split(vertices, np.cumsum([len(one.line) for one in fresh])[:-1])
+            places = [space.in_stack(self.image, one.frame, one.line) for one in fresh]
+            points = space.to_pixels(self.viewer, self.image, layer, np.concatenate(places))
+            ends = np.cumsum([len(place) for place in places])[:-1]
+            shapes = np.split(points.astype(np.float32), ends)
             self._suggested |= dict(zip(fresh, shapes, strict=True))
             style = drawn.line_style(space.size_of(self.image))
-            for _ in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
-                yield
+            yield from (
+                None for _ in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
+            )
 
     def _fade(self) -> None:
         """Let the lines that have become curves step back behind them, and no others."""
