@@ -159,13 +159,13 @@ class Work:
         self.changes.shown.emit()
         return self.layer(role) is not None or not on
 
-    def show(self) -> Iterator[None]:
+    def show(self) -> Iterator[object]:
         """Bring the layers in step with what is known by then, a little at each step.
 
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        steps = chain(self._suggest(), self._add(), self._follow())
+        steps: Iterator[object] = chain(self._suggest(), self._add(), self._follow())
         while self.image in self.viewer.layers:
             with self._by_us():
                 if next(steps, steps) is steps:
@@ -236,7 +236,7 @@ class Work:
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
-    def _suggest(self) -> Iterator[None]:
+    def _suggest(self) -> Iterator[object]:
         """Add and remove suggested lines, some at each step."""
         layer, wanted = self.sketches, self.state.suggestions
         if not {self.image, layer} <= set(self.viewer.layers):
@@ -256,9 +256,7 @@ class Work:
             shapes = np.split(points.astype(np.float32), ends)
             self._suggested |= dict(zip(fresh, shapes, strict=True))
             style = drawn.line_style(space.size_of(self.image))
-            yield from (
-                None for _ in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
-            )
+            yield from drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
 
     def _fade(self) -> None:
         """Let the lines that have become curves step back behind them, and no others."""
