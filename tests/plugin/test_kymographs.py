@@ -9,7 +9,7 @@ import pytest
 from napari_splinesketch.plugin.columns import RAMP
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
-from napari_splinesketch.plugin.plots import pictures
+from napari_splinesketch.plugin.plots import Plot, pictures
 from napari_splinesketch.plugin.review import ReviewPanel
 
 from .fakes import FakeEngine, as_drawn
@@ -18,12 +18,16 @@ from .hand import QTest, refine, until
 LINE = np.array([[20.0, 20], [20, 60]])
 
 
+def drawn(panel: ReviewPanel) -> list[Plot]:
+    return [plot for plot in panel.plots.shown if isinstance(plot, Plot)]
+
+
 def test_pictures_are_in_the_unit_and_clear_where_there_is_no_curve() -> None:
     body = {t: as_drawn(LINE + np.array([0, 2.0 * t])) for t in (3, 4, 6)}
     curvature, speed, along, across = pictures(body, Ruler((0.5, 0.5), "µm"))
     assert curvature.title == "Curvature (1/µm)"
     assert speed.frames == (3, 6)
-    assert speed.length == pytest.approx(20)
+    assert speed.distance[-1] == pytest.approx(20)
     np.testing.assert_allclose(along.values[:2], 1.0, atol=1e-6)
     np.testing.assert_allclose(across.values[:2], 0.0, atol=1e-6)
     np.testing.assert_array_equal(np.isnan(speed.values).all(1), [False, False, True, True])
@@ -51,10 +55,10 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     controller.apply("Track", replace(state, records=(first, replace(first, frame=1, curve=moved))))
     assert not panel.plotted.isHidden()
     controller.selected = (1, first.id)
-    assert panel.plots.profile is not None
+    assert [plot.values.ndim for plot in drawn(panel)] == [1, 1]
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
-    assert [p.title.split(" (")[0] for p in panel.plots.pictures] == ["Curvature", "Speed"]
+    assert [p.title.split(" (")[0] for p in drawn(panel)] == ["Curvature", "Speed"]
     panel.show()
     until(lambda: [type(item).__name__ for item in panel.plots.ci.items] == ["PlotItem"] * 2)
     QTest.qWait(20)
@@ -70,8 +74,7 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
         assert np.allclose(values, np.round(values)), "frames are whole"
     controller.apply("Delete", replace(state, records=(first,)))
     controller.selected = (0, first.id)
-    assert panel.plots.profile is None and not panel.plots.pictures, "no other plot in its place"
+    assert not drawn(panel), "no other plot in its place"
     panel.plotted.setCurrentIndex(0)
     panel.plotted.activated.emit(0)
-    assert panel.plots.profile is not None
-    assert not panel.plots.pictures
+    assert [plot.values.ndim for plot in drawn(panel)] == [1, 1]

@@ -11,6 +11,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog
 from napari_splinesketch.plugin.commands import go_to
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.model import State
+from napari_splinesketch.plugin.plots import Plot
 from napari_splinesketch.plugin.review import ReviewPanel
 
 from .fakes import FakeEngine
@@ -72,16 +73,15 @@ def test_a_row_and_its_curve_find_each_other(
     viewer.scene.camera.zoom *= 8
     panel.table.picked.emit((0, 4))
     np.testing.assert_allclose(centre(viewer), layer.data_to_world([80, 60]), atol=1e-3)
-    profile = panel.plots.profile
-    assert profile is not None
-    assert profile.unit == "µm"
-    assert profile.distance[-1] == pytest.approx(40.0)
-    np.testing.assert_allclose(profile.half_width, 1.0)
+    width, residual = panel.plots.shown
+    assert isinstance(width, Plot) and isinstance(residual, Plot)
+    assert width.unit == "µm"
+    assert width.distance[-1] == pytest.approx(40.0)
+    np.testing.assert_allclose(width.values, 1.0)
     # The engine of these tests explains an image by its mean.
     image = viewer.layers["cells"].data
-    assert profile.residual is not None
     middle = image[78:83, 20:101].mean(axis=0) - image.mean()
-    np.testing.assert_allclose(profile.residual[[0, -1]], middle[[0, -1]], atol=2.5)
+    np.testing.assert_allclose(residual.values[[0, -1]], middle[[0, -1]], atol=2.5)
     QTest.keyClick(panel.table, Qt.Key.Key_Down)
     assert dock.controller.selected == (0, ids(panel)[row + 1])
     # The other way round: on the canvas.
@@ -93,7 +93,7 @@ def test_a_row_and_its_curve_find_each_other(
     QTest.mouseClick(canvas(viewer), LEFT, NO_KEY, where)
     until(lambda: dock.controller.selected == (0, 3), 5)
     assert panel.table.currentIndex().row() == ids(panel).index(3)
-    assert panel.plots.profile is not None and panel.plots.profile is not profile
+    assert isinstance(panel.plots.shown[0], Plot) and panel.plots.shown[0] is not width
 
 
 @pytest.mark.window

@@ -13,7 +13,7 @@ from napari_splinesketch.plugin.plots import (
     AFTER_MS,
     RESIDUAL,
     CurvePlots,
-    Profile,
+    Plot,
     pictures,
 )
 
@@ -66,7 +66,7 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
     titles = f"Half-width ± sd ({unit})", RESIDUAL
     plots.show()
     plots.resize(plots.minimumWidth(), 200)
-    plots.show_plots(Profile(unit, *np.ones((3, 9)), residual=np.ones(9)))
+    plots.show_plots(*(Plot(title, unit, *np.ones((2, 9))) for title in titles))
     until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
     QTest.qWait(20)
     for title, plot in zip(titles, plots.ci.items, strict=True):
@@ -82,7 +82,7 @@ def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
     body = {t: as_drawn(np.array([[20.0, 20 + 2 * t], [20, 60]])) for t in range(4)}
     made = pictures(body, Ruler((0.5, 0.5), "µm"))
     for pair in (made[:2], made[2:]):
-        plots.show_plots(pictures=pair, frame=1)
+        plots.show_plots(*pair, frame=1)
         QTest.qWait(2 * AFTER_MS)
         until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
         QTest.qWait(50)

@@ -38,45 +38,21 @@ NO_MODEL = "There is no model of this frame to compare with"
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
-    """What is drawn of one curve against the distance from its first point; lengths in the unit.
+class Plot:
+    """A quantity along a curve, (P,), or of its body over the frames too, (T, P).
 
-    `residual` is the image minus the reconstruction; None where it is not known.
-    """
-
-    unit: str
-    distance: Along
-    half_width: Along
-    sd: Along
-    residual: Along | None = None
-
-
-def profile_of(work: Work, record: Record, ruler: Ruler) -> Profile:
-    """Say what there is to draw of a curve."""
-    curve, patch = record.curve, work.state.patches.get(record.frame)
-    return Profile(
-        ruler.unit,
-        ruler.along(curve.points),
-        half_widths(curve, ruler),
-        ruler.across(curve, curve.sd),
-        residual_along(work.image, patch, record) if patch else None,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A quantity of one body over its length and over the frames, from the first to the last.
-
-    Its (T, P) values are NaN where the body has no curve; `length` is its mean, in the unit. Where
-    they are signed, zero is in the middle of the colours.
+    Its values are NaN where nothing is known, and `sd` is how far they may be off. The `distance`
+    from the first point is in the unit; over frames it is the mean one, and the `frames` are the
+    first and the last. Where values are `signed`, zero is in the middle of the colours.
     """
 
     title: str
-    values: Float[np.ndarray, "T P"]
-    frames: tuple[int, int]
-    length: float
     unit: str
-    signed: bool
+    distance: Along
+    values: Float[np.ndarray, "*T P"]
+    signed: bool = True
+    sd: Along | None = None
+    frames: tuple[int, int] = (0, 0)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -86,27 +62,37 @@ class Picture:
         return -high if self.signed else 0.0, high
 
 
-def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Picture, ...]:
+def profiles(work: Work, record: Record, ruler: Ruler) -> tuple[Plot | str, ...]:
+    """Say what there is to draw of a curve: its half-width, and the image minus the model."""
+    curve, patch = record.curve, work.state.patches.get(record.frame)
+    sd = np.nan_to_num(ruler.across(curve, curve.sd), posinf=0.0)
+    unit, along, width = ruler.unit, ruler.along(curve.points), half_widths(curve, ruler)
+    rest = residual_along(work.image, patch, record) if patch else None
+    return (
+        Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd),
+        NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest),
+    )
+
+
+def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Plot, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
     if len(body) < 2:
         return ()
-    scale = np.array([*ruler.scale, 1.0])
-    made = kymograph(
-        {
-            frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)
-            for frame, curve in body.items()
-        }
-    )
+    scale, unit = np.array([*ruler.scale, 1.0]), ruler.unit
+    scaled = {
+        frame: replace(curve, knots=curve.knots * scale, points=curve.points * ruler.scale)
+        for frame, curve in body.items()
+    }
+    made, along = kymograph(scaled), [ruler.along(curve.points) for curve in body.values()]
     frames = int(made.frames[0]), int(made.frames[-1])
-    length = float(np.mean([ruler.along(curve.points)[-1] for curve in body.values()]))
-    unit = ruler.unit
     named = (
         (f"Curvature (1/{unit})", made.curvature, True),
         (f"Speed ({unit}/frame)", np.hypot(made.along, made.across), False),
         (f"Along it ({unit}/frame)", made.along, True),
         (f"Across it ({unit}/frame)", made.across, True),
     )
-    return tuple(Picture(title, v, frames, length, unit, signed) for title, v, signed in named)
+    mean = np.mean(along, axis=0)
+    return tuple(Plot(title, unit, mean, v, signed, None, frames) for title, v, signed in named)
 
 
 class CurvePlots(pg.GraphicsLayoutWidget):
@@ -135,42 +121,35 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         self.setBackground(theme.background.as_hex(format="long"))
         self._soon()
 
-    def show_plots(
-        self,
-        profile: Profile | None = None,
-        pictures: tuple[Picture, ...] = (),
-        frame: int = 0,
-        empty: tuple[str, str] = EMPTY,
-    ) -> None:
-        """Draw a curve, or two pictures of a body with a frame marked, or say why there is none."""
-        self.profile, self.pictures, self._frame, self._empty = profile, pictures, frame, empty
+    def show_plots(self, *plots: Plot | str, frame: int = 0) -> None:
+        """Draw two plots of a curve, or of its body with a frame marked; or say why there is none.
+
+        Without any, it says what there would be to see.
+        """
+        self.shown, self._frame = plots or EMPTY, frame
         self._soon()
 
     def _draw(self) -> None:
         self._plots.clear()
-        for picture in self.pictures:
-            self._add_picture(picture)
-        if self.profile is not None:
-            self._add_profile(self.profile)
-        for text in () if self.pictures or self.profile else self._empty:
-            self._say(text)
+        for plot in self.shown:
+            if isinstance(plot, str):
+                label = self._plots.addLabel(plot, size=SMALL, color=self._text)
+                label.item.setTextWidth(self.minimumWidth() / 2)
+            else:
+                (self._add_line if plot.values.ndim == 1 else self._add_picture)(plot)
         # Everything has its place before it is painted, not after.
         self._plots.layout.activate()
         for each in self._plots.items:
             if hasattr(each, "vb"):
                 each.layout.activate()
 
-    def _say(self, text: str) -> None:
-        label = self._plots.addLabel(text, size=SMALL, color=self._text)
-        label.item.setTextWidth(self.minimumWidth() / 2)
-
-    def _add_plot(self, title: str, unit: str) -> Any:
+    def _add_plot(self, made: Plot) -> Any:
         """Add empty axes: numbers are written in full, and keys belong to the canvas."""
         plot = self._plots.addPlot()
-        plot.setTitle(title, size=SMALL, color=self._text)
+        plot.setTitle(made.title, size=SMALL, color=self._text)
         # Over all columns, or a long title would push the other plot out of view.
         plot.layout.addItem(plot.titleLabel, 0, 0, 1, plot.layout.columnCount())
-        plot.setLabel("bottom", f"distance along it ({unit})", **{"font-size": SMALL})
+        plot.setLabel("bottom", f"distance along it ({made.unit})", **{"font-size": SMALL})
         for side in ("left", "bottom"):
             self._style(plot.getAxis(side))
         plot.getAxis("left").setWidth(LEFT)
@@ -181,39 +160,29 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         axis.setTextPen(self._text)
         axis.setStyle(tickFont=self._font, maxTickLevel=0, hideOverlappingLabels=False)
 
-    def _add_profile(self, profile: Profile) -> None:
-        """Draw half-widths along a curve, how far they may be off, and what is left unexplained."""
-        x, width, sd = profile.distance, profile.half_width, np.nan_to_num(profile.sd, posinf=0.0)
-        for title, y in (
-            (f"Half-width ± sd ({profile.unit})", width),
-            (RESIDUAL, profile.residual),
-        ):
-            if y is None:
-                self._say(NO_MODEL)
-                continue
-            plot, known = self._add_plot(title, profile.unit), np.isfinite(y)
-            if y is width:
-                sides = [np.maximum(side, 0) for side in (y - sd, y + sd)]
-                edges = [pg.PlotDataItem(x[known], side[known]) for side in sides]
-                plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
-                plot.setYRange(0, np.max(sides[1], where=known, initial=0.0) or 1.0)
-            plot.setXRange(x[0], x[-1], padding=0.02)
-            plot.addLine(y=0, pen=pg.mkPen(ZERO, width=1.5, style=Qt.PenStyle.DashLine))
-            if known.any():
-                plot.plot(x, y, pen=pg.mkPen(LINE, width=1.5), connect="finite")
+    def _add_line(self, made: Plot) -> None:
+        """Draw a line, broken where it is not known, and how far it may be off."""
+        plot, x, y = self._add_plot(made), made.distance, made.values
+        known = np.isfinite(y)
+        if made.sd is not None:
+            sides = [np.maximum(side, 0) for side in (y - made.sd, y + made.sd)]
+            edges = [pg.PlotDataItem(x[known], side[known]) for side in sides]
+            plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
+            plot.setYRange(0, np.max(sides[1], where=known, initial=0.0) or 1.0)
+        plot.setXRange(x[0], x[-1], padding=0.02)
+        plot.addLine(y=0, pen=pg.mkPen(ZERO, width=1.5, style=Qt.PenStyle.DashLine))
+        if known.any():
+            plot.plot(x, y, pen=pg.mkPen(LINE, width=1.5), connect="finite")
 
-    def _add_picture(self, picture: Picture) -> None:
+    def _add_picture(self, made: Plot) -> None:
         """Draw a picture, time downwards, with the colours beside it."""
-        first, last = picture.frames
-        plot = self._add_plot(picture.title, picture.unit)
-        colours = SIGNED if picture.signed else RAMP
+        plot, (first, last) = self._add_plot(made), made.frames
+        colours = SIGNED if made.signed else RAMP
         ramp = pg.ColorMap(np.linspace(0, 1, len(colours)), colours)
-        image = pg.ImageItem(picture.values, axisOrder="row-major")
-        image.setRect(QRectF(0, first - 0.5, picture.length, last - first + 1))
+        image = pg.ImageItem(made.values, axisOrder="row-major")
+        image.setRect(QRectF(0, first - 0.5, made.distance[-1], last - first + 1))
         plot.addItem(image)
-        bar = plot.addColorBar(
-            image, colorMap=ramp, values=picture.span, interactive=False, width=8
-        )
+        bar = plot.addColorBar(image, colorMap=ramp, values=made.span, interactive=False, width=8)
         self._style(bar.axis)
         plot.invertY(True)
         # Between frames there is nothing.

@@ -24,7 +24,7 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.space import Ruler, view_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
-from napari_splinesketch.plugin.plots import CurvePlots, pictures, profile_of
+from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, Button, CommandButtons, stack
 
 NAME = "Curves"
@@ -277,12 +277,11 @@ class ReviewPanel(qt.QWidget):
             self.plots.show_plots()
             return
         (record,), at = chosen, self.plotted.currentIndex()
-        if not at:
-            self.plots.show_plots(profile_of(work, record, ruler))
-        elif made := pictures(self.model.body(record.id), ruler):
-            self.plots.show_plots(pictures=made[2 * at - 2 : 2 * at], frame=record.frame)
+        made = pictures(self.model.body(record.id), ruler)[2 * at - 2 : 2 * at] if at else ()
+        if at:
+            self.plots.show_plots(*(made or (ONE_FRAME.format(record.id),)), frame=record.frame)
         else:
-            self.plots.show_plots(empty=(ONE_FRAME.format(record.id), ""))
+            self.plots.show_plots(*profiles(work, record, ruler))
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
