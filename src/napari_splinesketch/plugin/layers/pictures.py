@@ -232,9 +232,9 @@ def _masks(work: Work, _: object) -> Made:
 
 
 MAKERS: dict[str, Maker] = {
+    "reconstruction": Maker(Image, "reconstruction", _patches, _film),
     # Lines of their own, some at a time.
     "curves": Maker(Shapes, "curves", _curves, lambda work, curves: None),
-    "reconstruction": Maker(Image, "reconstruction", _patches, _film),
     "outlines": Maker(Vectors, "outlines",
                       lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
     "selected": Maker(Vectors, "selected",
