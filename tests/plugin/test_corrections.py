@@ -231,6 +231,7 @@ def test_knots_that_are_taken_back_or_kept(
     hand.press("Escape")
     assert name not in viewer.layers
     assert controller.records()[1].curve.status == "good"
+    assert not controller.steps.undone, "nor is it done again"
     hand.press("U")
     viewer.layers[name].selected_data = {5}
     viewer.layers[name].remove_selected()
@@ -241,6 +242,12 @@ def test_knots_that_are_taken_back_or_kept(
     assert controller.records()[1].curve.status == "check"
     np.testing.assert_array_equal(controller.records()[1].curve.half_width, 2)
     assert dock.refine.text() == "Refine 1 changed"
+    hand.press("U")
+    dropped = viewer.layers[name].data + [0, 5, 0]
+    viewer.layers[name].data = dropped
+    controller.toggle_knots()
+    knots = controller.records()[1].curve.knots[:, 0]
+    np.testing.assert_allclose(knots, dropped[:, 1], err_msg="what was dropped just before is kept")
     hand.press("U")
     viewer.layers.remove(name)
     assert not controller.knots
