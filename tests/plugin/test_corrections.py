@@ -243,7 +243,7 @@ def test_knots_that_are_taken_back_or_kept(
     np.testing.assert_array_equal(controller.records()[1].curve.half_width, 2)
     assert dock.refine.text() == "Refine 1 changed"
     hand.press("U")
-    dropped = viewer.layers[name].data + [0, 5, 0]
+    dropped = np.add(viewer.layers[name].data, [0, 5, 0])
     viewer.layers[name].data = dropped
     controller.toggle_knots()
     knots = controller.records()[1].curve.knots[:, 0]

@@ -55,7 +55,7 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     controller.apply("Track", replace(state, records=(first, replace(first, frame=1, curve=moved))))
     assert not panel.plotted.isHidden()
     controller.selected = (1, first.id)
-    assert [plot.values.ndim for plot in drawn(panel)] == [1, 1]
+    assert [plot.values.ndim for plot in drawn(panel)] == [1], "no model of that frame"
     panel.plotted.setCurrentIndex(1)
     panel.plotted.activated.emit(1)
     assert [p.title.split(" (")[0] for p in drawn(panel)] == ["Curvature", "Speed"]

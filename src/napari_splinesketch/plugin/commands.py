@@ -23,6 +23,7 @@ else:
 
 REACH = 8.0
 """How far from a curve the pointer may be to mean it, px, where its body is not broader."""
+RUNNING = "Something is running: wait until it is finished"
 NO_CURVES = "There are no curves yet: refine first"
 Place = Literal["", "curve", "film", "steps", "review"]
 """Where a command has a button: with the selected curve, a film, Undo, in the table of curves."""
@@ -189,10 +190,11 @@ COMMANDS = (
             label=lambda c: f"Refine curve {c.knots.number}" if c.knots else
             words.button(c.request())),
     Command("at_once", "Refine while drawing", "Shift+G", lambda c: c.toggle_at_once(),
-            "Refine each line as soon as it is drawn, while you draw the next"),
+            "Refine each line as soon as it is drawn, while you draw the next", meanwhile=True),
     Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
             "Drag the knots of the selected curve", "curve", ONE,
-            label=lambda c: "Done" if c.knots else "Knots"),
+            problem=lambda c: RUNNING if c.progress and not c.knots else "",
+            label=lambda c: "Done" if c.knots else "Knots", meanwhile=True),
     Command("flip", "Flip", "Shift+H", _shape("Flip", ANY, _flip),
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", _shape("Split", ONE, _split),
@@ -274,7 +276,7 @@ class Commands:
         problem = self._problem(command)
         if not problem:
             command.run(self._controller)
-        elif command.place and not self._controller.progress:
+        elif command.place:
             self._controller.say(problem)
 
     def tip(self, name: str) -> str:
@@ -293,7 +295,7 @@ class Commands:
 
     def _problem(self, command: Command) -> str:
         if self._controller.progress and not command.meanwhile:
-            return "Something is running: wait until it is finished"
+            return RUNNING
         return command.problem(self._controller)
 
     def label(self, name: str) -> str:

@@ -173,7 +173,7 @@ class Controller(Keeper):
             self.knots.close()
             return
         record = self.state.by_key.get(self.selected) if self.selected else None
-        if self.work is None or record is None or record.locked or self.progress:
+        if self.work is None or record is None or record.locked:
             locked = record is not None and record.locked
             self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
         else:
