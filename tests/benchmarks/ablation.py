@@ -120,6 +120,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "bends of a path": _set(
         scoring, WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, scoring.WEIGHTS)
     ),
+    "shapes of lines that were moved": _set(scoring, SHAPE=0.0),
     "sketches without a body are kept": _set(finding, UNSEEN=2.0),
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),

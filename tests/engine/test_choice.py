@@ -8,13 +8,14 @@ import pytest
 from scipy import ndimage
 from skimage import io
 
-from napari_splinesketch import refine
+from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
 from napari_splinesketch.engine.fit import fit_scene
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.metrics import average_dtw
 
 HALF_WIDTH = 3.0
 CENTRE = np.array([45.0, 60.0])
@@ -218,6 +219,24 @@ def test_cost_of_the_sketch_itself_is_nothing_and_grows_with_distance():
     costs = [sketch_cost(sketch + np.array([d, 0]), sketch, HALF_WIDTH) for d in (0, 2, 5, 10)]
     assert costs[0] == pytest.approx(0, abs=1e-9)
     assert costs == sorted(costs)
+
+
+def test_a_line_that_was_moved_as_a_whole_keeps_its_shape():
+    along = np.linspace(0, 80, 41)
+    sketch = spline.resample(np.column_stack([8 * np.sin(along / 12), along]), 41)
+    moved = 1.2 * turned(sketch, 25.0) + np.array([6.0, -3.0])
+    assert scoring._reshaped(moved.T[:, :, None], sketch) < 0.01
+    straight = spline.resample(moved[[0, -1]], 41)
+    assert scoring._reshaped(straight.T[:, :, None], sketch) > HALF_WIDTH**2
+    assert scoring._reshaped(sketch.T[:, :, None], straight[[0, -1]]) == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [8, 12, 16, 17, 21])
+def test_one_body_of_a_crowd_is_found_by_its_shape(seed):
+    made = synthetic.scene(seed, bodies=3)
+    sketch = synthetic.rotate(made.centrelines[0], 20.0 * (-1) ** (seed + 1))
+    (curve,) = refine(made.image, [sketch]).curves
+    assert average_dtw(curve.points, made.centrelines[0]) < 2
 
 
 def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():
