@@ -66,7 +66,7 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
     titles = f"Half-width ± sd ({unit})", RESIDUAL
     plots.show()
     plots.resize(plots.minimumWidth(), 200)
-    plots.show_plots(*(Plot(title, unit, *np.ones((2, 9))) for title in titles))
+    plots.show_plots(*(Plot(title, unit, np.arange(9.0), np.ones(9)) for title in titles))
     until(lambda: [type(item).__name__ for item in plots.ci.items] == ["PlotItem"] * 2)
     QTest.qWait(20)
     for title, plot in zip(titles, plots.ci.items, strict=True):
