@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from qtpy.QtCore import QPoint, Qt
-from qtpy.QtWidgets import QDockWidget, QScrollArea
+from qtpy.QtWidgets import QDockWidget, QScrollArea, QStyleOptionComboBox
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
@@ -100,7 +100,12 @@ def test_names_of_layers_keep_their_ends(viewer: Any, dock: SplinesketchDock) ->
     viewer.add_shapes(name="a film of swimming worms sketches", ndim=2)
     dock.resize(250, 600)
     QTest.qWait(50)
-    shown = [choice.shortened(80) for choice in (dock.image, dock.sketches)]
+    shown = []
+    for choice in (dock.image, dock.sketches):
+        option = QStyleOptionComboBox()
+        choice.resize(110, 20)
+        choice.initStyleOption(option)
+        shown.append(option.currentText)
     assert shown[0] != shown[1]
     assert shown[0].startswith("a") and "…" in shown[0] and shown[0].endswith("s")
     assert dock.sketches.currentText() == "a film of swimming worms sketches"

@@ -111,31 +111,31 @@ class CommandButtons(qt.QWidget):
         place: Place,
         columns: int,
         when: Callable[[], bool] = lambda: True,
-        title: Callable[[], str] | None = None,
+        title: Callable[[], str] = lambda: "",
     ):
         super().__init__()
         self._when, self._said = when, title
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        here = [command.id for command in actions if command.place == place]
-        self.buttons = {name: CommandButton(actions, name) for name in here}
+        self.buttons = {c.id: CommandButton(actions, c.id) for c in actions if c.place == place}
         grid = qt.QWidget()
         layout = _tight(qt.QGridLayout(grid))
         for i, made in enumerate(self.buttons.values()):
             made.setMinimumWidth(0)  # as broad as its text, at least
-            alone = i % columns == 0 and i == len(here) - 1
+            alone = i % columns == 0 and i == len(self.buttons) - 1
             layout.addWidget(made, i // columns, i % columns, 1, columns if alone else 1)
             layout.setColumnStretch(i % columns, 1)
-        stack(self, *([self.title] if title else []), grid)
+        stack(self, self.title, grid)
 
     def show_state(self) -> None:
         """Show what can be done now."""
         self.setVisible(self._when())
         if self.isHidden():
             return
-        if self._said:
-            self.title.setText(self._said())
-            self.title.setToolTip(self._said())
+        said = self._said()
+        self.title.setVisible(bool(said))
+        self.title.setText(said)
+        self.title.setToolTip(said)
         for made in self.buttons.values():
             made.show_state()
 
@@ -231,16 +231,12 @@ class LayerChoice(qt.QComboBox):
         self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
         self.setEnabled(bool(found))
 
-    def shortened(self, room: int) -> str:
-        """Give the name of the chosen layer in so many px."""
-        middle = Qt.TextElideMode.ElideMiddle
-        return self.fontMetrics().elidedText(self.currentText(), middle, room)
-
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Show a name that has an end."""
         super().initStyleOption(option)
         if option is not None:
-            option.currentText = self.shortened(self.width() - ARROW)
+            middle, room = Qt.TextElideMode.ElideMiddle, self.width() - ARROW
+            option.currentText = self.fontMetrics().elidedText(self.currentText(), middle, room)
 
 
 class ProgressBox(qt.QWidget):
@@ -278,15 +274,13 @@ class EyeBox(qt.QWidget):
         menu: Any = qt.QMenu(more)
         menu.setToolTipsVisible(True)
         more.setMenu(menu)
-        self.entries: dict[str, Any] = {}
-        for role in ASKED:
-            self.entries[role] = menu.addAction(MAKERS[role].title)
-            self.entries[role].setToolTip(MAKERS[role].tip)
+        self.entries: dict[str, Any] = {r: menu.addAction(MAKERS[r].title) for r in ASKED}
+        for role, entry in self.entries.items():
+            entry.setToolTip(MAKERS[role].tip)
         for role, eye in (self.buttons | self.entries).items():
             eye.setCheckable(True)
-            getattr(eye, "triggered" if role in ASKED else "clicked").connect(
-                partial(self._ask, role)
-            )
+            done = eye.triggered if role in ASKED else eye.clicked
+            done.connect(partial(self._ask, role))
         made = [*self.buttons.values(), more]
         stack(self, made[:3], made[3:])
 
@@ -360,8 +354,7 @@ class SettingsForm(qt.QWidget):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
-        self._controller = controller
-        self.widgets: dict[str, Any] = {}
+        self._controller, self.widgets = controller, dict[str, Any]()
         for name, options in FORM.items():
             value = getattr(Settings, name)
             made: Any = create_widget(0.0 if value is None else value, name=name, options=options)
