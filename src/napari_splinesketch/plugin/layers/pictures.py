@@ -174,12 +174,8 @@ def _ribbon(work: Work, curves: list[Curve]) -> Made | None:
     return _lines(work, lines, palette.UNCERTAIN, 0.4 * looks.breadth(curves)) if lines else None
 
 
-def _wide(work: Work) -> list[Record]:
-    return [record for record in work.records if looks.has_outline(record.curve)]
-
-
 def _outlines(work: Work, _: object) -> Made:
-    known = _wide(work)
+    known = [record for record in work.records if looks.has_outline(record.curve)]
     lines = [(record.frame, looks.outline(record.curve)) for record in known]
     width = THIN * looks.breadth([record.curve for record in known])
     return _lines(work, lines, colours_of(known, work.look), width)
@@ -236,7 +232,7 @@ MAKERS: dict[str, Maker] = {
     # Lines of their own, some at a time.
     "curves": Maker(Shapes, "curves", _curves, lambda work, curves: None),
     "outlines": Maker(Vectors, "outlines",
-                      lambda work: [work.look, *[r.curve for r in _wide(work)]], _outlines),
+                      lambda work: [work.look, *_curves(work)], _outlines),
     "selected": Maker(Vectors, "selected",
                       lambda work: [(r.curve, work.screen) for r in work.selected], _halos),
     "marks": Maker(Points, "marks", _in_view, _marks),
