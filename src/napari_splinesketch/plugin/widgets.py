@@ -23,8 +23,6 @@ from napari_splinesketch.plugin.plan import Scope
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
-ARROW = 30
-"""Of a combo box, and the room around its text, px."""
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
@@ -234,9 +232,11 @@ class LayerChoice(qt.QComboBox):
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Show a name that has an end."""
         super().initStyleOption(option)
-        if option is not None:
-            middle, room = Qt.TextElideMode.ElideMiddle, self.width() - ARROW
-            option.currentText = self.fontMetrics().elidedText(self.currentText(), middle, room)
+        if option is not None and (style := self.style()) is not None:
+            parts = qt.QStyle.ComplexControl.CC_ComboBox, qt.QStyle.SubControl.SC_ComboBoxEditField
+            room = style.subControlRect(parts[0], option, parts[1], self).width() - 2
+            middle, text = Qt.TextElideMode.ElideMiddle, self.currentText()
+            option.currentText = self.fontMetrics().elidedText(text, middle, room)
 
 
 class ProgressBox(qt.QWidget):
