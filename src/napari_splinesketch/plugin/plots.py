@@ -43,7 +43,7 @@ class Plot:
 
     Its values are NaN where nothing is known, and `sd` is how far they may be off. The `distance`
     from the first point is in the unit; over frames it is the mean one, and the `frames` are the
-    first and the last. Where values are `signed`, zero is in the middle of the colours.
+    first and the last. Where values are `signed`, zero is in the middle of the colours, or a line.
     """
 
     title: str
@@ -170,7 +170,8 @@ class CurvePlots(pg.GraphicsLayoutWidget):
             plot.addItem(pg.FillBetweenItem(*edges, brush=SHADE))
             plot.setYRange(0, np.max(sides[1], where=known, initial=0.0) or 1.0)
         plot.setXRange(x[0], x[-1], padding=0.02)
-        plot.addLine(y=0, pen=pg.mkPen(ZERO, width=1.5, style=Qt.PenStyle.DashLine))
+        if made.signed:
+            plot.addLine(y=0, pen=pg.mkPen(ZERO, width=1.5, style=Qt.PenStyle.DashLine))
         if known.any():
             plot.plot(x, y, pen=pg.mkPen(LINE, width=1.5), connect="finite")
 
