@@ -81,7 +81,7 @@ def _extend(c: Controller, record: Record) -> list[Record]:
 def _shape(
     verb: str, number: range, change: Callable[..., list[Record]]
 ) -> Callable[[Controller], bool]:
-    """Make what changes the selected curves, or else the one pointed at; says what it misses.
+    """Make a command that changes the selected curves, or else the one pointed at, or says why not.
 
     `change` gives what they become; those that it does not give are deleted.
     """

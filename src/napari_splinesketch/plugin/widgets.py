@@ -279,7 +279,7 @@ class EyeBox(qt.QWidget):
             entry.setToolTip(MAKERS[role].tip)
         for role, eye in (self.buttons | self.entries).items():
             eye.setCheckable(True)
-            done = eye.triggered if role in ASKED else eye.clicked
+            done: Any = getattr(eye, "triggered" if role in ASKED else "clicked")
             done.connect(partial(self._ask, role))
         made = [*self.buttons.values(), more]
         stack(self, made[:3], made[3:])
