@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
+from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
@@ -22,6 +24,8 @@ SHORTEST = 2.0
 """Anything shorter is a stray click, px."""
 SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
 """Modes in which napari shows what is selected; while drawing, the last line always is."""
+BREATH_MS = 5
+"""Between two short steps of a long change, in which the window lives."""
 MANY = 200
 """With so many sketches, what follows from several edits in a row is worked out once."""
 CHUNK = 50
@@ -90,11 +94,17 @@ def selected_in(layer: Shapes) -> frozenset[int]:
     return frozenset(layer.selected_data) if layer.mode in SELECTING else frozenset()
 
 
-def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
-    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view."""
-    layer = empty_layer(image, image.name + SUFFIX)
+def new_sketch_layer(viewer: ViewerModel, image: Image, *, now: bool = True) -> Shapes:
+    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view.
+
+    Ready `now`, or a little later: to add a layer and to draw it first takes napari 0.1 s each.
+    """
+    layer = empty_layer(image, image.name + SUFFIX, visible=now)
     viewer.layers.append(layer)
-    begin_drawing(layer)
+    if now:
+        begin_drawing(layer)
+    else:
+        QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
     return layer
 
 

@@ -171,6 +171,7 @@ class Work:
                 if next(steps, steps) is steps:
                     break
             yield
+        yield
         self._fade()
 
     def _follow(self, *roles: str) -> Iterator[None]:
