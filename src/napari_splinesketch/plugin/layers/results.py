@@ -76,8 +76,7 @@ class CurveLines(Slot):
         colours = looks.rgba(columns.colours_of(known, look))
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
-        if gone:
-            yield
+        yield
 
     def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
         """Draw curves, some at a time when they are needed."""
