@@ -175,7 +175,9 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
     text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
     if entered := [str(one.frame) for one in taken for _ in one.entered]:
         bodies = "1 body" if len(entered) == 1 else f"{len(entered)} bodies"
-        text.append(f"{bodies} came into view, without a curve: frame {_some(entered)}.")
+        text.append(
+            f"{bodies} came into view, without a curve: frame {_some([*dict.fromkeys(entered)])}."
+        )
     if drifting := sum(len(one.drifting) for one in taken):
         text.append(f"{count(drifting, 'curve')} to check for drift.")
     bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
