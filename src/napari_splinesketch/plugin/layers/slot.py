@@ -23,7 +23,7 @@ ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
 STEP_MS = 30
 """Between two steps of drawing results: time for the window to paint and to answer."""
-FIRST_MS = 60
+FIRST_MS = 100
 """Before the first one: what has changed is seen in the dock, the table and the plots meanwhile."""
 STYLES: dict[type[Layer], dict[str, Any]] = {
     Vectors: {"vector_style": "line"},
