@@ -1,5 +1,6 @@
 """The plugin on a bare viewer model: everything but the window."""
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,8 +78,9 @@ def bench(viewer: ViewerModel | None = None) -> Iterator[Bench]:
         made.close()
 
 
-def session_files(home: Path) -> list[str]:
-    """Name all files of saved work but locks."""
-    return sorted(
-        str(path.relative_to(home)) for path in home.rglob("*.*") if path.name.startswith("frame")
-    )
+def saved_files(home: Path, name: str = "*") -> list[Path]:
+    """Files of saved work, without locks and what is being written, which goes while one looks."""
+    found = (Path(at) / each for at, _, names in os.walk(home) for each in names)
+    paths = ((path.relative_to(home), path) for path in sorted(found))
+    seen = (path for inner, path in paths if not any(part[0] == "." for part in inner.parts))
+    return [path for path in seen if path.match(name)]

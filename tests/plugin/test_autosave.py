@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +17,7 @@ from npe2 import PluginManifest
 from napari_splinesketch.plugin import saver, sessions
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
+from .bench import saved_files
 from .fakes import FakeEngine
 from .hand import QTest, add_dock, click, drawn, refine, until
 
@@ -42,7 +42,7 @@ def image_file(folder: Path, seed: int = 0, name: str = "worms.tif", **size: Any
 
 
 def saved_in(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.splinesketch/*/session.json"))
+    return saved_files(folder, "session.json")
 
 
 def take_away(dock: SplinesketchDock) -> None:
@@ -74,7 +74,7 @@ def test_a_killed_process_loses_nothing_older_than_two_seconds(
     process = subprocess.Popen([sys.executable, SCRIPT, path], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     said = next(line for line in process.stdout if line.startswith("["))
-    time.sleep(2.0)
+    next(line for line in process.stdout if line.startswith("kill me"))
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     process.stdout.close()
@@ -130,9 +130,7 @@ def test_saved_work_goes_on_where_it_was(tmp_path: Path, viewer: Any, fake: Fake
     add_lines(layer, [LINES[0] + 15])
     until(lambda: sketches_in(tmp_path) == 3, SOON)
     assert len(saved_in(tmp_path)) == 1
-    assert [path.name for path in tmp_path.glob("*.splinesketch/1/*.npz")] == [
-        "frame-000000001.npz"
-    ]
+    assert [path.name for path in saved_files(tmp_path, "*.npz")] == ["frame-000000001.npz"]
     assert again.controller.work is not None
     assert not again.controller.work.history.done, "Undo does not take yesterday back"
 
@@ -156,7 +154,7 @@ def test_starting_anew_keeps_the_old_files(
     third = ViewerModel()
     third.open(path)
     last = add_dock(third)
-    QTest.qWait(300)
+    until(lambda: last.saver.place, SOON)
     assert not last.offer.isVisible()
 
 
@@ -171,7 +169,7 @@ def test_another_image_of_the_same_name_is_another_image(
     other = ViewerModel()
     other.open(image_file(tmp_path, seed=1))
     again = add_dock(other)
-    QTest.qWait(300)
+    until(lambda: again.saver.place, SOON)
     assert not again.offer.isVisible()
 
 

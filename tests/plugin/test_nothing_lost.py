@@ -21,7 +21,7 @@ from napari_splinesketch.files import BusyError
 from napari_splinesketch.plugin import saver
 from napari_splinesketch.plugin import sessions as folder
 
-from .bench import LINES, SOON, bench, session_files
+from .bench import LINES, SOON, bench, saved_files
 from .fakes import FakeEngine
 from .hand import QTest, until
 
@@ -33,14 +33,12 @@ def home(qapp: Any, fake: FakeEngine) -> Path:
 
 
 def heads(home: Path) -> list[dict[str, Any]]:
-    return [json.loads(path.read_text()) for path in sorted(home.glob("*/*/session.json"))]
+    return [json.loads(path.read_text()) for path in saved_files(home, "session.json")]
 
 
 def counts(home: Path) -> list[tuple[int, int]]:
     """(sketches, curves) of every session that is offered."""
-    paths = [path for path in sorted(home.glob("*/*/session.json")) if path.parent.suffix != ".old"]
-    found = [json.loads(path.read_text()) for path in paths]  # listed once: one may come meanwhile
-    return [(head["sketches"], head["curves"]) for head in found]
+    return [(head["sketches"], head["curves"]) for head in heads(home)]
 
 
 def test_resuming_two_layers_keeps_the_curves_of_both(home: Path) -> None:
@@ -50,7 +48,7 @@ def test_resuming_two_layers_keeps_the_curves_of_both(home: Path) -> None:
             first.sketches(name=name)
             first.refine()
     assert counts(home) == [(2, 2), (2, 2)]
-    files = session_files(home)
+    files = saved_files(home)
     with bench() as again:
         again.image()
         again.resume()
@@ -58,7 +56,7 @@ def test_resuming_two_layers_keeps_the_curves_of_both(home: Path) -> None:
         assert len(again.controller.works) == 2
         assert counts(home) == [(2, 2), (2, 2)]
     assert counts(home) == [(2, 2), (2, 2)]
-    assert session_files(home) == files, "pictures too"
+    assert saved_files(home) == files, "pictures too"
 
 
 def test_a_layer_that_is_not_chosen_is_saved_as_well(home: Path) -> None:
@@ -122,7 +120,7 @@ def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> N
         first.image()
         layer = first.sketches()
         until(lambda: counts(home) == [(2, 0)], SOON)
-        (away,) = home.glob("*/*/session.json")
+        (away,) = saved_files(home, "session.json")
         back = away.parent.rename(home / "away")
         layer.add_paths([LINES[0] + 9])
         until(lambda: "could not be saved" in first.saver.problem, SOON)
@@ -273,7 +271,7 @@ def test_what_cannot_be_shown_never_stops_the_dock(
     with bench() as first:
         first.image()
         first.sketches()
-    files = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
+    files = {path: path.read_bytes() for path in saved_files(home)}
 
     def broken(*arguments: Any, **options: Any) -> Any:
         raise ValueError("napari does not like it")
@@ -297,7 +295,7 @@ def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
         first.sketches()
         first.refine()
     (beside,) = tmp_path.glob("*.splinesketch")
-    before = {file: file.read_bytes() for file in beside.rglob("*") if file.is_file()}
+    before = {file: file.read_bytes() for file in saved_files(beside)}
     real, access = folder.owned, os.access
 
     def owned(wanted: Path) -> Any:
@@ -381,7 +379,7 @@ def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
         first.image()
         first.sketches()
         first.refine()
-    times = {path: path.stat().st_mtime_ns for path in home.rglob("*.*") if path.is_file()}
+    times = {path: path.stat().st_mtime_ns for path in saved_files(home)}
     assert any(path.suffix == ".npz" for path in times)
     with bench(viewer) as again:
         until(lambda: again.saver.place, SOON)
@@ -413,7 +411,7 @@ def test_curves_that_cannot_be_brought_back_stay_in_their_files(
         first.image()
         first.sketches()
         first.refine()
-    files = {path: path.read_bytes() for path in home.rglob("*.*") if path.is_file()}
+    files = {path: path.read_bytes() for path in saved_files(home)}
 
     def broken(what: str, state: Any) -> None:
         raise ValueError("napari does not like it")

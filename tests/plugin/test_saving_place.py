@@ -11,15 +11,13 @@ import pytest
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
-from .bench import bench
+from .bench import bench, saved_files
 from .fakes import FakeEngine
 from .hand import refine, until
 
 
-def sessions(folder: Path) -> list[str]:
-    # Not what is being written: it goes while one looks.
-    found = [*folder.glob("*/session.json"), *folder.glob("*/*/session.json")]
-    return sorted(path.name for path in found)
+def sessions(folder: Path) -> list[Path]:
+    return saved_files(folder, "session.json")
 
 
 def test_saved_work_is_announced_moved_and_switched_off(
@@ -41,10 +39,10 @@ def test_saved_work_is_announced_moved_and_switched_off(
     assert len(sessions(first)) == 1, "what was saved stays where it is"
     dock.controller.choose(save_work=False)
     assert dock.saved.text() == "Work is not saved"
-    before = {path: path.read_bytes() for path in tmp_path.glob("*/*/*.json")}
+    before = {path: path.read_bytes() for path in saved_files(tmp_path)}
     lines.add([[30, 10], [30, 60]], shape_type="line")
     dock.saver.flush()
-    assert {path: path.read_bytes() for path in tmp_path.glob("*/*/*.json")} == before
+    assert {path: path.read_bytes() for path in saved_files(tmp_path)} == before
     dock.controller.choose(save_work=True, work_folder="")
     until(lambda: dock.saver.place == first, 20)
 

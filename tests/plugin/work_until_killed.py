@@ -32,6 +32,10 @@ def main() -> None:
     until(lambda: not dock.controller.progress)
     draw(viewer, sketches, LINES[2])
     print([np.round(line, 3).tolist() for line in sketches.data], flush=True)
+    # Two seconds of its own: on a busy machine they are longer.
+    for _ in range(40):
+        QTest.qWait(50)
+    print("kill me", flush=True)
     while True:
         QTest.qWait(50)
 

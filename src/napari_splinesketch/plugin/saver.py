@@ -5,11 +5,11 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,9 +20,9 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
-from napari_splinesketch.engine.types import OnProgress
 from napari_splinesketch.files import owned
 from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
@@ -33,7 +33,7 @@ from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape, reopen, summary
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape
 
 DELAY_MS = 700
 """From a change to its being written, at least; more changes meanwhile go together."""
@@ -50,27 +50,75 @@ LETTERS, DIGITS = 50, 12
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Seen:
-    """An image as its sessions name it, where new ones go, those that were found; what was not."""
+@dataclass(eq=False)
+class Home:
+    """Where work on an image is saved: `about` is what its sessions say of the image.
 
-    about: Mapping[str, object]
-    home: Path
-    found: dict[Path, Head]
-    problem: str
+    The `place` for new sessions is None until the image was looked at; sessions `found` there and
+    elsewhere were not begun here. `unread` says which could not be read, `unsaved` why not all is
+    written, `job` is who looks or writes now.
+    """
 
-
-@dataclass
-class Saved:
-    """What was seen of an image, who looks or writes now, and why not all is written."""
-
-    seen: Seen | None = None
+    about: Mapping[str, object] = field(default_factory=dict)
+    place: Path | None = None
+    found: dict[Path, Head] = field(default_factory=dict)
+    unread: str = ""
+    unsaved: str = ""
     job: Job | None = None
-    problem: str = ""
+
+    def save(
+        self, name: str, look: Callable[[], None], orders: Sequence[tuple[Folder, Session]]
+    ) -> Self:
+        """Look at the image, once, and write what was ordered; to be called in a thread."""
+        try:
+            if self.place is None:
+                look()
+        except Exception as error:
+            self.unsaved = f"{name} could not be read, and work on it is not saved: {error}."
+            return self
+        problems: dict[str, None] = {}
+        for folder, session in orders:
+            try:
+                folder.write(replace(session, image=self.about), self.place)
+            except Exception as error:
+                _log.warning("The work could not be saved", exc_info=True)
+                problems[f"The work could not be saved: {error}."] = None
+        self.unsaved = " ".join(problems)
+        return self
+
+    def look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
+        """Find out which image it is, and what is saved of it.
+
+        New work goes where the user wants it, or beside the file, or with the user's own data where
+        that is not possible. What is there is found, whatever its folder is called.
+        """
+        checksum = _checksum(pixels, frames)
+        ending = f"{checksum[:DIGITS]}.splinesketch"
+        # Of a layer's name, what any disk takes.
+        plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
+        called = f"{path.name if path else plain}.{ending}"
+        called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
+        parents = [user_data_path("napari-splinesketch") / "sessions"]
+        if path is not None:
+            beside = path.parent / called
+            writable = os.access(beside if beside.is_dir() else path.parent, os.W_OK)
+            parents.insert(0 if writable else 1, path.parent)
+        if chosen:
+            parents.insert(0, Path(chosen).expanduser())
+        self.found = {}
+        for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in parents):
+            try:
+                head = None if folder.suffix == OLD else sessions.summary(folder)
+            except (OSError, LabelsError) as error:
+                self.unread = f"Saved work could not be read, and stays where it is: {error}."
+            else:
+                if head and head.image.get("sha256") == checksum:
+                    self.found[folder] = head
+        source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
+        self.about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
+        self.place = parents[0] / called
 
 
-Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
-"""Where a session was read, the folder that it goes on in, and what could not be read."""
 _folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
 """Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
 
@@ -87,7 +135,7 @@ class Saver(QObject):
     def __init__(self, controller: Controller, parent: QObject | None = None):
         super().__init__(parent)
         self._controller = controller
-        self._saved: WeakKeyDictionary[Image, Saved] = WeakKeyDictionary()
+        self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
         self._choice = controller.settings.save_work, controller.settings.work_folder
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
         changes, layers = controller.changes, controller.viewer.layers.events
@@ -104,16 +152,16 @@ class Saver(QObject):
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        seen, work = self._seen, self._controller.work
+        home, work = self._home, self._controller.work
         path = self.folder(work).path if work else None
-        return (path.parent if path else seen.home) if seen else None
+        return path.parent if path and home and home.place else home and home.place
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
-        there = self._controller.viewer.layers
-        said = (saved.problem for image, saved in self._saved.items() if image in there)
-        return " ".join(filter(None, said))
+        layers = self._controller.viewer.layers
+        homes = (home for image, home in self._homes.items() if image in layers)
+        return " ".join(filter(None, chain.from_iterable((h.unsaved, h.unread) for h in homes)))
 
     def folder(self, work: Work) -> Folder:
         """Say where work is saved; without a path, as long as there is nothing to save."""
@@ -123,24 +171,18 @@ class Saver(QObject):
     def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
         mine = {self.folder(work).path for work in self._controller.works}
-        found = self._seen.found.items() if self._seen else ()
+        found = self._home.found.items() if self._home else ()
         others = [pair for pair in found if pair[0] not in mine]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 
     def resume(self) -> None:
         """Bring back all that is offered for the chosen image: one layer of sketches for each."""
-        controller, offers = self._controller, tuple(self.offers())
-        image = controller.choices.image
+        controller, image, offers = self._controller, self._controller.choices.image, self.offers()
         if image is None or not offers or controller.progress:
             return
         frames, size, problems = frame_count(image), size_of(image), list[str]()
 
-        def read(_: OnProgress) -> list[Found]:
-            return [(path, *reopen(path, frames, size)) for path in offers]
-
         def show(found: list[Found]) -> None:
-            for *_, said in found:
-                problems.extend(said)
             every = (self._restore(image, one, problems) for one in reversed(found))
             controller.drawing.start(image, chain.from_iterable(every), over)
 
@@ -148,21 +190,25 @@ class Saver(QObject):
             text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
             controller.finish(Notice("failed", text) if problems else Notice())
 
+        def read(_: object) -> list[Found]:
+            return [sessions.reopen(path, frames, size) for path in offers]
+
         controller.start(read, show, "Reading the saved work")
 
     def _restore(self, image: Image, found: Found, problems: list[str]) -> Iterator[object]:
         """Bring one session back, once all of it is there; otherwise its files stay as they are."""
-        (path, session, folder, _), controller = found, self._controller
+        (path, session, folder, said), controller = found, self._controller
+        problems.extend(said)
         if session is None:
             return
-        drawn, size = session.drawn, size_of(image)
-        flat = bool(drawn) and all(shape.frame == EVERY for shape in drawn)
-        layer = empty_layer(image, session.layer, flat=flat)
+        drawn, every = session.drawn, [shape.frame == EVERY for shape in session.drawn]
+        layer = empty_layer(image, session.layer, flat=bool(drawn) and all(every))
         points = [
             s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn
         ]
         try:
-            yield from add_shapes(layer, points, [s.kind for s in drawn], **line_style(size))
+            style = line_style(size_of(image))
+            yield from add_shapes(layer, points, [s.kind for s in drawn], **style)
             if image not in controller.viewer.layers:
                 raise ValueError("the image was removed")
             controller.viewer.layers.append(layer)
@@ -191,10 +237,10 @@ class Saver(QObject):
     @property
     def brought(self) -> int:
         """How many curves the chosen layer brought from a file of labels, and nobody took up."""
-        layer, work = self._controller.choices.sketches, self._controller.work
-        if layer is None or work is None or work.records:
+        work = self._controller.work
+        if work is None or work.records:
             return 0
-        return sum(label.status != "sketch" for label in read_with(layer).labels)
+        return sum(label.status != "sketch" for label in read_with(work.sketches).labels)
 
     def take_up(self) -> None:
         """Go on with the curves that the chosen layer brought; its lines are their sketches."""
@@ -210,40 +256,41 @@ class Saver(QObject):
         self._soon.cancel()
         works = [work for work in self._works() if work.records or work.sketches.nshapes]
         for image in dict.fromkeys(work.image for work in works):
-            if job := self._of(image).job:
+            if job := self._home_of(image).job:
                 job.wait()
             if task := self._task(image):
-                self._on_done(self._of(image), task())
+                self._on_done(self._home_of(image), task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
         if self._end:
-            self.flush()
+            self._leave(self._controller.works)
             self._soon.cancel()
             self._end()
             self._end = None
-            self._release(self._controller.works)
 
     @property
-    def _seen(self) -> Seen | None:
-        """What was seen of the chosen image."""
+    def _home(self) -> Home | None:
+        """Where work on the chosen image is saved."""
         image = self._controller.choices.image
-        return self._of(image).seen if image else None
+        return self._home_of(image) if image else None
 
-    def _of(self, image: Image) -> Saved:
-        return self._saved.setdefault(image, Saved())
+    def _home_of(self, image: Image) -> Home:
+        return self._homes.setdefault(image, Home())
 
     def _works(self) -> list[Work]:
         there = set(self._controller.viewer.layers)
         return [work for work in self._controller.works if {work.image, work.sketches} <= there]
 
-    def _release(self, works: Sequence[Work]) -> None:
+    def _leave(self, works: Sequence[Work]) -> None:
+        """Write what is still to be written, and let others have the folders of some work."""
+        self.flush()
         for work in works:
             self.folder(work).release()
 
     def _forget(self, path: Path) -> None:
-        if self._seen:
-            self._seen.found.pop(path, None)
+        if self._home:
+            self._home.found.pop(path, None)
         self.found.emit()
 
     def _on_event(self, event: Any) -> None:
@@ -255,10 +302,9 @@ class Saver(QObject):
         choice = self._controller.settings.save_work, self._controller.settings.work_folder
         if self._choice != choice:
             # Elsewhere from now on, or no more: what is saved stays where it is.
-            self.flush()
-            self._release(self._controller.works)
+            self._leave(self._controller.works)
             self._choice = choice
-            self._saved.clear()
+            self._homes.clear()
             for work in self._controller.works:
                 _folders.pop(work.image, None)
             self._soon()
@@ -268,90 +314,54 @@ class Saver(QObject):
         layer = self._controller.viewer.layers[event.index]
         going = [work for work in self._controller.works if layer in (work.image, work.sketches)]
         if going:
-            self.flush()
-            self._release(going)
+            self._leave(going)
 
     def _save(self) -> None:
         """Look at images that are not known yet, and write what has changed, in threads."""
         works = [work.image for work in self._works()]
         for image in {self._controller.choices.image, *works} - {None}:
-            saved = self._of(image)
-            if saved.job:
+            home = self._home_of(image)
+            if home.job:
                 self._soon()
             elif task := self._task(image):
-                saved.job = Job(lambda _, task=task: task())
-                saved.job.done.connect(partial(self._on_done, saved))
-                saved.job.start()
+                home.job = Job(lambda _, task=task: task())
+                home.job.done.connect(partial(self._on_done, home))
+                home.job.start()
 
-    def _task(self, image: Image) -> Callable[[], tuple[Seen | None, str]] | None:
-        """Take a snapshot of what is to be found out about an image, and written of it."""
-        (wanted, chosen), seen = self._choice, self._of(image).seen
+    def _task(self, image: Image) -> Callable[[], Home] | None:
+        """Take a snapshot of what is to be found out about an image, and written of it.
+
+        The thread changes a copy of what is known: the window learns all of it when it is done.
+        """
+        (wanted, chosen), home = self._choice, replace(self._home_of(image))
         works = [work for work in self._works() if work.image is image]
-        every = [(self.folder(work), self._session(work)) for work in works if wanted]
+        every = [(self.folder(work), _session(work)) for work in works if wanted]
         orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
-        if not wanted or (seen and not orders):
+        if not wanted or (home.place and not orders):
             return None
         path = Path(image.source.path) if image.source.path else None
         pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-        look = partial(_look, chosen, image.name, path, pixels, image.ndim - 2)
-        return partial(_write, (lambda: seen) if seen else look, image.name, orders)
+        look = partial(home.look, image.name, path, pixels, image.ndim - 2, chosen)
+        return partial(home.save, image.name, look, orders)
 
-    def _session(self, work: Work) -> Session:
-        image, layer = work.image, work.sketches
-        shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
-        every = layer.ndim < image.ndim
-        drawn = [Shape(kind, line, EVERY if every else frame) for kind, (frame, line) in shapes]
-        return Session(layer.name, drawn=drawn, state=work.state)
-
-    def _on_done(self, saved: Saved, answer: tuple[Seen | None, str]) -> None:
-        """Take in what was found, and what went wrong; try that again later."""
-        before, (seen, failed) = (saved.seen, saved.problem), answer
-        saved.job, saved.seen = None, seen
-        saved.problem = " ".join(filter(None, (failed, seen.problem if seen else "")))
-        # An answer may come after Qt has deleted the window and all that is in it.
+    def _on_done(self, home: Home, now: Home) -> None:
+        """Tell of what was found, and of what went wrong; try that again later."""
+        vars(home).update(vars(now), job=None)
+        # A thread may end after Qt has deleted the window and all that is in it.
         if self._end is not None and isalive(self):
-            self._soon.setTimeout(AGAIN_MS if failed else DELAY_MS)
-            if failed:
+            self._soon.setTimeout(AGAIN_MS if home.unsaved else DELAY_MS)
+            if home.unsaved:
                 self._soon()
-            if before != (seen, saved.problem):
-                self.found.emit()
+            self.found.emit()
 
 
-def _write(
-    look: Callable[[], Seen], name: str, orders: Sequence[tuple[Folder, Session]]
-) -> tuple[Seen | None, str]:
-    """Find out which image it is, and write what was ordered; to be called in a thread."""
-    try:
-        seen = look()
-    except Exception as error:
-        return None, f"{name} could not be read, and work on it is not saved: {error}."
-    problems: dict[str, None] = {}
-    for folder, session in orders:
-        try:
-            folder.write(replace(session, image=seen.about), seen.home)
-        except Exception as error:
-            _log.warning("The work could not be saved", exc_info=True)
-            problems[f"The work could not be saved: {error}."] = None
-    return seen, " ".join(problems)
-
-
-def _look(chosen: str, name: str, path: Path | None, pixels: Any, frames: int) -> Seen:
-    """Find out which image it is, and what is saved of it; to be called in a thread."""
-    checksum = _checksum(pixels, frames)
-    home, folders = _places(name, path, checksum, chosen)
-    found, problem = dict[Path, Head](), ""
-    for folder in chain.from_iterable(sorted(outer.iterdir()) for outer in folders):
-        try:
-            wanted = folder.is_dir() and folder.suffix != OLD
-            held = summary(folder) if wanted else None
-        except (OSError, LabelsError) as error:
-            problem = f"Saved work could not be read, and stays where it is: {error}."
-            continue
-        if held and held.image.get("sha256") == checksum:
-            found[folder] = held
-    source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
-    about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-    return Seen(about, home, found, problem)
+def _session(work: Work) -> Session:
+    """Take a snapshot of what is known and drawn."""
+    image, layer = work.image, work.sketches
+    shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
+    every = layer.ndim < image.ndim
+    drawn = [Shape(kind, line, EVERY if every else frame) for kind, (frame, line) in shapes]
+    return Session(layer.name, drawn=drawn, state=work.state)
 
 
 def _checksum(pixels: Any, frames: int) -> str:
@@ -365,25 +375,3 @@ def _checksum(pixels: Any, frames: int) -> str:
         index = tuple(int(i) for i in np.unravel_index(frame, leading)) if leading else ()
         digest.update(np.ascontiguousarray(pixels[(*index, every, every)]).tobytes())
     return digest.hexdigest()
-
-
-def _places(name: str, path: Path | None, checksum: str, chosen: str) -> tuple[Path, list[Path]]:
-    """Give the folder for new work on an image, and those with some, whatever they are called.
-
-    New work goes where the user wants it, or beside the file, or with the user's own data where
-    that is not possible.
-    """
-    ending = f"{checksum[:DIGITS]}.splinesketch"
-    # Of a layer's name, what any disk takes.
-    plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
-    called = f"{path.name if path else plain}.{ending}"
-    called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
-    parents = [user_data_path("napari-splinesketch") / "sessions"]
-    if path is not None:
-        beside = path.parent / called
-        writable = os.access(beside if beside.is_dir() else path.parent, os.W_OK)
-        parents.insert(0 if writable else 1, path.parent)
-    if chosen:
-        parents.insert(0, Path(chosen).expanduser())
-    found = [folder for parent in parents for folder in sorted(parent.glob(f"*{ending}"))]
-    return parents[0] / called, list(dict.fromkeys(filter(Path.is_dir, found)))

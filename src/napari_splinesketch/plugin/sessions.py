@@ -1,18 +1,19 @@
-"""What is written down of an image: values, coded to the last bit, in folders of files.
+"""Saved work: for each layer of sketches a folder, with a head, and a page and a picture a frame.
 
 Each file is written whole or not at all, and a folder has one owner at a time. Files are read as if
 anybody had written them: no more memory is taken than a small multiple of what they may hold, and
 whatever is wrong is a `LabelsError` that names file and place.
 """
 
-import base64
 import json
 import re
 import zipfile
+from binascii import a2b_base64, b2a_base64
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -25,7 +26,8 @@ from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.grids import Grid, Patch
-from napari_splinesketch.labels import LabelsError
+from napari_splinesketch.labels import Label, LabelsError
+from napari_splinesketch.labels.format import blamed
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
@@ -41,36 +43,29 @@ HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 
 
-def _rows(columns: int, least: int, most: float = MAX_COORDINATE) -> pydantic.PlainValidator:
-    """Read rows of places, or of one number from 0: base64 of little-endian doubles."""
+def _rows(columns: int) -> pydantic.PlainValidator:
+    """Read rows of numbers, of which the first two are a place: base64 of little-endian doubles."""
 
     def unpack(value: Any) -> np.ndarray:
         if not isinstance(value, str):
             raise ValueError("is no string")
-        packed = base64.b64decode(value, validate=True)
-        rows, rest = divmod(len(packed), 8 * columns)
-        if rest or rows < least:
+        packed, least = a2b_base64(value, strict_mode=True), min(columns, 2)
+        if len(packed) % (8 * columns) or len(packed) < 8 * columns * least:
             raise ValueError(f"has {len(packed)} bytes, not {least} or more rows of {columns}")
-        numbers = np.frombuffer(packed, "<f8").astype(float).reshape(rows, columns)
-        if columns > 1:
-            if not (np.abs(numbers[:, :2]) < most).all():
-                raise ValueError("has a point that is nowhere")
-            return numbers
-        known = np.nan_to_num(numbers[:, 0], posinf=0)
-        if (known < 0).any() or (known > most).any():
-            raise ValueError("is no distance")
-        return numbers[:, 0]
+        numbers = np.frombuffer(packed, "<f8").astype(float).reshape(-1, columns)
+        if columns > 1 and not (np.abs(numbers[:, :2]) < MAX_COORDINATE).all():
+            raise ValueError("has a point that is nowhere")
+        return numbers if columns > 1 else numbers[:, 0]
 
     return pydantic.PlainValidator(unpack)
 
 
 _written = pydantic.PlainSerializer(
-    lambda array: base64.b64encode(np.ascontiguousarray(array, "<f8").tobytes()).decode("ascii")
+    lambda array: b2a_base64(np.asarray(array, "<f8").tobytes(), newline=False).decode()
 )
-_Places = Annotated[np.ndarray, _rows(2, 2), _written]
-_Knots = Annotated[np.ndarray, _rows(3, 2), _written]
-_Distances = Annotated[np.ndarray, _rows(1, 1), _written]
-_Residual = Annotated[np.ndarray, _rows(1, 1, np.inf), _written]
+_Places = Annotated[np.ndarray, _rows(2), _written]
+_Knots = Annotated[np.ndarray, _rows(3), _written]
+_Numbers = Annotated[np.ndarray, _rows(1), _written]
 _STRICT = pydantic.ConfigDict(strict=True, arbitrary_types_allowed=True)
 
 
@@ -106,17 +101,15 @@ class _File(pydantic.BaseModel):
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read a file; LabelsError where it is not as it should be."""
-        size, most = path.stat().st_size, cls.most_bytes
-        if size > most:
-            raise LabelsError(path, "", f"{size} bytes are more than the {most} that are read")
+        if (size := path.stat().st_size) > cls.most_bytes:
+            reason = f"{size} bytes are more than the {cls.most_bytes} that are read"
+            raise LabelsError(path, "", reason)
         try:
             return cls.model_validate_json(path.read_bytes())
         except pydantic.ValidationError as error:
             first = error.errors(include_url=False, include_context=False)[0]
-            place, given = ".".join(map(str, first["loc"])), first["input"]
-            found = (
-                f" (it is {str(given)[:40]!r})" if place and isinstance(given, str | int) else ""
-            )
+            place, given = ".".join(map(str, first["loc"])), str(first["input"])[:40]
+            found = f" (it is {given!r})" if place else ""
             said = first["msg"].removeprefix("Value error, ") + found
             raise LabelsError(path, place, said) from None
 
@@ -126,11 +119,11 @@ class _Record(_File):
     sketch: _Places
     knots: _Knots
     points: _Places
-    half_width: _Distances
-    sd: _Distances
+    half_width: _Numbers
+    sd: _Numbers
     status: Status
     reasons: Annotated[tuple[str, ...], FailFast()]
-    residual: _Residual
+    residual: _Numbers
     review: Review
     locked: bool
     drawn: bool
@@ -139,12 +132,14 @@ class _Record(_File):
     @classmethod
     def of(cls, record: Record) -> Self:
         values: dict[str, Any] = vars(record.curve) | vars(record)
-        values["residual"] = np.array([record.curve.residual])
-        return cls.model_construct(None, **values)
+        return cls.model_construct(None, **values | {"residual": record.curve.residual})
 
     def record(self, frame: int) -> Record:
         values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
         curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
+        Label.from_curve(
+            curve, frame=frame, identity=self.id
+        )  # raises ValueError if none can be so
         return Record(frame=frame, curve=curve, **values)
 
 
@@ -161,10 +156,6 @@ class Page(_File):
         for shape in self.sketches:
             if len(shape.points) not in VERTICES[shape.kind]:
                 raise ValueError(f"has a {shape.kind} of {len(shape.points)} vertices")
-        for one in (*self.records, *self.deleted):
-            for given in (one.half_width, one.sd):
-                if len(given) != len(one.points):
-                    raise ValueError(f"has {len(given)} values for {len(one.points)} points")
         if len({record.id for record in self.records}) < len(self.records):
             raise ValueError("has a curve twice")
         return self
@@ -191,47 +182,48 @@ class Head(_File):
         return number
 
 
-def _head_text(session: Session) -> str:
-    drawn, records = session.drawn, session.state.records
-    head = Head.model_construct(
-        image=dict(session.image),
-        layer=session.layer[:LONGEST_NAME],
-        saved=datetime.now(UTC),
-        sketches=len(drawn),
-        curves=len(records),
-        frames=len({one.frame for one in (*drawn, *records)}),
-    )
-    return json.dumps(head.model_dump(), default=str, ensure_ascii=False)
-
-
-def _page_text(page: dict[str, Any]) -> str:
-    curves = {name: tuple(map(_Record.of, page[name])) for name in ("records", "deleted")}
-    return Page.model_construct(None, **page | curves).model_dump_json()
+def _name(frame: int, ending: str = "json") -> str:
+    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
 
 
 def _files_of(session: Session) -> dict[str, Any]:
-    """Give what belongs into each file: pages first, then the head that counts them.
-
-    Pictures, which take longest, come last.
-    """
+    """Give what belongs into each file: pages, the head that counts them; slow pictures last."""
     state = session.state
-    parts = {
-        "sketches": by_frame(session.drawn),
-        "records": by_frame(state.records),
-        "deleted": by_frame(state.deleted),
-        "notes": state.notes,
+    parts = [*map(by_frame, (session.drawn, state.records, state.deleted)), state.notes]
+    pages: dict[str, Any] = {
+        _name(frame): tuple(tuple(part.get(frame, ())) for part in parts)
+        for frame in sorted(set[int]().union(*parts))
     }
-    files: dict[str, Any] = {
-        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
-        for frame in sorted(set[int]().union(*parts.values()))
-    }
-    files[HEAD] = session.layer, dict(files)
-    pictures = {_name(frame, "npz"): patch for frame, patch in state.patches.items()}
-    return files | {name: one for name, one in pictures.items() if f"{name[:-3]}json" in files}
+    pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
+    return {**pages, HEAD: (session.layer, pages), **pictures}
 
 
-def _name(frame: int, ending: str = "json") -> str:
-    return f"frame-{'every' if frame == EVERY else f'{frame:09d}'}.{ending}"
+def _write(path: Path, what: Any, session: Session) -> None:
+    """Write the head, a page, or a picture of part of a frame, whole or not at all."""
+    drawn, known = session.drawn, session.state.records
+    with atomic(path, overwrite=True) as temporary:
+        if isinstance(what, Patch):
+            arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
+            arrays |= {} if what.background is None else {"background": what.background}
+            np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
+            return
+        if path.name == HEAD:
+            head = Head.model_construct(
+                image=dict(session.image),
+                layer=session.layer[:LONGEST_NAME],
+                saved=datetime.now(UTC),
+                sketches=len(drawn),
+                curves=len(known),
+                frames=len({one.frame for one in (*drawn, *known)}),
+            )
+            text = json.dumps(head.model_dump(), default=str, ensure_ascii=False)
+        else:
+            shapes, *records, notes = what
+            held = shapes, *(tuple(map(_Record.of, some)) for some in records), notes
+            fields = dict(zip(Page.model_fields, held, strict=True))
+            text = Page.model_construct(None, **fields).model_dump_json()
+        # Names of files, and so of layers, may hold what is no text.
+        temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
 
 
 class Folder:
@@ -296,19 +288,6 @@ def _written_at(path: Path) -> int:
     return head.stat().st_mtime_ns if head.exists() else 0
 
 
-def _write(path: Path, what: Any, session: Session) -> None:
-    """Write the head, a page, or a picture of part of a frame, whole or not at all."""
-    with atomic(path, overwrite=True) as temporary:
-        if isinstance(what, Patch):
-            arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
-            arrays |= {} if what.background is None else {"background": what.background}
-            np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
-        else:
-            text = _head_text(session) if path.name == HEAD else _page_text(what)
-            # Names of files, and so of layers, may hold what is no text.
-            temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
-
-
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
     """Read a picture that is no larger than an image of (H, W) px, and within it."""
     most = 8 * max(size[0] * size[1], 4) + 2**12  # and a header
@@ -337,7 +316,7 @@ def summary(path: Path) -> Head | None:
     """Say what a folder holds; None where there is nothing, LabelsError where it cannot be read."""
     try:
         head = Head.read(path / HEAD)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     return head if head.sketches or head.curves else None
 
@@ -347,9 +326,8 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
 
     A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
     """
-    head = Head.read(path / HEAD)
-    problems, drawn = list[str](), list[Shape]()
-    records, deleted = list[Record](), list[Record]()
+    head, problems = Head.read(path / HEAD), list[str]()
+    drawn, records, deleted = list[Shape](), list[Record](), list[Record]()
     patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
     for file in sorted(path.glob("*.json")):
         if (found := FRAME.fullmatch(file.name)) is None:
@@ -359,13 +337,13 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
             if frame >= frames:
                 raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
             page = Page.read(file)
+            with blamed(partial(LabelsError, file, "")):
+                kept, gone = ([r.record(frame) for r in of] for of in (page.records, page.deleted))
             drawn += [replace(shape, frame=frame) for shape in page.sketches]
-            if frame == EVERY:
-                continue
-            records += [one.record(frame) for one in page.records]
-            deleted += [one.record(frame) for one in page.deleted]
+            records += kept
+            deleted += gone
             notes |= {frame: page.notes} if page.notes else {}
-            if (picture := file.with_suffix(".npz")).exists():
+            if frame != EVERY and (picture := file.with_suffix(".npz")).exists():
                 patches[frame] = _read_patch(picture, size)
         except (OSError, LabelsError) as error:
             problems.append(str(error))
@@ -373,28 +351,29 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
 
 
-def reopen(
-    path: Path, frames: int, size: tuple[int, int]
-) -> tuple[Session | None, Folder, tuple[str, ...]]:
-    """Read a session that no other window has, and give the folder that it goes on in.
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
+"""Where a session was read, the folder that it goes on in, and what could not be read."""
 
-    That is a new one where this cannot be written to, or not all of it could be read: `read` says.
+
+def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:
+    """Read a session that no other window has.
+
+    It goes on in a new folder where this cannot be written to, or not all of it could be read.
     """
-    folder = Folder()
     try:
         folder = Folder(path)
     except BusyError as error:
         who = str(error).partition(";")[0]
-        return None, folder, (f"{who}: it is open in another window; close it there.",)
+        return path, None, Folder(), (f"{who}: it is open in another window; close it there.",)
     except OSError:
-        pass  # where it cannot be written to, work goes on in a new one
+        folder = Folder()
     try:
         session, problems = read(path, frames, size)
-        # Pictures that were read need not be written again.
-        folder._written = {_name(n, "npz"): patch for n, patch in session.state.patches.items()}
     except (OSError, LabelsError) as error:
         session, problems = None, (f"{error}.",)
-    if problems:
+    if problems or session is None:
         folder.release()
-        folder = Folder()
-    return session, folder, problems
+        return path, session, Folder(), problems
+    # Pictures that were read need not be written again.
+    folder._written = {_name(n, "npz"): patch for n, patch in session.state.patches.items()}
+    return path, session, folder, ()
