@@ -222,7 +222,7 @@ def _full_disk(target: Path) -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         number = getattr(error, "errno", None)
         if number in FULL or any(words in str(error) for words in SAID_WHEN_FULL):
-            remedy = "no space left on the disk; make some and repeat the command"
+            remedy = "no space left on the disk; make some and try again"
             raise OSError(number or errno.ENOSPC, remedy, str(target)) from error
         raise
 

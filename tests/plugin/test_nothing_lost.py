@@ -25,6 +25,8 @@ from .bench import LINES, SOON, bench, saved_files
 from .fakes import FakeEngine
 from .hand import QTest, until
 
+HEADS = "*.splinesketch/*/session.json"
+
 
 @pytest.fixture
 def home(qapp: Any, fake: FakeEngine) -> Path:
@@ -33,7 +35,7 @@ def home(qapp: Any, fake: FakeEngine) -> Path:
 
 
 def heads(home: Path) -> list[dict[str, Any]]:
-    return [json.loads(path.read_text()) for path in saved_files(home, "session.json")]
+    return [json.loads(path.read_text()) for path in saved_files(home, HEADS)]
 
 
 def counts(home: Path) -> list[tuple[int, int]]:
@@ -112,6 +114,8 @@ def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
         first.refine()
         first.viewer.layers.clear()
         QTest.qWait(20)
+        assert not first.controller.notice.text, "nor is Undo promised for what it cannot reach"
+        assert not first.controller.drawing.busy
     assert counts(home) == [(2, 2)]
 
 
@@ -120,7 +124,7 @@ def test_a_folder_that_is_away_is_said_and_never_stops_the_dock(home: Path) -> N
         first.image()
         layer = first.sketches()
         until(lambda: counts(home) == [(2, 0)], SOON)
-        (away,) = saved_files(home, "session.json")
+        (away,) = saved_files(home, HEADS)
         back = away.parent.rename(home / "away")
         layer.add_paths([LINES[0] + 9])
         until(lambda: "could not be saved" in first.saver.problem, SOON)

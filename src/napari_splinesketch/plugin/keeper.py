@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from napari.components import ViewerModel
@@ -54,8 +55,6 @@ class Keeper:
         self.progress: Progress | None = None
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
-        self._frame: int | None = None
-        self._drawn: Drawn | None = None
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
@@ -82,25 +81,22 @@ class Keeper:
         self._attend(self.works[-1])
         return self.works[-1]
 
-    @property
+    @cached_property
     def frame(self) -> int:
         """Index of the frame in view."""
         image = self.choices.image
-        if self._frame is None:
-            self._frame = current_frame(self.viewer, image) if image else 0
-        return self._frame
+        return current_frame(self.viewer, image) if image else 0
 
-    @property
+    @cached_property
     def drawn(self) -> Drawn:
         """The lines of the frame in view."""
         image, layer = self.choices.image, self.choices.sketches
-        if self._drawn is None and image is not None and layer is not None:
-            self._drawn = drawn_in(self.viewer, layer, image, self.frame)
-        return self._drawn or Drawn()
+        return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
 
     def forget(self) -> None:
         """Look anew what is in view."""
-        self._frame = self._drawn = None
+        for name in ("frame", "drawn"):
+            vars(self).pop(name, None)
 
     @property
     def state(self) -> State:
@@ -188,12 +184,11 @@ class Keeper:
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
         verb = {"accepted": "Accept", "rejected": "Reject", "open": "Reopen"}[review]
-        self._change(verb, keys, lambda state, chosen: state.marked(chosen, review=review))
+        self._change(verb, keys, partial(State.marked, review=review))
 
     def lock(self, locked: bool, *keys: Key) -> None:
         """Lock or unlock curves, those selected if none are named."""
-        verb = "Lock" if locked else "Unlock"
-        self._change(verb, keys, lambda state, chosen: state.marked(chosen, locked=locked))
+        self._change("Lock" if locked else "Unlock", keys, partial(State.marked, locked=locked))
 
     def delete(self, *keys: Key) -> None:
         """Delete curves, those selected if none are named."""
@@ -261,7 +256,7 @@ class Keeper:
 
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
-        if work.deleted():
+        if work in self.works and work.deleted():  # not one whose other layers went, too
             work.remove()
             if work.records:
                 left = State(suggestions=work.state.suggestions)
