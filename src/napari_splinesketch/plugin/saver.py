@@ -82,8 +82,9 @@ class Home:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
                 _log.warning("The work could not be saved", exc_info=True)
-                known = isinstance(error, OSError) and error.strerror
-                said = f"{error.strerror}: {error.filename}" if known else error
+                said = str(error)
+                if isinstance(error, OSError) and error.strerror:
+                    said = f"{error.strerror}: {error.filename}"
                 problems[f"The work could not be saved: {said}."] = None
         self.unsaved = " ".join(problems)
         return self
