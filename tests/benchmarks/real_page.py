@@ -3,6 +3,7 @@
 python tests/benchmarks/real.py --page
 """
 
+import math
 from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
@@ -134,8 +135,8 @@ def targets_table(rows: Sequence[Row]) -> str:
     modes = {row[:2]: float(row[2]) for row in real_modes.read()}
 
     def mode(name: str, figure: str, unit: str = " %") -> str:
-        value = modes.get((name, figure))
-        return NONE if value is None else f"{value:.3g}{unit}"
+        value = modes.get((name, figure), math.nan)
+        return NONE if math.isnan(value) else f"{value:.3g}{unit}"
 
     real, path = _of(rows, OURS, generated=False), _of(rows, "minimal_path", generated=False)
     right = [_of(rows, OURS, right=True, generated=g) for g in (False, True)]
