@@ -137,9 +137,8 @@ class _Record(_File):
     def record(self, frame: int) -> Record:
         values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
         curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
-        Label.from_curve(
-            curve, frame=frame, identity=self.id
-        )  # raises ValueError if none can be so
+        # What no label can be, no curve can: ValueError.
+        Label.from_curve(curve, frame=frame, identity=self.id)
         return Record(frame=frame, curve=curve, **values)
 
 

@@ -9,8 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin.columns import COLOURED, RAMP, STATUS_WORDS, Look, scale_of
-from napari_splinesketch.plugin.columns import three_digits as digits
+from napari_splinesketch.plugin.columns import (
+    COLOURED,
+    RAMP,
+    STATUS_WORDS,
+    Look,
+    scale_of,
+    three_digits,
+)
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -136,7 +142,7 @@ def legend(records: Sequence[Record], look: Look) -> str:
     scale = scale_of(records, look)
     if scale is None:
         return LEGEND if by == "status" else ""
-    low, high = map(digits, scale)
+    low, high = map(three_digits, scale)
     blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in RAMP)
     unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
     return f"{low} {blocks} {high}{unit}"
