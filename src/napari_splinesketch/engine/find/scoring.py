@@ -32,10 +32,10 @@ HIT, HIT_PX, HIT_LONG = 0.5, 1.5, 0.004
 ones by this share of the sketch's length more, because long bodies are seen from farther away."""
 VERTICES = 12
 """Of a sketch, looked at."""
-SHAPE, LIKE = 2.0, 0.5
+SHAPE, LIKE = 1.5, 0.5
 """What another shape than the path's costs a line that was not clicked, and by how many half-widths
-its vertices then miss the path, once it is moved, turned and scaled as a whole: lines that were
-moved keep their shape, and how a hand changes it is not known."""
+its vertices then miss the path, once it is moved and turned as a whole: lines that were moved keep
+their shape, and how a hand changes it is not known."""
 CLICKED, SPACED = range(3, 61), 4.0
 """So many vertices, so many px apart on average, were put on the body one by one, the first and the
 last on its ends: two tell little of what is between, and more or closer ones are a line that was
@@ -169,8 +169,11 @@ def _missed(
 def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
     """(C,) mean square by which vertices of a sketch miss paths, if it is moved as a whole, px².
 
-    It is moved, turned and scaled. A vertex lies as far along the path as along the sketch.
+    It is moved and turned. A vertex lies as far along the path as along the sketch; two vertices
+    have no shape.
     """
+    if len(sketch) < 3:
+        return np.zeros(at.shape[2])
     few = np.linspace(0, len(sketch) - 1, min(len(sketch), VERTICES)).astype(int)
     along = spline.arc_length(sketch)
     share = along[few] / along[-1] * (at.shape[1] - 1)
@@ -180,8 +183,9 @@ def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
     path = path[0] + 1j * path[1]
     drawn = sketch[few] @ [1, 1j]
     path, drawn = path - path.mean(0), drawn - drawn.mean()
-    same = np.abs(drawn.conj() @ path) ** 2 / (np.abs(drawn) ** 2).sum()
-    return np.maximum((np.abs(path) ** 2).sum(0) - same, 0) / len(few)
+    turn = drawn.conj() @ path
+    turn /= np.abs(turn) + 1e-9
+    return (np.abs(path - drawn[:, None] * turn) ** 2).mean(0)
 
 
 def _sampled(evidence: Float[Array, "H W"], at: Float[Array, "2 ..."]) -> Float[Array, "..."]:
