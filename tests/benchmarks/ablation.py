@@ -31,11 +31,12 @@ from stability_cases import CASES
 from stability_rows import FAR
 
 from napari_splinesketch import refine
-from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip
-from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs, solver
+from napari_splinesketch.engine import constants
+from napari_splinesketch.engine.find import finding, paths, scoring, strip
+from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
-from napari_splinesketch.engine.judge import assess, doubt
-from napari_splinesketch.engine.look import background, ridges, scene
+from napari_splinesketch.engine.judge import doubt
+from napari_splinesketch.engine.look import scene
 from napari_splinesketch.metrics import average_dtw
 
 PATH = FOLDER / "ablation.csv"
@@ -108,33 +109,36 @@ def _everybody_alike() -> None:
 
 MECHANISMS: dict[str, Callable[[], None]] = {
     "": lambda: None,
-    "polarity of each sketch": _set(scene, ALONE=2.0),
+    "polarity of each sketch": _set(constants, CLEAR_VOTE=2.0),
     "half-width of each sketch": _everybody_alike,
-    "background that varies": _set(background, TOLERANCE=1e6),
-    "slopes count against ridges": _set(ridges, SLOPE=0.0),
+    "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),
+    "slopes count against ridges": _set(constants, RIDGE_SLOPE=0.0),
     "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
     "paths along the sketch": _set(
         strip, ordered_paths=lambda _, sketch, __, reaches: [sketch] * len(reaches)
     ),
-    "joint choice": _set(choice, SHARED=0.0, EXPLAINS=0.0),
+    "joint choice": _set(constants, SHARED_COST=0.0, EXPLAINED_GAIN=0.0),
     "bends of a path": _set(
-        scoring, WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, scoring.WEIGHTS)
+        constants,
+        PATH_WEIGHTS=np.where(np.array(scoring.FEATURES) == "kink", 0.0, constants.PATH_WEIGHTS),
     ),
-    "shapes of lines that were moved": _set(scoring, SHAPE=0.0),
-    "sketches without a body are kept": _set(finding, UNSEEN=2.0),
+    "shapes of lines that were moved": _set(constants, SHAPE_COST=0.0),
+    "sketches without a body are kept": _set(constants, UNSEEN_MOST=2.0),
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
     "clicked vertices are taken at their word": _set(scoring, clicked=lambda _: False),
-    "clicked vertices count by their number": _set(scoring, CAREFUL=(6.0, 6.0)),
-    "a clicked sketch without a body stays": _set(finding, NOTHING=np.inf),
-    "clicked ends are followed to their tips": _set(assess, AHEAD=2.0),
+    "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
+    "a clicked sketch without a body stays": _set(constants, KEPT_SKETCH=np.inf),
+    "clicked ends are followed to their tips": _set(constants, CAP_AHEAD=2.0),
     "hollow bodies": _set(finding, _between_rims=lambda *_: False),
-    "curves that leave their paths are fitted again": _set(fit_scene, FOLDS=9.0, DEARER=1e9),
+    "curves that leave their paths are fitted again": _set(
+        constants, FOLD_RAD=9.0, STRAYED_COST=1e9
+    ),
     "pairs side by side": _set(pairs, settle_pairs=lambda _, __, bodies, *___: bodies),
-    "outliers count linearly": _set(solver, HUBER=1e6),
-    "bodies resist bending": _set(bands, BEND=0.0),
-    "knots resist uneven spacing": _set(bands, UNEVEN=1e6),
+    "outliers count linearly": _set(constants, HUBER=1e6),
+    "bodies resist bending": _set(constants, BEND=0.0),
+    "knots resist uneven spacing": _set(constants, UNEVEN=1e6),
     "learned taper": _held("log_power", "log_extent"),
     "half-width varies along": _held("log_width_1", "log_width_2", "log_width_3"),
     "brightness varies along": _held("brightness_1", "brightness_2"),

@@ -23,7 +23,7 @@ from real_cases import FOLDERS, RIGHT, Case, in_folders, jittered
 from real_judge import MOST, shares
 from scipy.optimize import minimize
 
-from napari_splinesketch.engine import islands
+from napari_splinesketch.engine import constants, islands
 from napari_splinesketch.engine.find import choice, finding, scoring
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import Settings
@@ -50,7 +50,7 @@ SHARE = {"generated": 2.0}
 """How much a source weighs against the others."""
 RIDGE = 0.03
 NAMES = (*scoring.FEATURES, "shared", "explains")
-NOW = np.array([*scoring.WEIGHTS, choice.SHARED, choice.EXPLAINS])
+NOW = np.array([*constants.PATH_WEIGHTS, constants.SHARED_COST, constants.EXPLAINED_GAIN])
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,9 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     [right(island.members[members[i]], island.pose.outside(x)) for x in c.lines]
                     for i, c in zip(cluster, of, strict=True)
                 ]
-                covers = _sums([c.covers for c in of], paths)
-                earns = _sums([c.covers * bool(c.explains) for c in of], paths)
+                every = np.arange(len(graph.pieces))
+                covers = _sums([c.along(every) for c in of], paths)
+                earns = _sums([c.along(every) * bool(c.explains) for c in of], paths)
                 terms = np.column_stack(
                     [
                         _sums(known, paths),

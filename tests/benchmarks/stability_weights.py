@@ -12,7 +12,8 @@ import numpy as np
 from stability_cases import CASES
 from stability_rows import FAR, FOLDER, measure
 
-from napari_splinesketch.engine.find import choice, scoring
+from napari_splinesketch.engine import constants
+from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.fit import bands
 
 FACTORS = (0.1, 10.0)
@@ -48,18 +49,20 @@ def _of_priors(factor: float):
 
 def _of_score(index: int, factor: float):
     """Scale the weight of one feature of a path's cost."""
-    weights = scoring.WEIGHTS.copy()
+    weights = constants.PATH_WEIGHTS.copy()
     weights[index] *= factor
-    return _changed(scoring, "WEIGHTS", weights)
+    return _changed(constants, "PATH_WEIGHTS", weights)
 
 
 WEIGHTS: dict[str, Callable[[float], AbstractContextManager[None]]] = {
-    "bending of the curve": lambda factor: _changed(bands, "BEND", bands.BEND * factor),
-    "uneven knots": lambda factor: _changed(bands, "UNEVEN", bands.UNEVEN / np.sqrt(factor)),
+    "bending of the curve": lambda factor: _changed(constants, "BEND", constants.BEND * factor),
+    "uneven knots": lambda factor: _changed(
+        constants, "UNEVEN", constants.UNEVEN / np.sqrt(factor)
+    ),
     "priors of width, taper, look": _of_priors,
     **{f"path: {name}": partial(_of_score, i) for i, name in enumerate(scoring.FEATURES)},
-    "body taken twice": partial(_constant, choice, "SHARED"),
-    "body explained": partial(_constant, choice, "EXPLAINS"),
+    "body taken twice": partial(_constant, constants, "SHARED_COST"),
+    "body explained": partial(_constant, constants, "EXPLAINED_GAIN"),
 }
 
 

@@ -9,9 +9,8 @@ from scipy import ndimage
 from skimage import io
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import spline
+from napari_splinesketch.engine import constants, spline
 from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
-from napari_splinesketch.engine.fit import fit_scene
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Polarity
@@ -144,7 +143,7 @@ def test_a_body_that_bows_out_is_found_from_a_line_between_its_ends(monkeypatch)
     image, sketch = drawn([body], half_width=2.0), body[[0, -1]]
     (curve,) = refine(image, [sketch]).curves
     assert away(curve.points, body) < 2 and away(body, curve.points) < 3
-    monkeypatch.setattr(finding, "BOW", 0.0)
+    monkeypatch.setattr(constants, "GRAPH_BOW", 0.0)
     (near,) = refine(image, [sketch]).curves
     assert away(body, near.points) > 5, "within reach without it: the case tells nothing"
 
@@ -180,8 +179,8 @@ def test_a_curve_that_leaves_its_path_again_stays_on_it(monkeypatch):
 
 
 def _refined_with(monkeypatch, most: float, image, sketch):
-    monkeypatch.setattr(fit_scene, "DEARER", most)
-    monkeypatch.setattr(fit_scene, "LEFT", 0.0)
+    monkeypatch.setattr(constants, "STRAYED_COST", most)
+    monkeypatch.setattr(constants, "STRAYED_HW", 0.0)
     return refine(image, [sketch]).curves[0]
 
 
@@ -197,10 +196,10 @@ def test_a_curve_is_not_drawn_off_its_sketch_by_something_bright_beside_it():
 
 def sketch_cost(line, sketch, half_width: float) -> float:
     """What a line costs where everything is body and ends."""
-    lines = spline.resample(line, scoring.SAMPLES)[None]
+    lines = spline.resample(line, constants.SCORE_SAMPLES)[None]
     total = spline.arc_length(line)[-1:]
     known = scoring.features(lines, total, sketch, half_width, np.zeros((1, 1)))
-    return float(scoring.cost(known)[0] - scoring.WEIGHTS[0])
+    return float(scoring.cost(known)[0] - constants.PATH_WEIGHTS[0])
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.5])

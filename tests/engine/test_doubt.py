@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_splinesketch import refine
+from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.judge import doubt
@@ -79,7 +80,12 @@ def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
 
 
 def test_signs_and_weights_belong_together():
-    assert len(doubt.SIGNS) == len(doubt.WEIGHTS) == len(doubt.USUAL) == len(SURE.signs)
+    assert (
+        len(doubt.SIGNS)
+        == len(constants.DOUBT_WEIGHTS)
+        == len(constants.DOUBT_USUAL)
+        == len(SURE.signs)
+    )
 
 
 @pytest.mark.parametrize(("last", "marked"), [(93, False), (106, True)])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import Progress, refine, synthetic
-from napari_splinesketch.engine.fit import fitting, solver
+from napari_splinesketch.engine import constants
+from napari_splinesketch.engine.fit import solver
 from napari_splinesketch.engine.refine import _Progress
 from napari_splinesketch.engine.types import CANCELLED
 
@@ -124,4 +125,4 @@ def test_little_is_computed_between_two_chances_to_cancel(monkeypatch):
     refine(made.image, sketches_of(made), on_progress=on_progress)
     calls, visits = (max(m[i] for m in most) for i in (0, 1))
     assert calls == 1
-    assert visits <= fitting.CHUNK * 10
+    assert visits <= constants.CHUNK * 10

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.fit import fitting, side_by_side
 from napari_splinesketch.engine.types import CANCELLED
 
@@ -23,7 +24,7 @@ def crowd() -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def test_heaps_of_curves_that_touch_stay_whole(monkeypatch):
-    monkeypatch.setattr(side_by_side, "CURVES", (3,))
+    monkeypatch.setattr(constants, "CURVE_SIZES", (3,))
     meets = np.zeros((9, 9), dtype=bool)
     for i, j in ((0, 4), (4, 8), (8, 2), (1, 3), (5, 6)):
         meets[i, j] = meets[j, i] = True

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import metrics, synthetic
+from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.fit import bands, fitting, solver
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.look import scene
@@ -76,7 +77,7 @@ def wider(made: solver.Bands, start: solver.Fit, more: int) -> tuple[solver.Band
 def test_padding_changes_nothing(problem):
     made, _, theta = problem.bands()
     plain, roomy = (made, solver.start(theta, made.values.shape[1])), None
-    roomy = wider(*plain, more=bands.PIXELS[1] - made.values.shape[1])
+    roomy = wider(*plain, more=constants.PIXEL_SIZES[1] - made.values.shape[1])
     results = []
     for given, fit in (plain, roomy):
         fit = problem.sweep(given, fit, [0, 1], 1)
@@ -238,7 +239,7 @@ def test_the_report_rises_and_its_exception_stops():
 
 def test_sum_and_maximum_of_the_others_by_brute_force():
     rng = np.random.default_rng(0)
-    n, m, there, width = 4, 3 * solver.TILE, 3, 900
+    n, m, there, width = 4, 3 * constants.TILE, 3, 900
     unused = n * m - 1
     own = np.zeros((n, m), np.float32)
     slots = np.full((n, m), unused, np.int32)
@@ -258,8 +259,8 @@ def test_sum_and_maximum_of_the_others_by_brute_force():
 
 
 def test_huber_is_quadratic_then_linear_and_smooth():
-    r = np.array([0, 1, -2, solver.HUBER, 10, -10], np.float32)
-    h = solver.HUBER
+    r = np.array([0, 1, -2, constants.HUBER, 10, -10], np.float32)
+    h = constants.HUBER
     expected = [0, 1, 4, h**2, 20 * h - h**2, 20 * h - h**2]
     np.testing.assert_allclose(solver._huber(np.abs(r)), expected)
 
@@ -299,7 +300,7 @@ def test_padded_sizes():
 
 
 def test_more_curves_than_the_largest_size_holds(monkeypatch):
-    monkeypatch.setattr(bands, "CURVES", (2, 4))
+    monkeypatch.setattr(constants, "CURVE_SIZES", (2, 4))
     priors = bands.default_priors(9, 3.0)
     lines = [np.linspace([5, 5 + 4 * i], [40, 5 + 4 * i], KNOTS) for i in range(9)]
     theta = np.stack([np.r_[line.T.ravel(), priors.mean[0]] for line in lines])
@@ -314,7 +315,7 @@ def test_more_curves_than_the_largest_size_holds(monkeypatch):
 def test_a_band_of_too_many_pixels_is_thinned():
     line = np.array([[30.0, 30.0], [370.0, 370.0]])
     found = bands.band_pixels(line, 60.0, np.ones((400, 400), dtype=bool))
-    assert bands.PIXELS[-1] / 2 < len(found) <= bands.PIXELS[-1]
+    assert constants.PIXEL_SIZES[-1] / 2 < len(found) <= constants.PIXEL_SIZES[-1]
 
 
 def test_band_pixels_are_those_near_the_curve(problem):

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import spline
+from napari_splinesketch.engine import constants, spline
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX
 from napari_splinesketch.engine.judge import standard_error as module
@@ -50,7 +50,7 @@ def test_noise_as_assumed_leaves_the_error_as_it_is(body):
     found = standard_error(body, U, unexplained(seen(0.1), residual), ALONE)
     plain = module.normal_sd(body.covariance, body.knots, U)
     middle = slice(20, 80)
-    np.testing.assert_allclose(found[middle], module.INFLATION * plain[middle], rtol=0.4)
+    np.testing.assert_allclose(found[middle], constants.SD_EVERYWHERE * plain[middle], rtol=0.4)
 
 
 def test_residuals_that_hang_together_count_for_more(body):
@@ -72,12 +72,12 @@ def test_beside_another_curve_the_error_is_larger(body):
     residual = np.random.default_rng(4).normal(0, 0.1, SHAPE)
     points = np.column_stack([np.full(100, 45.0), np.linspace(10, 110, 100)])
     other = np.column_stack([np.full(30, 50.0), np.linspace(40, 60, 30)])
-    near = spline.apart(points, other) < module.BESIDE * 3.0
+    near = spline.apart(points, other) < constants.BESIDE_HW * 3.0
     assert near[30:50].all()
     assert not near[:20].any()
     assert not near[60:].any()
     scaled = [standard_error(body, U, unexplained(seen(0.1), residual), n) for n in (ALONE, near)]
-    np.testing.assert_allclose(scaled[1][near], module.CROWDED * scaled[0][near])
+    np.testing.assert_allclose(scaled[1][near], constants.SD_BESIDE * scaled[0][near])
     np.testing.assert_allclose(scaled[1][~near], scaled[0][~near])
 
 

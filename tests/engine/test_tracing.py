@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.find import tracing
 
 SHAPE = (90, 120)
@@ -69,7 +70,7 @@ def test_graph_is_consistent_and_lies_in_the_bodies(lines):
     ):
         np.testing.assert_array_equal(piece[[0, -1]], graph.nodes[ends])
         assert length == pytest.approx(np.linalg.norm(np.diff(piece, axis=0), axis=1).sum())
-        assert length < 2 * tracing.SPLIT * HALF_WIDTH
+        assert length < 2 * constants.PIECE_HW * HALF_WIDTH
         np.testing.assert_allclose(np.linalg.norm(heading, axis=1), 1, rtol=1e-6)
         rows, cols = piece.astype(int).T
         assert (inside[rows, cols] > 1).all()
@@ -144,4 +145,4 @@ def test_everything_scales_with_the_half_width(half_width):
     mask = mask_of(*CROSS, half_width=half_width)
     graph = tracing.trace(mask, half_width)
     assert graph.tips.sum() == 4
-    assert graph.lengths.max() < 2 * tracing.SPLIT * half_width
+    assert graph.lengths.max() < 2 * constants.PIECE_HW * half_width

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from napari_splinesketch.engine import spline
+from napari_splinesketch.engine import constants, spline
 from napari_splinesketch.engine.fit import bands, tube
 
 SHAPE = (64, 110)
@@ -63,7 +63,7 @@ def exact(line: np.ndarray, half_width: float, blur: float, fine: int = 6) -> np
 
 @pytest.mark.parametrize("blur", [0.6, 1.4])
 def test_a_straight_tube_looks_like_an_exact_drawing(blur, monkeypatch):
-    monkeypatch.setattr(tube, "SHADE", 0.0)
+    monkeypatch.setattr(constants, "EDGE_SHADE", 0.0)
     expected = exact(LINE, 3.0, blur)
     # A pixel's own area blurs by 1/12 px² more.
     soft = float(np.log(np.hypot(blur, np.sqrt(1 / 12))))
@@ -144,7 +144,7 @@ def test_a_jacobian_has_the_background_and_the_blend():
     rows = dict(zip(tube.GLOBALS, jacobian.T[2 * KNOTS :], strict=True))
     np.testing.assert_allclose(rows["offset"], 1)
     for name, at in zip(("slope_row", "slope_col"), PIXELS, strict=True):
-        np.testing.assert_allclose(rows[name], at / tube.SLOPE_UNIT, rtol=1e-6)
+        np.testing.assert_allclose(rows[name], at / constants.SLOPE_UNIT_PX, rtol=1e-6)
     np.testing.assert_allclose(
         rows["overlap"], np.maximum(own, 0.3) - own - np.float32(0.3), atol=1e-6
     )
@@ -154,7 +154,7 @@ def test_a_jacobian_has_the_background_and_the_blend():
 
 
 def test_a_wide_body_is_one_inside_half_at_the_edge_and_nothing_outside(monkeypatch):
-    monkeypatch.setattr(tube, "SHADE", 0.0)
+    monkeypatch.setattr(constants, "EDGE_SHADE", 0.0)
     found = cover([0.0, 2.0, 4.0, 6.0, 9.0])
     np.testing.assert_allclose(found, [1, 1, 0.5, 0, 0], atol=1e-4)
 
@@ -162,7 +162,7 @@ def test_a_wide_body_is_one_inside_half_at_the_edge_and_nothing_outside(monkeypa
 @pytest.mark.parametrize("blur", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize("width", [0.8, 4.0])
 def test_blur_keeps_the_area_of_a_section(width, blur, monkeypatch):
-    monkeypatch.setattr(tube, "SHADE", 0.0)
+    monkeypatch.setattr(constants, "EDGE_SHADE", 0.0)
     across = np.linspace(0, 30, 6001)
     area = 2 * np.trapezoid(cover(across, width=width, log_blur=np.log(blur)), across)
     assert area == pytest.approx(2 * width, rel=1e-3)
@@ -170,8 +170,10 @@ def test_blur_keeps_the_area_of_a_section(width, blur, monkeypatch):
 
 def test_shading_darkens_the_edge_and_leaves_the_middle():
     found = cover([0.0, 2.0, 3.0])
-    np.testing.assert_allclose(found, 1 - tube.SHADE * np.array([0, 0.25, 0.5625]), atol=0.03)
-    np.testing.assert_allclose(found[:2], [1, 1 - tube.SHADE / 4], atol=1e-4)
+    np.testing.assert_allclose(
+        found, 1 - constants.EDGE_SHADE * np.array([0, 0.25, 0.5625]), atol=0.03
+    )
+    np.testing.assert_allclose(found[:2], [1, 1 - constants.EDGE_SHADE / 4], atol=1e-4)
 
 
 def test_taper_is_symmetric_whole_in_the_middle_and_thin_at_the_ends():

@@ -6,15 +6,9 @@ from typing import get_args
 import numpy as np
 from jaxtyping import Float, Real
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Array, Polarity, Sketches
-
-THINNEST = 0.2
-"""Smallest half-width that may be told, px: half of a pixel's width is 0.5."""
-FAR_OUTSIDE = 10.0
-"""A sketch may reach so many times the image's longer side beyond it."""
-SHORTEST = 2.0
-"""Shorter sketches say nothing, px."""
 
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
@@ -34,9 +28,10 @@ def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float 
     if polarity not in get_args(Polarity):
         raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
     widest = max(*shape, 4) / 2
-    if half_width is not None and not THINNEST <= half_width <= widest:
+    thinnest = const.THINNEST_GIVEN_PX
+    if half_width is not None and not thinnest <= half_width <= widest:
         raise ValueError(
-            f"half_width is {half_width}; give {THINNEST} to {widest:g} px in an image of"
+            f"half_width is {half_width}; give {thinnest} to {widest:g} px in an image of"
             f" {shape[0]} x {shape[1]} px, or None to have it measured."
         )
 
@@ -58,9 +53,9 @@ def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:
         return "the sketch has only one point; draw a line of two or more"
     if not np.isfinite(line).all():
         return "the sketch has points that are not finite"
-    if (np.abs(line) > FAR_OUTSIDE * max(*shape, 100)).any():
+    if (np.abs(line) > const.FAR_OUTSIDE * max(*shape, 100)).any():
         return "the sketch reaches far beyond the image"
-    if spline.arc_length(line)[-1] < SHORTEST:
+    if spline.arc_length(line)[-1] < const.SHORTEST_SKETCH_PX:
         return "the sketch is shorter than 2 px"
     if not ((line > -1) & (line < np.array(shape))).all(axis=1).any():
         return "the sketch lies outside the image"

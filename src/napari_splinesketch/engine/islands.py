@@ -7,12 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 from scipy.sparse.csgraph import connected_components
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.types import Array, Curve
-
-EXACT = 2.0**-10
-"""Sketches are rounded to this, px, so that turning them is exact."""
 
 Line = Float[Array, "N 2"]
 
@@ -123,7 +121,7 @@ def split(
     fixed: Sequence[Curve],
 ) -> list[Island]:
     """The islands of the usable sketches, the largest first; their windows do not overlap."""
-    lines = [np.round(line / EXACT) * EXACT for line in lines]
+    lines = [np.round(line / const.GRID_PX) * const.GRID_PX for line in lines]
     shape = image.shape
     groups, around = [[i] for i in usable], {i: _surroundings(lines[i], shape) for i in usable}
     while True:

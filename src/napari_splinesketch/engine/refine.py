@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
@@ -26,9 +27,6 @@ from napari_splinesketch.engine.types import (
     Refinement,
     Sketches,
 )
-
-STEADY = 200
-"""Sketches of more points than this were drawn by hand, which shakes: they are averaged."""
 
 
 def refine(
@@ -83,7 +81,10 @@ def refine(
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_options(image.shape, polarity, half_width)
     faults = [checks.fault(line, image.shape) for line in drawn]
-    lines = [x if f else spline.steadied(x, STEADY) for x, f in zip(drawn, faults, strict=True)]
+    lines = [
+        x if f else spline.steadied(x, const.FREEHAND_POINTS)
+        for x, f in zip(drawn, faults, strict=True)
+    ]
     usable = [i for i, fault in enumerate(faults) if not fault]
     fixed = [curve for curve in fixed if curve.status != "failed"]
     parts: list[Part] = []

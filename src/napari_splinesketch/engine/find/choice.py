@@ -6,25 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.cluster.hierarchy import DisjointSet
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
-
-SHARED, EXPLAINS = 14.5, 8.0
-"""Cost of a path that runs along another's for all of a usual length, and what one earns that runs
-along no other's: fitted by tests/benchmarks/path_weights.py."""
-TAKEN = 25.0
-"""Cost of a path that runs along a fixed curve for all of a usual length."""
-FREE_SHARED = 4.5
-"""Pieces shorter than this many half-widths may be shared for a tenth of that: bodies cross."""
-PLAUSIBLE = 14.0
-"""Paths that cost more than the best one of their sketch by this are not looked at."""
-BEAM = 128
-"""Sets of paths kept while sketch after sketch is added."""
-OTHER_PX = 1.5
-"""Paths that are nearer to each other than this, px, or than a half-width, are the same."""
-EXPLAINED = 1.0
-"""Pieces nearer than this many half-widths to a curve lie on its body."""
 
 Line = Float[Array, "N 2"]
 
@@ -41,8 +26,10 @@ class Candidates:
         (C,) of each path alone.
     known
         (C, F) what is known of each, in the order of `scoring.FEATURES`.
+    pieces
+        (P,) numbers of the graph's pieces that any of them runs along, rising.
     covers
-        (C, E) which pieces of the graph it runs along.
+        (C, P) which of these each one runs along.
     rungs
         Index of each one's half-width in `ridges.WIDTHS`.
     explains
@@ -53,18 +40,24 @@ class Candidates:
     lines: tuple[Line, ...]
     cost: Float[Array, " C"]
     known: Float[Array, "C F"]
-    covers: Bool[Array, "C E"]
+    pieces: Int[Array, " P"]
+    covers: Bool[Array, "C P"]
     rungs: tuple[int, ...]
-    explains: float = EXPLAINS
+    explains: float = const.EXPLAINED_GAIN
+
+    def along(self, pieces: Int[Array, " E"]) -> Float[Array, "C E"]:
+        """(C, E) 1 where a path runs along one of some pieces, which rise and hold all of its."""
+        found = np.zeros((len(self.cost), len(pieces)), np.float32)
+        found[:, np.searchsorted(pieces, self.pieces)] = self.covers
+        return found
 
 
 def interacting(candidates: list[Candidates]) -> list[list[int]]:
     """Groups of sketches whose plausible paths share pieces of the graph."""
-    likely = np.array([c.covers.any(0) for c in candidates])
-    mine, piece = likely.nonzero()
-    groups = DisjointSet(range(len(candidates)))
-    for pair in set(zip(likely.argmax(0)[piece].tolist(), mine.tolist(), strict=True)):
-        groups.merge(*pair)
+    groups, first = DisjointSet(range(len(candidates))), dict[int, int]()
+    for i, mine in enumerate(candidates):
+        for piece in mine.pieces.tolist():
+            groups.merge(i, first.setdefault(piece, i))
     return sorted(sorted(group) for group in groups.subsets())
 
 
@@ -72,7 +65,7 @@ def prices(
     graph: TraceGraph, half_width: float, usual: float
 ) -> tuple[Float[Array, " E"], Float[Array, " E"]]:
     """(E,) length of each piece, and what counts of it where paths share it, in usual lengths."""
-    free = graph.bridges | (graph.lengths < FREE_SHARED * half_width)
+    free = graph.bridges | (graph.lengths < const.CROSSING_HW * half_width)
     return graph.lengths / usual, np.where(free, 0.1, 1.0) * graph.lengths / usual
 
 
@@ -107,21 +100,21 @@ def sets(
     taken
         (E,) pieces that lie along a fixed curve.
     """
-    used = np.flatnonzero(np.any([c.covers.any(0) for c in candidates], axis=0))
+    used = np.unique(np.concatenate([c.pieces for c in candidates]))
     length, price = (x[used] for x in prices(graph, half_width, usual))
-    keep = TAKEN * length * (taken[used] & ~graph.bridges[used])
+    keep = const.FIXED_COST * length * (taken[used] & ~graph.bridges[used])
     rows = np.zeros((1, 0), dtype=int)
     covered = np.zeros((1, len(used)), np.float32)
     total = np.zeros(1)
     order = sorted(range(len(candidates)), key=lambda i: (len(candidates[i].cost), i))
     for i in order:
         mine = candidates[i]
-        covers = mine.covers[:, used].astype(np.float32)
+        covers = mine.along(used)
         earned = mine.explains * eagerness(len(candidates)) * length
         own = mine.cost + covers @ (keep - earned * ~taken[used])
-        again = (covered * (SHARED * price + earned)) @ covers.T
+        again = (covered * (const.SHARED_COST * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again
-        best = np.argsort(extended, axis=None, kind="stable")[:BEAM]
+        best = np.argsort(extended, axis=None, kind="stable")[: const.BEAM]
         which, path = np.unravel_index(best, extended.shape)
         rows = np.concatenate([rows[which], path[:, None]], 1)
         covered = np.minimum(covered[which] + covers[path], 1)
@@ -138,7 +131,7 @@ def margin(
     that the sketch takes in sets of rising `costs`.
     """
     first, same = candidates.lines[chosen[0]], {int(chosen[0])}
-    near = max(half_width, OTHER_PX)
+    near = max(half_width, const.SAME_PATH_PX)
     for path, cost in zip(chosen.tolist(), costs.tolist(), strict=True):
         if path not in same:
             other = candidates.lines[path]

@@ -8,52 +8,17 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from skimage.morphology import remove_small_objects
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import choice, paths, scoring, strip
 from napari_splinesketch.engine.find.choice import Candidates
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
-from napari_splinesketch.engine.look.scene import CREST, Scene
-from napari_splinesketch.engine.look.sketched import (
-    ENOUGH,
-    SLENDER,
-    half_width_across,
-    look_around,
-    reach_of,
-)
+from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.look.sketched import half_width_across, look_around, reach_of
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
-
-BODY = 0.45
-"""Evidence from which a pixel is body."""
-FARTHER, FARTHER_WIDTHS = 1.3, 4.0
-"""The graph reaches farther from a sketch than bodies do, by this factor and half-widths."""
-KEPT = 20
-"""Paths through the graph that are kept for each sketch, at most."""
-BOW = 0.7
-"""A body may bow out by so much of the longest segment of its sketch."""
-STRIPS = (1.0, 0.4)
-"""Shares of the reach within which paths along the sketch are looked for."""
-NARROW, NARROW_PX = 1.0, 1.0
-"""Half-widths and px within which a clicked sketch that is right already has its body."""
-MIDDLE = 0.5
-"""A sketch in a hollow body is within so many half-widths of its middle, or a rim is nearer."""
-RIMS, OFFSETS = 1.3, 8
-"""The rims of a hollow body are looked for within so many of its half-widths, at so many places on
-either side."""
-NOTHING = 17.0
-"""Cost of a clicked sketch without any body, at most: it stays as it was drawn."""
-WIDER = 0.5
-"""Cost of taking two ridges for the rims of one hollow body: they may be two bodies."""
-SMOOTH = 1.25
-"""Of traced paths, half-widths: the skeleton zigzags where bodies cross."""
-TRUNCATE = 4.0
-"""Standard deviations at which that smoothing ends."""
-UNSEEN = 0.6
-"""A path without evidence along so much of it is no body's."""
-CONTRASTS = (0.2, 4.0)
-"""Of one body against the others', at least and at most."""
 
 Line = Float[Array, "N 2"]
 
@@ -192,14 +157,14 @@ def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
                 reach = _reach(sketch, WIDTHS[rung])
                 rows, columns, inside = band(sketch, reach, seen.normal.shape)
                 near[rows, columns] |= inside
-        mask |= near & (seen.evidence(rung) > BODY)
+        mask |= near & (seen.evidence(rung) > const.BODY_EVIDENCE)
     return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
 
 
 def _reach(sketch: Line, half_width: float) -> float:
     straight = np.linalg.norm(np.diff(sketch, axis=0), axis=1).max()
-    reach = max(FARTHER * reach_of(sketch, half_width), BOW * straight)
-    return float(reach + FARTHER_WIDTHS * half_width)
+    reach = max(const.GRAPH_REACH * reach_of(sketch, half_width), const.GRAPH_BOW * straight)
+    return float(reach + const.GRAPH_REACH_HW * half_width)
 
 
 def _candidates(
@@ -220,44 +185,46 @@ def _candidates(
     lines: list[Line] = []
     along = np.zeros((0, len(graph.pieces)), dtype=bool)
     if routes:
-        sampled, total = paths.sampled(graph, routes, scoring.FEW)
+        sampled, total = paths.sampled(graph, routes, const.SCORE_SAMPLES_ROUGH)
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
-        best = np.argsort(cost, kind="stable")[:KEPT]
-        best = best[cost[best] < cost[best[0]] + choice.PLAUSIBLE]
+        best = np.argsort(cost, kind="stable")[: const.ROUTES_KEPT]
+        best = best[cost[best] < cost[best[0]] + const.PLAUSIBLE]
         lines = [paths.polyline(graph, routes[i]) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
     reach, clicked = reach_of(sketch, half_width), scoring.clicked(sketch)
-    reaches = [share * reach for share in STRIPS]
+    reaches = [share * reach for share in const.STRIP_REACHES]
     if clicked:
-        reaches.append(min(NARROW * half_width + NARROW_PX, reach))
+        reaches.append(min(const.NARROW_HW * half_width + const.NARROW_PX, reach))
     own = strip.ordered_paths(evidence, sketch, half_width, reaches)
     own += [sketch] * clicked
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
-    lines = smoothed([*lines, *own], SMOOTH * half_width)
-    sampled = np.array(spline.resample_each(lines, [scoring.SAMPLES] * len(lines)))
+    lines = smoothed([*lines, *own], const.PATH_SMOOTH_HW * half_width)
+    sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     known = scoring.features(sampled, total, sketch, half_width, evidence)
     cost = scoring.cost(known)
     rungs = [rung] * len(lines)
     if clicked:
-        cost[-1] = min(cost[-1], NOTHING)
+        cost[-1] = min(cost[-1], const.KEPT_SKETCH)
         for wide, line in _wider(seen, sketch, rung):
-            drawn, length = spline.resample(line, scoring.SAMPLES), spline.arc_length(line)[-1:]
+            drawn, length = spline.resample(line, const.SCORE_SAMPLES), spline.arc_length(line)[-1:]
             more = scoring.features(drawn[None], length, sketch, WIDTHS[wide], seen.evidence(wide))
             lines, rungs = [*lines, line], [*rungs, wide]
             known = np.concatenate([known, more])
-            cost = np.append(cost, scoring.cost(more) + WIDER)
+            cost = np.append(cost, scoring.cost(more) + const.HOLLOW_COST)
             along = np.concatenate([along, [_along(graph, [line], half_width)]])
     order = np.argsort(cost, kind="stable")
-    order = order[cost[order] < cost[order[0]] + choice.PLAUSIBLE]
-    explains = 0.0 if clicked else choice.EXPLAINS
+    order = order[cost[order] < cost[order[0]] + const.PLAUSIBLE]
+    explains = 0.0 if clicked else const.EXPLAINED_GAIN
+    pieces = np.flatnonzero(along[order].any(0))
     return Candidates(
         tuple(lines[i] for i in order),
         cost[order],
         known[order],
-        along[order],
+        pieces,
+        along[np.ix_(order, pieces)],
         tuple(rungs[i] for i in order),
         explains,
     )
@@ -266,29 +233,38 @@ def _candidates(
 def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     """The wider bodies whose hollow middle a clicked sketch may lie on: paths at their rungs."""
     length = spline.arc_length(sketch)[-1]
-    wider = range(rung + 2, int(np.searchsorted(WIDTHS, SLENDER * length, side="right")))
+    wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
     if not wider:
         return
     side = 0 if seen.contrast > 0 else 1
-    around = look_around(seen.ridges, sketch, NARROW * WIDTHS[rung] + NARROW_PX, wider)[side]
+    around = look_around(
+        seen.ridges, sketch, const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX, wider
+    )[side]
     heights = np.array(around.profile[wider.start :])
     # The rims are ridges too, at half-widths of their own: each that stands out is tried.
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
-        wide = wider.start + int(first + np.argmax(part >= ENOUGH * part.max()))
-        reaches = [MIDDLE * WIDTHS[wide]]
+        wide = wider.start + int(first + np.argmax(part >= const.WIDTH_ENOUGH * part.max()))
+        reaches = [const.HOLLOW_MIDDLE_HW * WIDTHS[wide]]
         [line] = strip.ordered_paths(seen.evidence(wide), sketch, WIDTHS[wide], reaches)
-        line = smoothed([line], SMOOTH * WIDTHS[wide])[0]
-        sampled = spline.resample(line, scoring.SAMPLES)
+        line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
+        sampled = spline.resample(line, const.SCORE_SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
             yield wide, line
 
 
 def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
     """Whether there is a ridge on either side of a line, and none along it."""
-    seen = spline.across(evidence, line, half_width * np.linspace(-RIMS, RIMS, 2 * OFFSETS + 1))
-    rims = np.minimum(seen[:, :OFFSETS].max(1), seen[:, OFFSETS + 1 :].max(1)).mean()
-    return bool(seen[:, OFFSETS].mean() < BODY < rims)
+    seen = spline.across(
+        evidence,
+        line,
+        half_width
+        * np.linspace(-const.HOLLOW_RIM_HW, const.HOLLOW_RIM_HW, 2 * const.HOLLOW_OFFSETS + 1),
+    )
+    rims = np.minimum(
+        seen[:, : const.HOLLOW_OFFSETS].max(1), seen[:, const.HOLLOW_OFFSETS + 1 :].max(1)
+    ).mean()
+    return bool(seen[:, const.HOLLOW_OFFSETS].mean() < const.BODY_EVIDENCE < rims)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
@@ -298,7 +274,7 @@ def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " 
     count = np.array([len(piece) for piece in graph.pieces])
     along = evidence[tuple(np.concatenate(graph.pieces).astype(int).T)]
     total = np.add.reduceat(along, np.cumsum(count) - count)
-    return 1 - np.minimum(total / count / scoring.SEEN, 1)
+    return 1 - np.minimum(total / count / const.SURE_EVIDENCE, 1)
 
 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
@@ -307,7 +283,7 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     if not lines or not len(graph.pieces):
         return along
     points = np.concatenate([spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines])
-    near = choice.EXPLAINED * half_width
+    near = const.ON_BODY_HW * half_width
     around = (graph.middles > points.min(0) - near) & (graph.middles < points.max(0) + near)
     beside = np.flatnonzero(around.all(1))
     along[beside] = spline.apart(graph.middles[beside], points, near) < near
@@ -317,16 +293,19 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
 def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     """A path with what the image is like along it."""
     line, known, rung = mine.lines[path], mine.known[path], mine.rungs[path]
-    if known[scoring.FEATURES.index("unseen")] > UNSEEN or mine.cost[path] > scoring.TOO_FAR:
+    if (
+        known[scoring.FEATURES.index("unseen")] > const.UNSEEN_MOST
+        or mine.cost[path] > const.IMPOSSIBLE
+    ):
         return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
     own = int(np.clip(around.rung, rung - 1, rung + 1))
-    contrast = around.profile[min(own, len(around.profile) - 1)] / CREST / abs(seen.contrast)
+    contrast = around.profile[min(own, len(around.profile) - 1)] / const.CREST / abs(seen.contrast)
     # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
     widest = WIDTHS[max(own, rung)]
     half_width = min(widest, half_width_across(seen.normal, line, widest))
-    sampled = spline.resample(line, scoring.SAMPLES)
+    sampled = spline.resample(line, const.SCORE_SAMPLES)
     at = sampled.T[:, :, None]
     first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
     tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
@@ -335,10 +314,10 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
 
 def dearer(seen: Scene, start: Start, line: Line) -> dict[str, float]:
     """By how much a line costs a sketch more than its path, for each of `scoring.FEATURES`."""
-    drawn, total = spline.resample(line, scoring.SAMPLES)[None], spline.arc_length(line)[-1:]
+    drawn, total = spline.resample(line, const.SCORE_SAMPLES)[None], spline.arc_length(line)[-1:]
     evidence, half_width = seen.evidence(start.rung), WIDTHS[start.rung]
     known = scoring.features(drawn, total, start.sketch, half_width, evidence)[0]
-    more = (known - start.known) * scoring.WEIGHTS
+    more = (known - start.known) * const.PATH_WEIGHTS
     return dict(zip(scoring.FEATURES, more.tolist(), strict=True))
 
 
@@ -358,16 +337,17 @@ def _rescaled(found: Found) -> Found:
         half_width=float(np.median([s.half_width for s in mine])),
     )
     starts = [
-        replace(s, contrast=float(np.clip(s.contrast / unit, *CONTRASTS))) for s in found.starts
+        replace(s, contrast=float(np.clip(s.contrast / unit, *const.CONTRASTS)))
+        for s in found.starts
     ]
     return Found(seen, starts, found.clusters)
 
 
 def smoothed(lines: list[Line], sigma: float) -> list[Line]:
     """Polylines resampled every px and smoothed along their length; their ends stay."""
-    lines, reach = spline.resample_each(lines), int(TRUNCATE * sigma + 0.5)
+    lines, reach = spline.resample_each(lines), int(const.PATH_SMOOTH_CUT * sigma + 0.5)
     row = np.concatenate([_mirrored(line, reach) for line in lines])
-    row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=TRUNCATE)
+    row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=const.PATH_SMOOTH_CUT)
     first = np.cumsum([reach, *(len(line) + 2 * reach for line in lines[:-1])])
     return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
 

@@ -6,25 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Array
-
-SHARPEST, SHARP = 0.9, 0.8
-"""Largest turn of a line within two stretches of STRETCH half-widths, and where ends are joined,
-radians."""
-STRETCH, STEP = 2.5, 0.5
-"""Turns are measured between stretches of so many half-widths, at points that are so far apart."""
-CROOKED, TANGENT = 0.75, 3.0
-"""Where bodies cross, the last so many half-widths of a skeleton run askew: they are cut off where
-ends are joined, and an end points where so many before them do."""
-REACH = 8.0
-"""Ends are joined over at most so many half-widths: bodies cross there, or are hidden."""
-TURN, FAR, UNSEEN = 8.0, 0.1, 1.5
-"""Costs of a join: of a turn by a radian, squared; of a half-width; of one without evidence."""
-DEAREST = 6.0
-"""Joins that cost more are not made."""
-SEEN = 0.6
-"""Evidence from here on is a body for sure."""
 
 Line = Float[Array, "N 2"]
 
@@ -77,8 +61,8 @@ def _walked(chains: list[Line], mate: dict[int, int], end: int, half_width: floa
 def _unkinked(chain: Line, half_width: float) -> list[Line]:
     """A chain in parts, none of which turns sharply."""
     length = arc_length(chain)[-1]
-    count = int(length / (STEP * half_width)) + 1
-    away = round(STRETCH / STEP)
+    count = int(length / (const.KINK_STEP_HW * half_width)) + 1
+    away = round(const.KINK_HW / const.KINK_STEP_HW)
     if count < 2 * away + 3:
         return [chain]
     points = resample(chain, count)
@@ -86,7 +70,7 @@ def _unkinked(chain: Line, half_width: float) -> list[Line]:
     ahead /= np.linalg.norm(ahead, axis=1)[:, None] + 1e-9
     turn = np.arccos(np.clip((ahead[away:] * ahead[:-away]).sum(1), -1, 1))
     cuts = [0, count - 1]
-    while turn.max() > SHARPEST:
+    while turn.max() > const.KINK_RAD:
         sharpest = int(turn.argmax())
         cuts.append(sharpest + away)
         turn[max(0, sharpest - away) : sharpest + away + 1] = 0
@@ -100,19 +84,21 @@ def _joins(
     ends, out = np.array([_end(c[::way], half_width) for c in chains for way in (1, -1)]).swapaxes(
         0, 1
     )
-    pairs = KDTree(ends).query_pairs(REACH * half_width, output_type="ndarray")
+    pairs = KDTree(ends).query_pairs(const.JOIN_HW * half_width, output_type="ndarray")
     one, two = pairs[pairs[:, 0] >> 1 != pairs[:, 1] >> 1].T
     between = ends[two] - ends[one]
     far = np.linalg.norm(between, axis=1)
     ahead = between / np.maximum(far, 1e-9)[:, None]
     turns = _angle(out[one], -out[two]), _angle(out[one], ahead), _angle(ahead, -out[two])
     turn = np.max(turns, axis=0)
-    share = np.linspace(0, 1, 1 + int(2 * REACH))
+    share = np.linspace(0, 1, 1 + int(2 * const.JOIN_HW))
     points = ends[one, None] + share[None, :, None] * between[:, None]
     seen = evidence[tuple(np.rint(points).astype(int).transpose(2, 0, 1))]
-    unseen = 1 - np.minimum(seen / SEEN, 1).mean(1)
-    cost = TURN * turn**2 + far / half_width * (FAR + UNSEEN * unseen)
-    good = (turn < SHARP) & (cost < DEAREST)
+    unseen = 1 - np.minimum(seen / const.JOIN_SEEN, 1).mean(1)
+    cost = const.JOIN_TURN * turn**2 + far / half_width * (
+        const.JOIN_FAR + const.JOIN_UNSEEN * unseen
+    )
+    good = (turn < const.JOIN_RAD) & (cost < const.JOIN_MOST)
     return list(zip(cost[good].tolist(), one[good].tolist(), two[good].tolist(), strict=True))
 
 
@@ -120,7 +106,12 @@ def _end(line: Line, half_width: float) -> tuple[Line, Line]:
     """Where the first end of a line is straight, and a unit vector that points out of it."""
     first = _crooked(line, half_width)
     inner = line[
-        min(np.searchsorted(arc_length(line), (CROOKED + TANGENT) * half_width), len(line) - 1)
+        min(
+            np.searchsorted(
+                arc_length(line), (const.CROOKED_HW + const.JOIN_HEADING_HW) * half_width
+            ),
+            len(line) - 1,
+        )
     ]
     out = line[first] - inner
     return line[first], out / (np.linalg.norm(out) + 1e-9)
@@ -129,7 +120,7 @@ def _end(line: Line, half_width: float) -> tuple[Line, Line]:
 def _crooked(line: Line, half_width: float) -> int:
     """How many points at the beginning of a line run askew."""
     length = arc_length(line)
-    return int(np.searchsorted(length, min(CROOKED * half_width, length[-1] / 4)))
+    return int(np.searchsorted(length, min(const.CROOKED_HW * half_width, length[-1] / 4)))
 
 
 def _angle(one: Float[Array, "N 2"], two: Float[Array, "N 2"]) -> Float[Array, " N"]:

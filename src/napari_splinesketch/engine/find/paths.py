@@ -8,19 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
 from napari_splinesketch.engine.types import Array
-
-TURN = np.cos(np.deg2rad(110))
-"""Sharpest turn at a node, as a cosine: skeletons turn sharply where bodies cross."""
-MOST = 3000
-"""Routes that are looked at for each sketch."""
-STARTS = 12
-"""Most nodes that the paths of one sketch start from."""
-BASE, UNSEEN, TURNING = 0.05, 0.3, 1.0
-"""Costs by which paths are looked for: of a half-width on the sketch, of one without evidence, and
-of a turn by 90 degrees."""
 
 Line = Float[Array, "N 2"]
 Route = tuple[int, ...]
@@ -61,12 +52,12 @@ def routes_of_sketch(
     away[nodes], at[nodes] = tree.query(graph.nodes[nodes], distance_upper_bound=reach)
     near = np.flatnonzero((away < reach)[graph.ends].all(1))
     apart = tree.query(graph.middles[near])[0]
-    weight = BASE + UNSEEN * unseen[near] + (apart / tolerance) ** 2 / 8
+    weight = const.ROUTE_LENGTH + const.ROUTE_UNSEEN * unseen[near] + (apart / tolerance) ** 2 / 8
     weight *= graph.lengths[near] / half_width
     nodes = np.unique(graph.ends[near])
-    ahead = BASE * length / half_width * (1 - at[nodes] / (len(line) - 1))
+    ahead = const.ROUTE_LENGTH * length / half_width * (1 - at[nodes] / (len(line) - 1))
     from_start = np.linalg.norm(graph.nodes[nodes] - line[0], axis=1) - 2 * graph.tips[nodes]
-    likely = nodes[np.argsort(from_start, kind="stable")[:STARTS]].tolist()
+    likely = nodes[np.argsort(from_start, kind="stable")[: const.ROUTE_STARTS]].tolist()
     cost = dict(zip(near.tolist(), weight.tolist(), strict=True))
     rest = dict(zip(nodes.tolist(), ahead.tolist(), strict=True))
     return list(_routes_near(graph, cost, likely, rest, 3 * length + 2 * reach))
@@ -97,7 +88,7 @@ def _routes_near(
     number, found = count(), set[int]()
     for start in likely:
         heap: list = [(0.0, next(number), (), start, 0, 0.0, 0.0, None, False)]
-        for _ in range(1 + MOST // len(likely)):
+        for _ in range(1 + const.ROUTES_MOST // len(likely)):
             if not heap:
                 break
             _, _, route, at, used, spent, length, heading, ends_here = heapq.heappop(heap)
@@ -111,9 +102,9 @@ def _routes_near(
                 paid = spent + price
                 if heading and back:
                     straight = -(heading[0] * back[0] + heading[1] * back[1])
-                    if straight < TURN:
+                    if straight < const.SHARPEST_TURN:
                         continue
-                    paid += TURNING * (1 - straight)
+                    paid += const.ROUTE_TURN * (1 - straight)
                 item = (*route, step), beyond, used | piece, paid, reached, out or heading
                 heapq.heappush(heap, (paid + ahead[beyond], next(number), *item, back is not None))
 

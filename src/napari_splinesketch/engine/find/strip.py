@@ -6,26 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Array
-
-ALONG, ACROSS = 0.6, 0.35
-"""Spacing of the straightened image, half-widths, at least ALONG_PX and ACROSS_PX."""
-ALONG_PX, ACROSS_PX = 1.0, 0.5
-BEYOND = 0.12
-"""The path may go on beyond either end of the sketch by so much of its length."""
-STEEPEST = 1.5
-"""Of the path against the sketch: px across for a px along."""
-TILT = 0.6
-"""Cost of a path at 45 degrees to the sketch, for each step along."""
-ASTRAY = 0.25
-"""Cost of a path at the reach, against one without any evidence."""
-DRAWN, EXTRA = 0.1, 0.5
-"""What a step of the sketch that is left out costs, and one beyond its ends."""
-MOST_BEYOND = 0.6
-"""Cost of a step beyond the sketch's ends, at most."""
-SEEN = 0.4
-"""Evidence above this speaks for a step, below against it."""
 
 Line = Float[Array, "N 2"]
 
@@ -49,10 +32,13 @@ def ordered_paths(
         Px.
     """
     length = spline.arc_length(sketch)[-1]
-    along, across = max(ALONG * half_width, ALONG_PX), max(ACROSS * half_width, ACROSS_PX)
+    along, across = (
+        max(const.STRIP_STEP_HW * half_width, const.STRIP_STEP_PX),
+        max(const.STRIP_ACROSS_HW * half_width, const.STRIP_ACROSS_PX),
+    )
     count = max(12, round(length / along) + 1)
     along = length / (count - 1)
-    extra = int(np.ceil(BEYOND * length / along)) + 3
+    extra = int(np.ceil(const.STRIP_BEYOND * length / along)) + 3
     strips, costs = [], []
     for reach in reaches:
         points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
@@ -60,14 +46,14 @@ def ordered_paths(
         offsets = across * np.arange(-half, half + 1)
         at = points[:, None] + offsets[None, :, None] * normal[:, None]
         seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
-        cost = (1 - seen) + ASTRAY * (offsets / reach) ** 2
+        cost = (1 - seen) + const.STRIP_ASTRAY * (offsets / reach) ** 2
         for beyond in (cost[:extra], cost[-extra:]):
-            np.minimum(beyond, MOST_BEYOND, out=beyond)
+            np.minimum(beyond, const.STRIP_EXTRA_MOST, out=beyond)
         strips.append((at, seen))
         costs.append(cost)
-    steepest = max(2, int(np.ceil(STEEPEST * along / across)))
+    steepest = max(2, int(np.ceil(const.STRIP_STEEPEST * along / across)))
     found = []
-    best_of = _cheapest(costs, steepest, TILT * (across / along) ** 2)
+    best_of = _cheapest(costs, steepest, const.STRIP_TILT * (across / along) ** 2)
     for (at, seen), best in zip(strips, best_of, strict=True):
         ways = np.arange(len(best)), best
         first, last = _ends(seen[ways], extra)
@@ -123,11 +109,11 @@ def _cheapest(
 
 def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
     """First and last step: what is seen between them pays, what is left out of the sketch costs."""
-    gained = np.concatenate([[0.0], np.cumsum(seen - SEEN)])
+    gained = np.concatenate([[0.0], np.cumsum(seen - const.STRIP_SEEN)])
     count, middle = len(seen), len(seen) // 2
 
     def price(outside: Int[Array, " n"]) -> Float[Array, " n"]:
-        return np.where(outside > 0, EXTRA * outside, -DRAWN * outside)
+        return np.where(outside > 0, const.STRIP_EXTRA * outside, -const.STRIP_LEFT_OUT * outside)
 
     first = np.arange(middle)
     a = int(np.argmin(gained[first] + price(extra - first)))

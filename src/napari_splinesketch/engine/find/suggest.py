@@ -10,6 +10,7 @@ from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import checks
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.joining import joined
 from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
@@ -17,39 +18,6 @@ from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample
 from napari_splinesketch.engine.types import Array, Polarity
-
-CLEAR = (0.7, 0.62, 0.15)
-"""Lines are chosen that are at least so strong against the usual body, at sensitivity 0, 0.5, 1."""
-HIGHEST = 0.99
-"""Quantile of an image's ridges that tells how high those of its bodies are."""
-BOTH = 0.6
-"""Bodies are bright as well as dark where the lines of one polarity, their strengths times their
-lengths together, are at least this share of the other's."""
-WIDEST = 0.06
-"""A half-width is at most so much of the image's shorter side."""
-BODY = (0.3, 0.5)
-"""Evidence from which a pixel is body where it touches one that has the second one, too."""
-SURE = 0.8
-"""Evidence from here on is a body for sure."""
-SHORTEST = 8.0
-"""Lines are at least so long, half-widths."""
-OWN = 0.95
-"""The smallest half-width whose ridges reach this share of the best one's is a line's ..."""
-OFF = 1
-"""... and is at most so many steps from the one that it was traced at."""
-ALONG, BESIDE, PLACES = 0.1, 1.0, 8
-"""Lines are alike if they are on average within so much of their length along it, and so many
-half-widths beside it, of each other at so many places."""
-ENOUGH = 3
-"""A line that is found so often is as sure as one that is found more often."""
-COVERED, ASIDE, ASIDE_PX = 0.7, 1.2, 0.5
-"""A line lies on stronger ones if so much of it is within so many half-widths, and px, of them."""
-USUAL = 0.2
-"""A body is usually as strong as the lines of which this share of the strongest ones' length is."""
-SPACING = 4.0
-"""Of the points of a sketch, half-widths."""
-POINTS = (4, 24)
-"""Fewest and most points of a sketch."""
 
 Line = Float[Array, "N 2"]
 
@@ -79,7 +47,7 @@ class Suggestions:
         """
         if not 0 <= sensitivity <= 1:
             raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
-        least = np.interp(sensitivity, (0, 0.5, 1), CLEAR)
+        least = np.interp(sensitivity, (0, 0.5, 1), const.SUGGEST_STRENGTH)
         chosen = self.lines[: int((self.strength >= least).sum())]
         return tuple(sorted(chosen, key=lambda line: tuple(line.mean(0))))
 
@@ -156,20 +124,26 @@ def prepare(
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
-    most = int(np.searchsorted(WIDTHS, max(WIDEST * min(image.shape), 2.0), side="right"))
+    most = int(
+        np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(image.shape), 2.0), side="right")
+    )
     rungs = range(most)
     if half_width is not None:
         rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
     sides = {"bright": (0,), "dark": (1,)}.get(polarity, (0, 1))
     found = [_apart(_traced_at(ridges, valid, side, rungs), image.shape) for side in sides]
     total = [sum(one.strength * one.length for one in lines) for lines in found]
-    likely = [lines for lines, of in zip(found, total, strict=True) if of >= BOTH * max(total)]
+    likely = [
+        lines
+        for lines, of in zip(found, total, strict=True)
+        if of >= const.SUGGEST_BOTH * max(total)
+    ]
     best = _apart([one for lines in likely for one in lines], image.shape)
     if not best:
         return Suggestions((), np.zeros(0))
     strength = np.array([one.strength for one in best])
     length = np.cumsum([one.length for one in best])
-    usual = strength[np.searchsorted(length, USUAL * length[-1])]
+    usual = strength[np.searchsorted(length, const.SUGGEST_USUAL * length[-1])]
     lines = tuple(_sketch(one.line, one.half_width) for one in best)
     return Suggestions(lines, strength / usual)
 
@@ -178,14 +152,14 @@ def _traced_at(
     ridges: Ridges, valid: Bool[Array, "H W"], side: int, rungs: Sequence[int]
 ) -> list[Traced]:
     """Lines along bodies of one polarity, at several half-widths."""
-    height = max(float(np.quantile(ridges.heights(k)[side], HIGHEST)) for k in rungs)
+    height = max(float(np.quantile(ridges.heights(k)[side], const.SUGGEST_HIGHEST)) for k in rungs)
     found: list[Traced] = []
     for rung in rungs:
         evidence = ridges.alone(rung, 1 - 2 * side, height)
         evidence[~valid] = 0
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
         found += _traced(ridges, evidence, side, rung, near)
-    counts = np.minimum(_alike(found), ENOUGH)
+    counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
     return [
         replace(one, strength=one.strength * count)
         for one, count in zip(found, counts, strict=True)
@@ -198,20 +172,20 @@ def _traced(
 ) -> list[Traced]:
     """Lines along bodies of one half-width."""
     width = WIDTHS[rung]
-    body = apply_hysteresis_threshold(evidence, *BODY)
+    body = apply_hysteresis_threshold(evidence, *const.SUGGEST_BODY)
     body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
     found = []
     for line in joined(traced(body, width), evidence, width):
         length = arc_length(line)[-1]
-        if length < SHORTEST * width:
+        if length < const.SUGGEST_SHORTEST_HW * width:
             continue
         points = resample(line, max(8, int(length / 2)))
         heights = [_median(ridges, k, side, points) for k in near]
-        own = near[int(np.argmax(np.array(heights) >= OWN * max(heights)))]
+        own = near[int(np.argmax(np.array(heights) >= const.SUGGEST_WIDTH * max(heights)))]
         seen = evidence[tuple(np.rint(points).astype(int).T)]
-        sure = np.minimum(seen / SURE, 1).mean()
+        sure = np.minimum(seen / const.SUGGEST_SURE, 1).mean()
         strength = np.sqrt(max(heights)) * sure**3 * np.log(length / width)
-        strength = float(strength) if abs(own - rung) <= OFF else 0.0
+        strength = float(strength) if abs(own - rung) <= const.SUGGEST_OFF else 0.0
         found.append(Traced(line, WIDTHS[own], strength))
     return found
 
@@ -227,11 +201,13 @@ def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
     """How many lines are like each one, itself among them: a body is found at several widths."""
     if not found:
         return np.zeros(0, dtype=int)
-    points = np.array([resample(one.line, PLACES) for one in found])
+    points = np.array([resample(one.line, const.ALIKE_PLACES) for one in found])
     length = np.array([one.length for one in found])
     width = np.array([one.half_width for one in found])
     middle = points.mean(1)
-    near = KDTree(middle).query_ball_point(middle, ALONG * length + BESIDE * width)
+    near = KDTree(middle).query_ball_point(
+        middle, const.ALIKE_ALONG * length + const.ALIKE_BESIDE_HW * width
+    )
     one, two = np.repeat(np.arange(len(found)), [len(of) for of in near]), np.concatenate(near)
     ahead = np.gradient(points, axis=1)[one]
     ahead /= np.linalg.norm(ahead, axis=2, keepdims=True) + 1e-9
@@ -240,7 +216,9 @@ def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
         apart = points[two, ::way] - points[one]
         along = np.abs((apart * ahead).sum(2)).mean(1)
         beside = np.abs((apart * ahead[..., ::-1] * (1, -1)).sum(2)).mean(1)
-        alike |= (along < ALONG * length[one]) & (beside < BESIDE * width[one])
+        alike |= (along < const.ALIKE_ALONG * length[one]) & (
+            beside < const.ALIKE_BESIDE_HW * width[one]
+        )
     return np.bincount(one[alike], minlength=len(found))
 
 
@@ -249,10 +227,10 @@ def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
     best: list[Traced] = []
     taken = np.zeros(shape, dtype=bool)
     for one in sorted(found, key=lambda one: -one.strength):
-        if taken[tuple(np.rint(one.line).astype(int).T)].mean() > COVERED:
+        if taken[tuple(np.rint(one.line).astype(int).T)].mean() > const.COVERED:
             continue
         best.append(one)
-        reach = ASIDE * one.half_width + ASIDE_PX
+        reach = const.COVERED_HW * one.half_width + const.COVERED_PX
         rows, columns, inside = band(one.line, reach, taken.shape)
         taken[rows, columns] |= inside
     return best
@@ -260,5 +238,5 @@ def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
 
 def _sketch(line: Line, half_width: float) -> Line:
     """A smooth line of few points, which a hand can mend."""
-    count = round(arc_length(line)[-1] / (SPACING * half_width)) + 1
-    return fit_knots(line, int(np.clip(count, *POINTS)))
+    count = round(arc_length(line)[-1] / (const.SUGGEST_SPACING_HW * half_width)) + 1
+    return fit_knots(line, int(np.clip(count, *const.SUGGEST_POINTS)))

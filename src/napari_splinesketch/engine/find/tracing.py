@@ -11,21 +11,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 from skimage.morphology import skeletonize
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array
-
-SPUR = 1.6
-SPLIT = 4.0
-TANGENT = 3.0
-BRIDGE = 3.5
-GAP = 9.0
-"""Lengths, in half-widths of the bodies."""
-PARTS = 25
-"""A body of the usual length is in about so many pieces, or in fewer where it is short."""
-AHEAD, FACING = 0.8, 0.5
-"""A gap is bridged within this cosine of where its first side points, and of its other side."""
-MOST_LINKS = 3
-"""Bridges of gaps from one free end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +77,10 @@ def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> Tr
 
     number: dict[tuple, int] = {}
     pieces, ends, bridges = [], [], []
-    longest = max(SPLIT * half_width, usual / PARTS)
+    longest = max(const.PIECE_HW * half_width, usual / const.PIECES_A_BODY)
     for chain in chains:
         crossing = degree[tuple(chain[0])] > 2 and degree[tuple(chain[-1])] > 2
-        short = arc_length(chain)[-1] < BRIDGE * half_width
+        short = arc_length(chain)[-1] < const.BRIDGE_HW * half_width
         for piece in _split(chain.astype(float), longest):
             a, b = tuple(piece[0]), tuple(piece[-1])
             ends.append([number.setdefault(a, len(number)), number.setdefault(b, len(number))])
@@ -101,7 +89,7 @@ def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> Tr
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree[node] == 1 for node in number], dtype=bool)
     headings, lengths = _headings(pieces, half_width)
-    gaps = _gaps(nodes, tips, ends, headings, GAP * half_width)
+    gaps = _gaps(nodes, tips, ends, headings, const.GAP_HW * half_width)
     if gaps:
         pieces += list(nodes[gaps])
         across, far = _headings(pieces[-len(gaps) :], half_width)
@@ -138,9 +126,9 @@ def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
                 continue
             ahead = float(out[tip][0] @ apart) / distance
             facing = max(-float(heading @ apart) / distance for heading in out[other])
-            if ahead > AHEAD and (not tips[other] or facing > FACING):
+            if ahead > const.GAP_AHEAD and (not tips[other] or facing > const.GAP_FACING):
                 likely.append((distance * (2 - ahead), other))
-        for _, other in sorted(likely)[:MOST_LINKS]:
+        for _, other in sorted(likely)[: const.GAPS_AN_END]:
             found.add((min(tip, other), max(tip, other)))
     return sorted(found)
 
@@ -153,8 +141,8 @@ def _headings(
         return np.zeros((0, 2, 2)), np.zeros(0)
     points, last = np.concatenate(pieces), np.cumsum([len(piece) for piece in pieces]) - 1
     first, s = np.append(0, last[:-1] + 1), arc_length(points)
-    after = np.searchsorted(s, s[first] + TANGENT * half_width)
-    before = np.searchsorted(s, s[last] - TANGENT * half_width, side="right") - 1
+    after = np.searchsorted(s, s[first] + const.HEADING_HW * half_width)
+    before = np.searchsorted(s, s[last] - const.HEADING_HW * half_width, side="right") - 1
     inner = np.stack([np.minimum(after, last), np.maximum(before, first)], axis=1)
     out = points[np.stack([first, last], axis=1)] - points[inner]
     return out / (np.linalg.norm(out, axis=2, keepdims=True) + 1e-9), s[last] - s[first]
@@ -217,7 +205,7 @@ def traced(mask: Bool[Array, "H W"], half_width: float) -> list[Int[Array, "N 2"
     for chain in chains:
         first, last = degree[tuple(chain[0])], degree[tuple(chain[-1])]
         spur = min(first, last) == 1 and max(first, last) > 2
-        if spur and arc_length(chain)[-1] < SPUR * half_width:
+        if spur and arc_length(chain)[-1] < const.SPUR_HW * half_width:
             free = chain[:-1] if first == 1 else chain[1:]
             kept[tuple(free.T)] = False
     return chains if kept.sum() == skeleton.sum() else list(_chains(kept))

@@ -8,38 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.fit.solver import TILE, Bands, Level
-from napari_splinesketch.engine.fit.tube import (
-    FINER,
-    GLOBALS,
-    INDEX,
-    LIGHT_MODES,
-    WIDTH_MODES,
-    Basis,
-)
+from napari_splinesketch.engine.fit.solver import Bands, Level
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, Basis
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Hold
 from napari_splinesketch.engine.types import Array
-
-SAMPLES, PER_KNOT = 64, 2.6
-"""Samples of a curve that pixels are told the nearest of: at least, and for each knot."""
-CURVES = (16, 128, 1024, 8192)
-PIXELS = tuple(TILE * n for n in (8, 32, 128))
-"""Sizes that arrays are padded to, so that few programs are ever compiled."""
-MOVES, MOVES_PX = 0.8, 4.0
-"""Longest move of a knot in one step, half-widths, and px at least."""
-PIN = 0.003
-"""Standard deviation of what does not move, px."""
-FAR = 1e4
-"""Where pixels are said to be that are not there, px."""
-BEND = 10.0
-"""Weight of bending, of a curve's half-width and its length to the power of -3."""
-UNEVEN = 0.1
-"""Standard deviation of second differences of the knots along a curve, of their usual spacing."""
-FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
-"""Standard deviations of a curve's local background where the scene's own is simple."""
 
 
 def padded(count: int, sizes: tuple[int, ...]) -> int:
@@ -50,8 +26,10 @@ def padded(count: int, sizes: tuple[int, ...]) -> int:
 @cache
 def spline_basis(knots: int) -> Basis:
     """The basis at the samples of a curve, float32."""
-    coarse = 2 ** int(np.ceil(np.log2(max(SAMPLES, PER_KNOT * knots))))
-    u = np.linspace(0, 1, FINER * (coarse - 1) + 1)
+    coarse = 2 ** int(
+        np.ceil(np.log2(max(const.CURVE_SAMPLES, const.CURVE_SAMPLES_A_KNOT * knots)))
+    )
+    u = np.linspace(0, 1, const.FINER * (coarse - 1) + 1)
     return Basis(*(spline.basis(knots, u, d).astype(np.float32) for d in range(3)))
 
 
@@ -69,8 +47,8 @@ def default_priors(count: int, half_width: float) -> Priors:
     w = np.log(half_width)
     table = {
         "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
-        **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, WIDTH_MODES)},
-        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, LIGHT_MODES + 1)},
+        **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, const.WIDTH_MODES)},
+        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, const.LIGHT_MODES + 1)},
         "contrast": (1.0, 0.3, 0.1, 5.0),
         "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
         "log_power": (np.log(0.45), 0.35, np.log(0.1), np.log(1.5)),
@@ -86,7 +64,7 @@ def default_priors(count: int, half_width: float) -> Priors:
 
 def level(seen: Scene, priors: Priors, knots: int) -> Level:
     """What all curves of a scene share."""
-    edge, longest = np.full(2 * knots, 1e6), max(MOVES * seen.half_width, MOVES_PX)
+    edge, longest = np.full(2 * knots, 1e6), max(const.MOVE_HW * seen.half_width, const.MOVE_PX)
     low, high = np.concatenate([-edge, priors.low]), np.concatenate([edge, priors.high])
     return Level(*(np.float32(a) for a in (low, high, seen.noise, longest)))
 
@@ -97,7 +75,9 @@ def begin(
     """Parameters to start from, and priors, of bodies: their lines, half-widths and contrasts."""
     priors = default_priors(len(bodies), seen.half_width)
     if seen.background_kind != "textured":
-        priors.sd[[INDEX[name] for name in FLAT_BACKGROUND]] = list(FLAT_BACKGROUND.values())
+        priors.sd[[INDEX[name] for name in const.FLAT_BACKGROUND]] = list(
+            const.FLAT_BACKGROUND.values()
+        )
     for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
         mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
     lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]
@@ -121,7 +101,7 @@ def stiff(
     finer = spline.even_basis(few, knots)
     rest = np.eye(knots) - finer @ spline.thinner(knots, few)
     at = finer @ spline.fit_knots(line, few)
-    return at.T.ravel(), np.kron(np.eye(2), rest) / PIN**2
+    return at.T.ravel(), np.kron(np.eye(2), rest) / const.PIN_PX**2
 
 
 def band_pixels(
@@ -133,7 +113,7 @@ def band_pixels(
     """
     rows, columns, mask = band(points, radius, valid.shape)
     r, c = np.nonzero(mask & valid[rows, columns])
-    every = max(1, -(-len(r) // PIXELS[-1]))
+    every = max(1, -(-len(r) // const.PIXEL_SIZES[-1]))
     return ((r + rows.start) * valid.shape[1] + c + columns.start)[::every]
 
 
@@ -157,15 +137,15 @@ def make_bands(
     """
     count, d = theta.shape
     k = (d - len(GLOBALS)) // 2
-    n, m = padded(len(pixels), CURVES), padded(max(map(len, pixels)), PIXELS)
+    n, m = padded(len(pixels), const.CURVE_SIZES), padded(max(map(len, pixels)), const.PIXEL_SIZES)
     n *= -(-len(pixels) // n)  # beyond the largest size, multiples of it
     slots = np.full((n, m), n * m - 1, dtype=np.int32)
-    position = np.full((n, 2, m), FAR, dtype=np.float32)
+    position = np.full((n, 2, m), const.NOWHERE_PX, dtype=np.float32)
     values, weight = np.zeros((2, n, m), np.float32)
     centre = theta[:, : 2 * k].reshape(count, 2, k).mean(2)
     tiles = np.zeros(n, np.int32)
     for i, (own, slot) in enumerate(zip(pixels, _numbered(pixels), strict=True)):
-        here, tiles[i] = slice(len(own)), -(-len(own) // TILE)
+        here, tiles[i] = slice(len(own)), -(-len(own) // const.TILE)
         slots[i, here], values[i, here], weight[i, here] = slot, image.ravel()[own], 1.0
         if i < count:
             position[i, :, here] = np.stack(np.divmod(own, image.shape[1])) - centre[i, :, None]
@@ -209,5 +189,7 @@ def _stiffness(xy: Float[Array, "n 2 K"], half_width: float) -> Float[Array, "n 
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-6
     second = np.diff(np.eye(xy.shape[2]), n=2, axis=0)
     along = np.concatenate([tangent[:, 0, :, None] * second, tangent[:, 1, :, None] * second], 2)
-    spacing = UNEVEN * length / (xy.shape[2] - 1)
-    return BEND * half_width / length**3 * bend + along.transpose(0, 2, 1) @ along / spacing**2
+    spacing = const.UNEVEN * length / (xy.shape[2] - 1)
+    return (
+        const.BEND * half_width / length**3 * bend + along.transpose(0, 2, 1) @ along / spacing**2
+    )

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Found, Start
@@ -18,23 +19,6 @@ from napari_splinesketch.engine.types import Array
 
 Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
-SAMPLES = 256
-HELD, HOLDING = 0.05, 2
-"""Ends beyond which a body goes on are held within so many px, for so many more sweeps."""
-FOLDS, LEFT, DEARER, NEAR = 1.0, 1.0, 2.0, 0.25
-"""A curve that turns by so much (rad) within its half-width has folded over itself; one that leaves
-its path by so many half-widths, and costs so much more for what is not seen of it and how it bends,
-was drawn away by something else: it is fitted again, within so many half-widths of its path; if it
-folds or leaves that again, it stays there."""
-GROWS, GROWS_PX = 0.5, 0.5
-"""An end may grow beyond its path by so many half-widths and px: skeletons end before bodies do."""
-THINNEST_FIXED = 0.5
-"""Fixed curves are drawn with at least this half-width, px."""
-LOOSE_FIT, LOOSE_FIT_PX = 0.15, (0.2, 1.0)
-"""Half-widths that knots may miss a traced path by (rms), and px at least and at most: with more
-knots curves follow neighbours and texture, with fewer they cut bends off."""
-MANY, APART = 24, 15.0
-"""More knots than this only where they are so many px apart: closer ones follow noise."""
 
 
 class Reporter(Protocol):
@@ -164,15 +148,17 @@ def _fit_batches(
 
 
 def _width_of(curve: Float[Array, "P 3"]) -> float:
-    return max(float(np.nanmedian(curve[:, 2])), THINNEST_FIXED)
+    return max(float(np.nanmedian(curve[:, 2])), const.THINNEST_FIXED_PX)
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
     """The fewest knots whose spline follows a traced path as closely as a trace is worth."""
-    loose = np.clip(LOOSE_FIT * half_width, *LOOSE_FIT_PX)
+    loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
     length = spline.arc_length(line)[-1]
     points = max(64, int(length / 4))
-    allowed = tuple(n for n in allowed if n <= MANY or length > APART * n)
+    allowed = tuple(
+        n for n in allowed if n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n
+    )
     dense = spline.resample(line, points)
     for count in allowed:
         fitted = spline.sample(spline.fit_knots(line, count), points)
@@ -206,7 +192,7 @@ def _fit_group(
         if holds:
             hold[row] += bands.precision(theta[row, : 2 * knots].reshape(2, -1).T, holds[row])
         if not start.found:
-            hold[row] += np.eye(2 * knots) / bands.PIN**2
+            hold[row] += np.eye(2 * knots) / const.PIN_PX**2
     found = fitting.fit_curves(seen, theta, priors, moving=count, hold=hold, report=report)
     free, strayed = {row for row, s in enumerate(starts) if s.found and not holds}, set()
     for last in (False, True):
@@ -214,11 +200,11 @@ def _fit_group(
         for row in free:
             if _strayed(seen, found[row], starts[row]):
                 strayed |= {row} if last else set()
-                sd = bands.PIN if last else NEAR * starts[row].half_width
+                sd = const.PIN_PX if last else const.HELD_NEAR_HW * starts[row].half_width
                 now[row], hold[row] = theta[row], hold[row] + np.eye(2 * knots) / sd**2
             elif not last and (line := _ended(found[row], starts[row])) is not None:
                 now[row, : 2 * knots] = bands.stiff(line, own[row], knots)[0]
-                hold[row, ends, ends] += HELD**-2.0
+                hold[row, ends, ends] += const.HELD_END_PX**-2.0
             else:
                 continue
             again[row] = True
@@ -227,7 +213,8 @@ def _fit_group(
             some = again | meets[again].any(0)
             beside = meets[some].any(0) & ~some
             fitted = fitting.fit_curves(
-                seen, now[some], priors._replace(mean=priors.mean[some]), fitting.SWEEPS[:HOLDING],
+                seen, now[some], priors._replace(mean=priors.mean[some]),
+                const.SWEEPS[: const.HELD_SWEEPS],
                 moving=int(some[:count].sum()), hold=hold[some], first=again[some],
                 beside=[found[row] for row in np.flatnonzero(beside)],
             )  # fmt: skip
@@ -239,27 +226,29 @@ def _fit_group(
 
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:
     """Whether a curve left its path for where less of a body is seen, or folded over itself."""
-    line = body.points(SAMPLES)
+    line = body.points(const.STRAY_SAMPLES)
     count = max(8, round(spline.arc_length(line)[-1] / start.half_width))
     step = np.diff(spline.resample(line, count), axis=0)
     turn = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
-    if np.abs(turn[1:-1]).max() > FOLDS:
+    if np.abs(turn[1:-1]).max() > const.FOLD_RAD:
         return True
-    if spline.apart(line, start.line).max() < LEFT * start.half_width:
+    if spline.apart(line, start.line).max() < const.STRAYED_HW * start.half_width:
         return False
     more = finding.dearer(seen, start, line)
-    return more["unseen"] + more["kink"] > DEARER
+    return more["unseen"] + more["kink"] > const.STRAYED_COST
 
 
 def _ended(body: Body, start: Start) -> Line | None:
     """A body's centreline without what grew too far beyond its path; None where nothing did."""
-    line = body.points(SAMPLES)
+    line = body.points(const.STRAY_SAMPLES)
     s = spline.arc_length(line)
-    half, cuts = SAMPLES // 2, [0.0, s[-1]]
+    half, cuts = const.STRAY_SAMPLES // 2, [0.0, s[-1]]
     for end, tip, part in ((0, start.line[0], line[:half]), (1, start.line[-1], line[half:])):
         at = s[int(np.linalg.norm(part - tip, axis=1).argmin()) + half * end]
         grown = abs(cuts[end] - at)
-        if grown > (0 if start.goes_on[end] else GROWS * start.half_width + GROWS_PX):
+        if grown > (
+            0 if start.goes_on[end] else const.GROWTH_HW * start.half_width + const.GROWTH_PX
+        ):
             stays = 0 if start.goes_on[end] else min(grown, start.half_width)
             cuts[end] = at + stays * (2 * end - 1)
     if cuts == [0.0, s[-1]]:

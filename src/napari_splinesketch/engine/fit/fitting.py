@@ -9,22 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import block_diag
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands as pad
 from napari_splinesketch.engine.fit import solver
 from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
-
-SWEEPS = (5, 4, 4, 4, 4, 4)
-"""Evaluations of each curve in each sweep over all curves, at most."""
-GAIN = 5.0
-"""A curve that improved its χ² by less in a visit is not visited again, until one that it touches
-has moved."""
-MARGIN, MARGIN_PX = 0.5, 3.5
-"""Background on either side of a body in its band, half-widths, and px at least."""
-CHUNK = 128
-"""Curves between two chances to cancel."""
 
 
 class Stopped(Exception):
@@ -97,7 +88,7 @@ def fit_curves(
     seen: Scene,
     theta: Float[Array, "n D"],
     priors: pad.Priors,
-    sweeps: Sequence[int] = SWEEPS,
+    sweeps: Sequence[int] = const.SWEEPS,
     *,
     moving: int | None = None,
     hold: Float[Array, "n 2K 2K"] | None = None,
@@ -133,7 +124,7 @@ def fit_curves(
     n, knots = len(theta), (theta.shape[1] - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)
     hold = np.zeros((n, 2 * knots, 2 * knots)) if hold is None else hold.copy()
-    hold[pinned] = pad.PIN**-2.0 * np.eye(2 * knots)
+    hold[pinned] = const.PIN_PX**-2.0 * np.eye(2 * knots)
     widths = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
     widths = np.clip(widths, 0.5 * seen.half_width, 2 * seen.half_width)
     pixels = [around(seen, *one) for one in zip(lines_of(theta), widths, strict=True)]
@@ -170,7 +161,7 @@ def fit_curves(
             visited += len(chunk)
             if report:
                 report((turn + visited / pending.sum()) / (1 + len(sweeps)), bodies)
-        moved = pending & (np.asarray(fit.gain)[:n] > GAIN)
+        moved = pending & (np.asarray(fit.gain)[:n] > const.GAIN)
         pending = (moved | (meets & moved).any(1)) & free if turn else first
         if not pending.any():
             break
@@ -179,7 +170,7 @@ def fit_curves(
 
 def around(seen: Scene, line: Float[Array, "P 2"], half_width: float) -> Int[Array, " m"]:
     """Flat indices of the pixels of a body and of the background beside it."""
-    margin = max(MARGIN * seen.half_width, MARGIN_PX)
+    margin = max(const.MARGIN_HW * seen.half_width, const.MARGIN_PX)
     return pad.band_pixels(line, half_width + margin, seen.valid)
 
 
@@ -196,7 +187,7 @@ def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list
         else:
             mine.append(i)
     for turn in turns:
-        yield from (turn[first : first + CHUNK] for first in range(0, len(turn), CHUNK))
+        yield from (turn[first : first + const.CHUNK] for first in range(0, len(turn), const.CHUNK))
 
 
 def lines_of(theta: Float[Array, "n D"], count: int = 48) -> Float[Array, "n P 2"]:

@@ -4,25 +4,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import choice, finding
+from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
-
-NEXT_TO = 3.0
-"""Two curves that stay closer than this many half-widths ..."""
-ALONGSIDE = 0.6
-"""... over this share of one of them may be two bodies that touch."""
-ASIDE = 0.85
-"""Two bodies side by side lie further apart than this share of what their half-widths come to."""
-PIXELS = 8.0
-"""Unexplained pixels that weigh as much as one unit of a path's cost."""
-ACROSS = 5.0
-"""Half-widths on either side in which the edges of the two bodies together are looked for."""
 
 Line = Float[Array, "N 2"]
 
@@ -48,7 +38,7 @@ def settle_pairs(
         Bodies without a sketch of this call.
     """
     lines = [b.points(100) for b in bodies]
-    next_to = assess.doubles(lines, NEXT_TO * seen.half_width, ALONGSIDE)
+    next_to = assess.doubles(lines, const.PAIR_HW * seen.half_width, const.PAIR_SHARE)
     pairs = sorted({(min(i, j), max(i, j)) for i, j in next_to.items() if free[i] and free[j]})
     found = [*bodies, *others]
     meets = bands.touching([b.pixels for b in found]) if pairs else np.zeros((0, 0))
@@ -88,9 +78,9 @@ def _likelier(
         return float(np.mean(left**2)) * pixels
 
     costs = more(pair)
-    if _aside(*pair) < ASIDE or max(costs) >= choice.PLAUSIBLE:
+    if _aside(*pair) < const.PAIR_APART or max(costs) >= const.PLAUSIBLE:
         return False
-    return misfit(pair) - misfit(one) < PIXELS * (sum(more(one)) - sum(costs))
+    return misfit(pair) - misfit(one) < const.PAIR_PIXELS * (sum(more(one)) - sum(costs))
 
 
 def _matched(a: Line, b: Line) -> tuple[Line, Line]:
@@ -104,7 +94,9 @@ def _beside(seen: Scene, pair: list[Body]) -> tuple[list[Line], float]:
     """Two lines that share what is bright around a pair between them, and their half-width."""
     first, second = _matched(*(b.points(64) for b in pair))
     middle = (first + second) / 2
-    offsets = np.arange(-ACROSS * seen.half_width, ACROSS * seen.half_width + 0.5, 0.5)
+    offsets = np.arange(
+        -const.PAIR_REACH_HW * seen.half_width, const.PAIR_REACH_HW * seen.half_width + 0.5, 0.5
+    )
     bright = spline.across(seen.normal, middle, offsets)
     inside = ndimage.gaussian_filter(bright, (4, 1)) > 0.5
     inside = ndimage.binary_closing(inside, np.ones((1, 5)))

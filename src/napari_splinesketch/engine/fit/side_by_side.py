@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 from scipy.sparse.csgraph import connected_components
 
-from napari_splinesketch.engine.fit.bands import CURVES
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Array
 
 Result = TypeVar("Result")
@@ -23,7 +23,7 @@ def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list
     little memory, and the curves are the same however many batches there are at a time. A GPU gets
     as many curves at a time as there are.
     """
-    most = CURVES[0 if jax.default_backend() == "cpu" else -1]
+    most = const.CURVE_SIZES[0 if jax.default_backend() == "cpu" else -1]
     found: list[list[int]] = []
     for members in groups:
         label = connected_components(meets[np.ix_(members, members)], directed=False)[1]

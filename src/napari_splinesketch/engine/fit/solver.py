@@ -13,25 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.fit.tube import Basis, render
 from napari_splinesketch.engine.types import AnyArray as Array
-
-HUBER = 4.0
-"""Residuals beyond this many standard deviations of the noise count linearly."""
-
-TILE = 352
-"""Pixels worked on at a time: a curve costs what its band needs, whatever it is padded to, and
-the Jacobian stays in the cache."""
-
-ABREAST = 128
-"""Curves that a GPU works on at a time."""
-
-SETTLED = 1.0
-"""Improvement of χ², made or promised, below which a curve has arrived."""
-
-DAMPING, LEAST_DAMPING = 10.0, 1e-3
-"""Damping falls by this factor after a good step and rises by it after a bad one (Marquardt 1963),
-but not below the latter: the model is not linear over longer steps."""
 
 
 class Bands(NamedTuple):
@@ -115,7 +99,7 @@ def sweep(
     time on a GPU: that is what None chooses. The curves are the same.
     """
     if together is None:
-        together = 1 if jax.default_backend() == "cpu" else min(len(order), ABREAST)
+        together = 1 if jax.default_backend() == "cpu" else min(len(order), const.ABREAST)
     maps = brightness_maps(fit.own, bands.slots, None if together > 1 else bands.tiles)
 
     def visit(i, steps):
@@ -155,12 +139,12 @@ def brightness_maps(
     def over_all(add):
         if tiles is None:
             return add(nothing, own, slots)
-        curve = jnp.repeat(jnp.arange(len(own)), tiles, total_repeat_length=own.size // TILE)
+        curve = jnp.repeat(jnp.arange(len(own)), tiles, total_repeat_length=own.size // const.TILE)
         first = jnp.cumsum(tiles) - tiles
 
         def over_tile(t, image):
-            start = curve[t], TILE * (t - first[curve[t]])
-            here, at = (jax.lax.dynamic_slice(a, start, (1, TILE))[0] for a in (own, slots))
+            start = curve[t], const.TILE * (t - first[curve[t]])
+            here, at = (jax.lax.dynamic_slice(a, start, (1, const.TILE))[0] for a in (own, slots))
             return add(image, here, at)
 
         return jax.lax.fori_loop(0, tiles.sum(), over_tile, nothing)
@@ -190,10 +174,12 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         best, trial, damping, first, taken, _ = now
         here = _linearise(one, level, trial, others, basis)
         better = here.cost < best.cost
-        done = jnp.where(better, best.cost - here.cost < SETTLED, damping > 1e3)
+        done = jnp.where(better, best.cost - here.cost < const.SETTLED, damping > 1e3)
         best = jax.tree.map(partial(jnp.where, better), here, best)
         first = jnp.where(taken == 0, here.cost, first)
-        damping = jnp.clip(damping * jnp.where(better, 1 / DAMPING, DAMPING), LEAST_DAMPING, 1e6)
+        damping = jnp.clip(
+            damping * jnp.where(better, 1 / const.DAMPING, const.DAMPING), const.DAMPING_LEAST, 1e6
+        )
         diagonal = damping * jnp.diagonal(best.hessian) + 1e-3
         factor = jax.scipy.linalg.cho_factor(best.hessian + diagonal * jnp.eye(d))
         move = jax.scipy.linalg.cho_solve(factor, best.gradient)
@@ -201,7 +187,7 @@ def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit
         move = move * jnp.minimum(1.0, level.longest / (longest + 1e-9))
         move = jnp.where(jnp.isfinite(move).all(), move, 0.0)
         trial = jnp.clip(best.theta + move, level.lower, level.upper)
-        done |= move @ best.gradient < SETTLED
+        done |= move @ best.gradient < const.SETTLED
         return best, trial, damping, first, taken + 1, done
 
     nothing = jnp.zeros_like(one.values), jnp.zeros((d, d)), jnp.zeros(d)
@@ -218,14 +204,16 @@ def _linearise(one: Bands, level: Level, theta, others, basis: Basis) -> _Look:
 
     def add_tile(t, sums):
         own, gram, cost = sums
-        cut = partial(jax.lax.dynamic_slice_in_dim, start_index=t * TILE, slice_size=TILE, axis=-1)
+        cut = partial(
+            jax.lax.dynamic_slice_in_dim, start_index=t * const.TILE, slice_size=const.TILE, axis=-1
+        )
         pixels, values, weight, *beside = map(cut, (one.pixels, one.values, one.weight, *others))
         model, here, jacobian = render(theta, pixels, *beside, basis=basis)
         residual = values - model
         size = jnp.abs(residual) / level.noise
-        robust = weight * jnp.minimum(1.0, HUBER / (size + 1e-9))
+        robust = weight * jnp.minimum(1.0, const.HUBER / (size + 1e-9))
         columns = jnp.concatenate([jacobian, residual[:, None]], axis=1)
-        own = jax.lax.dynamic_update_slice_in_dim(own, here, t * TILE, 0)
+        own = jax.lax.dynamic_update_slice_in_dim(own, here, t * const.TILE, 0)
         return (
             own,
             gram + columns.T @ (columns * robust[:, None]),
@@ -244,4 +232,4 @@ def _linearise(one: Bands, level: Level, theta, others, basis: Basis) -> _Look:
 
 def _huber(size):
     """The square of a residual's size within HUBER, linear beyond."""
-    return jnp.where(size < HUBER, size**2, 2 * HUBER * size - HUBER**2)
+    return jnp.where(size < const.HUBER, size**2, 2 * const.HUBER * size - const.HUBER**2)

@@ -7,15 +7,13 @@ import jax.numpy as jnp
 from jax.scipy.special import erf
 from jaxtyping import Float, Int
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import AnyArray as Array
 
-WIDTH_MODES = 4
-LIGHT_MODES = 2
-"""In how many ways half-width and brightness may vary along a body; the first is to be constant."""
 # Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
 GLOBALS = (
-    *(f"log_width_{i}" for i in range(WIDTH_MODES)),
-    *(f"brightness_{i}" for i in range(1, LIGHT_MODES + 1)),
+    *(f"log_width_{i}" for i in range(const.WIDTH_MODES)),
+    *(f"brightness_{i}" for i in range(1, const.LIGHT_MODES + 1)),
     "contrast",
     "log_blur",
     "log_power",
@@ -26,14 +24,6 @@ GLOBALS = (
     "slope_col",
 )
 INDEX = {name: i for i, name in enumerate(GLOBALS)}
-SLOPE_UNIT = 50.0
-"""Background slopes are per this many px."""
-FINER = 16
-"""Samples of the curve for each one that the nearest is looked for among."""
-SHADE = 0.25
-"""The edge of a body is darker than its middle by this share: bodies are round."""
-FLOOR = 0.02
-"""Half-width at the very ends of a body, before the power of its taper."""
 
 
 class Basis(NamedTuple):
@@ -83,7 +73,7 @@ def render(
         own = brightness(distance, index / last + step, g)
         model = blend(g[INDEX["overlap"]], own, others_sum, others_max) + g[INDEX["offset"]]
         slopes = g[INDEX["slope_row"]] * pixels[0] + g[INDEX["slope_col"]] * pixels[1]
-        return model + slopes / SLOPE_UNIT, own
+        return model + slopes / const.SLOPE_UNIT_PX, own
 
     # Each pixel gets its own copy of the parameters, so that one backward pass gives all columns.
     each = [jnp.broadcast_to(x, pixels.shape[1:]) for x in theta[2 * count :]]
@@ -102,17 +92,17 @@ def render(
 def _nearest_sample(curve: list[Array], pixels: Float[Array, "2 M"]) -> Int[Array, " M"]:
     """(M,) the sample nearest to each pixel: the nearest of every FINER-th, then a Newton step."""
     last = curve[0].shape[1] - 1
-    coarse = last // FINER + 1
+    coarse = last // const.FINER + 1
     # Written out by coordinate, so that XLA fuses it with the minimum: fifty times faster.
-    row, column = curve[0][:, ::FINER, None]
+    row, column = curve[0][:, :: const.FINER, None]
     squared = (pixels[0][None] - row) ** 2 + (pixels[1][None] - column) ** 2
     # A minimum over distances with the index in their low bits is ten times faster than argmin.
     low = (1 << (coarse - 1).bit_length()) - 1
     bits = jax.lax.bitcast_convert_type(squared, jnp.int32)
     index = (bits & ~low) | jnp.arange(coarse, dtype=jnp.int32)[:, None]
-    index = FINER * (index.min(0) & low)
+    index = const.FINER * (index.min(0) & low)
     point, tangent, bend = (a[:, index] for a in curve)
-    step = _newton(pixels - point, tangent, bend, index, last, reach=FINER)
+    step = _newton(pixels - point, tangent, bend, index, last, reach=const.FINER)
     return index + jnp.rint(step * last).astype(jnp.int32)
 
 
@@ -132,13 +122,15 @@ def brightness(distance, u, g):
     is darker than its middle.
     """
     shape = modes(u)
-    log_width = sum(g[i] * shape[i] for i in range(WIDTH_MODES))
-    light = 1 + sum(g[WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + LIGHT_MODES))
+    log_width = sum(g[i] * shape[i] for i in range(const.WIDTH_MODES))
+    light = 1 + sum(
+        g[const.WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + const.LIGHT_MODES)
+    )
     blur = jnp.exp(g[INDEX["log_blur"]]) * jnp.sqrt(2.0)
     width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]])
     edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
     across = jnp.minimum((distance / width) ** 2, 1.0)
-    return g[INDEX["contrast"]] * light * edge * (1 - SHADE * across)
+    return g[INDEX["contrast"]] * light * edge * (1 - const.EDGE_SHADE * across)
 
 
 def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
@@ -147,7 +139,7 @@ def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
     It is ∝ (distance from the end / extent)^power, with the extent as a share of the length.
     `xp` is the array library to compute with.
     """
-    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), FLOOR, 1.0)
+    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), const.TAPER_FLOOR, 1.0)
     rounded = x * (1.5 - 0.5 * x**2)
     return xp.exp(log_width + xp.exp(log_power) * xp.log(rounded))
 

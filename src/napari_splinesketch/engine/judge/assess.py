@@ -6,20 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import FLOOR, INDEX, WIDTH_MODES, modes, tapered_width
+from napari_splinesketch.engine.fit.tube import INDEX, modes, tapered_width
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 ENDS = np.array([0.0, 1.0])
-AHEAD = 0.7
-"""Cosine of the angle within which a cap points at the end of the sketch that it reaches for."""
-FINE = 32
-"""Points of a curve for each of its knots, at which it is looked for where it leaves the image."""
-SAME_BODY = 0.5
-ON_TOP = 0.6
-"""Two curves are on the same body where they run along each other, closer than so many half-widths,
-for this share of their length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +59,13 @@ def outline(
     speed = np.linalg.norm(ahead, axis=1) + 1e-9
     beyond = sketch[[0, -1]] - at
     further = (beyond * ahead).sum(1) / speed
-    further *= further > AHEAD * np.linalg.norm(beyond, axis=1)
+    further *= further > const.CAP_AHEAD * np.linalg.norm(beyond, axis=1)
     cap = np.clip(further, 0, _half_width(body.parameters, ENDS))
     caps = at + (cap / speed)[:, None] * ahead
     inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)
     cap = np.where(inside & tips, np.minimum(cap / speed, 0.5 / count), 0)
-    u = np.linspace(0, 1, FINE * count)
-    line = spline.even_basis(count, FINE * count) @ body.knots
+    u = np.linspace(0, 1, const.BORDER_POINTS * count)
+    line = spline.even_basis(count, const.BORDER_POINTS * count) @ body.knots
     least = np.minimum(sketch.min(0), -0.5)
     most = np.maximum(sketch.max(0), np.array(shape) - 0.5)
     there = u[((line >= least) & (line <= most)).all(1)]
@@ -81,7 +74,9 @@ def outline(
 
     def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
         beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
-        return _half_width(body.parameters, u) * np.sqrt(1 - np.clip(beyond, 0, 1 - FLOOR) ** 2)
+        return _half_width(body.parameters, u) * np.sqrt(
+            1 - np.clip(beyond, 0, 1 - const.TAPER_FLOOR) ** 2
+        )
 
     even = np.linspace(low, high, count)
     knots = spline.basis(count, even) @ body.knots
@@ -94,7 +89,7 @@ def outline(
 def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) half-width at the spline parameters `u`, px; beyond the ends that of the ends."""
     u = np.clip(u, 0, 1)
-    log_width = g[:WIDTH_MODES] @ modes(u)
+    log_width = g[: const.WIDTH_MODES] @ modes(u)
     return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
 
 

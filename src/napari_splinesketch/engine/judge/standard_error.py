@@ -4,33 +4,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage, spatial
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
-GRAIN = 0.35
-"""Half-widths: over so much a residual is averaged, and noise averages out, but texture and
-misfit do not."""
-AROUND = 1.5
-"""Half-widths on either side of the centreline that tell how well a point is explained ..."""
-ALONG = 2.0
-"""... together with so many half-widths along it (standard deviation)."""
-INFLATION = 1.1
-CROWDED = 1.6
-BLIND_END = 1.2
-"""What the standard error lacks, because bodies are not exactly tubes: everywhere, beside
-another curve, and near the ends. Measured on generated bodies: tests/benchmarks/uncertainty.py.
-"""
-END_SHARE = 0.1
-"""Of the points, at either end, count as ends."""
-BESIDE = 2.3
-"""Half-widths."""
-
 
 def unexplained(seen: Scene, residual: Float[Array, "H W"]) -> Float[Array, "H W"]:
     """(H, W) averages of the residual over the grain, where white noise would have variance 1."""
-    grain = GRAIN * seen.half_width
+    grain = const.GRAIN_HW * seen.half_width
     one = np.zeros((2 * int(4 * grain + 0.5) + 1,) * 2)
     one[len(one) // 2, len(one) // 2] = 1
     gain = np.linalg.norm(ndimage.gaussian_filter(one, grain))
@@ -65,11 +48,11 @@ def standard_error(
         return np.full(len(u), np.inf)
     half_width = float(np.exp(body["log_width_0"]))
     misfit = _misfit_along(body, points, unexplained, half_width)
-    factor = INFLATION * np.maximum(misfit, 1.0)
-    factor[beside] *= CROWDED
-    end = int(END_SHARE * len(points))
-    factor[:end] *= BLIND_END
-    factor[-end:] *= BLIND_END
+    factor = const.SD_EVERYWHERE * np.maximum(misfit, 1.0)
+    factor[beside] *= const.SD_BESIDE
+    end = int(const.END_SHARE * len(points))
+    factor[:end] *= const.SD_END
+    factor[-end:] *= const.SD_END
     return factor * normal_sd(body.covariance, body.knots, u)
 
 
@@ -94,11 +77,13 @@ def _misfit_along(
 ) -> Float[Array, " P"]:
     """(P,) size of what is unexplained near each point; 1 for white noise as assumed."""
     at = np.column_stack(np.divmod(body.pixels, unexplained.shape[1]))
-    apart, nearest = spatial.KDTree(points).query(at, distance_upper_bound=AROUND * half_width)
+    apart, nearest = spatial.KDTree(points).query(
+        at, distance_upper_bound=const.MISFIT_ACROSS_HW * half_width
+    )
     near, nearest = np.isfinite(apart), np.asarray(nearest)
     squares = unexplained.ravel()[body.pixels[near]] ** 2
     step = spline.arc_length(points)[-1] / (len(points) - 1)
-    reach = ALONG * half_width / max(step, 1e-3)
+    reach = const.MISFIT_ALONG_HW * half_width / max(step, 1e-3)
     total, count = (
         ndimage.gaussian_filter1d(np.bincount(nearest[near], w, len(points)), reach, mode="nearest")
         for w in (squares, np.ones(near.sum()))

@@ -6,15 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Array
 
 Kind = Literal["constant", "linear", "textured"]
-BLOCK = 32
-"""Side of the blocks whose medians tell the background, px."""
-TOLERANCE = 0.3
-"""A background that misses the blocks' medians by this share of the noise is good enough."""
-EVERY = 2
-"""Rows and columns that are looked at."""
 
 
 def estimate_background(
@@ -34,18 +29,23 @@ def estimate_background(
     kind
         Do not choose, use this kind.
     """
-    medians, sides = block_medians(image[::EVERY, ::EVERY], BLOCK / EVERY)
+    medians, sides = block_medians(
+        image[:: const.BACKGROUND_STEP, :: const.BACKGROUND_STEP],
+        const.BACKGROUND_BLOCK_PX / const.BACKGROUND_STEP,
+    )
     places = [np.arange(n) for n in medians.shape]
     # Where the image's pixels are, counted in blocks.
     at = [
-        (np.arange(n) / EVERY + 0.5) / side - 0.5
+        (np.arange(n) / const.BACKGROUND_STEP + 0.5) / side - 0.5
         for n, side in zip(image.shape, sides, strict=True)
     ]
     plane = _plane(medians, places, places)
     # What is cleaned is the difference from a plane, so that a slope survives at the border.
     medians = plane + ndimage.median_filter(medians - plane, 3, mode="nearest")
     constant, plane = np.median(medians), _plane(medians, places, places)
-    error = noise * np.hypot(TOLERANCE, 1.25 / (BLOCK / 2)) + 1e-12
+    error = (
+        noise * np.hypot(const.BACKGROUND_TOLERANCE, 1.25 / (const.BACKGROUND_BLOCK_PX / 2)) + 1e-12
+    )
     price = np.log(max(medians.size, 3))
     costs: dict[Kind, float] = {
         "constant": (((medians - constant) / error) ** 2).sum() + price,

@@ -6,34 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import block_medians
 from napari_splinesketch.engine.types import Array
 
-RATIO = 1.35
-"""Of one half-width that is tried to the next."""
-WIDTHS = tuple((0.8 * RATIO ** np.arange(14)).tolist())
+WIDTHS = tuple((0.8 * const.WIDTH_RATIO ** np.arange(14)).tolist())
 """Half-widths that are tried, px: 0.8 to 40."""
-BLUR, BLUR_PX = 0.45, 0.6
-"""Blur before ridges are measured, half-widths and px at least: more would join neighbours."""
-ASIDE, ASIDE_PX = 1.7, 0.5
-"""The sides of a ridge are this many half-widths, and px, from its middle: beyond its edge."""
-FINE = 3.0
-"""Wide ridges are measured on an image reduced until they have about this half-width, px."""
-ANGLES = 8
-"""Directions across which a ridge may run, in half a turn."""
-SLOPE = 0.2
-"""Of the difference along a ridge, this share counts against it: the round rim of a blob is higher
-than two of its sides too, but on a steep slope."""
-CERTAIN = 5.0
-"""A ridge so many times as high as what is usual around it counts fully."""
-AROUND, AROUND_PX = 10.0, 16
-"""Side of the blocks that tell what is usual, half-widths, and px at least."""
-LEFT = 1.4
-"""Noise of the difference of two smoothed pixels, in units of one's."""
-BLOCK = 2**14
-"""Pixels whose ridges are measured at a time."""
-FLOOR = 0.03
-"""Ridges lower than this share of the bodies' tell nothing, whatever is usual."""
 
 
 class Ridges:
@@ -59,7 +37,7 @@ class Ridges:
 
     def factor(self, rung: int) -> int:
         """By how much the image is reduced for the half-width WIDTHS[rung]."""
-        return max(1, int(WIDTHS[rung] / FINE))
+        return max(1, int(WIDTHS[rung] / const.RIDGE_REDUCED_PX))
 
     def heights(self, rung: int) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
         """By how much pixels are above, and below, both their sides; reduced by `factor`."""
@@ -68,9 +46,11 @@ class Ridges:
             image = self._reduced.get(factor)
             if image is None:
                 image = self._reduced.setdefault(factor, _reduce(self._image, factor))
-            sigma = max(BLUR * width, BLUR_PX) / factor
+            sigma = max(const.RIDGE_BLUR_HW * width, const.RIDGE_BLUR_PX) / factor
             smooth = ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=3.0)
-            self._known[rung] = _heights(smooth, (ASIDE * width + ASIDE_PX) / factor)
+            self._known[rung] = _heights(
+                smooth, (const.RIDGE_SIDE_HW * width + const.RIDGE_SIDE_PX) / factor
+            )
         return self._known[rung]
 
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
@@ -93,7 +73,7 @@ class Ridges:
         asked = rung, sign, height
         if asked not in self._evidence:
             near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
-            around = AROUND * WIDTHS[rung]
+            around = const.USUAL_BLOCK_HW * WIDTHS[rung]
             found = [self.alone(k, sign, height, around) for k in near]
             self._evidence[asked] = np.max(found, axis=0)
         return self._evidence[asked]
@@ -103,11 +83,17 @@ class Ridges:
     ) -> Float[Array, "H W"]:
         """The same of one half-width without its neighbours; blocks have the side `around`, px."""
         mine, factor = self.heights(rung)[0 if sign > 0 else 1], self.factor(rung)
-        block = max(AROUND * WIDTHS[rung] if around is None else around, AROUND_PX)
-        left = LEFT * self.noise / (2 * np.sqrt(np.pi) * max(BLUR * WIDTHS[rung], BLUR_PX))
+        block = max(
+            const.USUAL_BLOCK_HW * WIDTHS[rung] if around is None else around, const.USUAL_BLOCK_PX
+        )
+        left = (
+            const.RIDGE_NOISE
+            * self.noise
+            / (2 * np.sqrt(np.pi) * max(const.RIDGE_BLUR_HW * WIDTHS[rung], const.RIDGE_BLUR_PX))
+        )
         usual = _usual(mine, block / factor)
-        share = mine / np.maximum(usual, max(left, FLOOR * height, 1e-30))
-        return np.clip(enlarged(share, self._image.shape, factor) / CERTAIN, 0.0, 1.0)
+        share = mine / np.maximum(usual, max(left, const.RIDGE_FLOOR * height, 1e-30))
+        return np.clip(enlarged(share, self._image.shape, factor) / const.RIDGE_CERTAIN, 0.0, 1.0)
 
 
 def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
@@ -146,7 +132,7 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
     wide = np.pad(smooth, reach, mode="edge")
     found = np.empty((2, *smooth.shape), np.float32)
     # Some rows after the other, so that what is computed stays in the cache.
-    rows = max(1, BLOCK // smooth.shape[1])
+    rows = max(1, const.RIDGE_CHUNK // smooth.shape[1])
     for first in range(0, len(smooth), rows):
         here = slice(first, first + rows)
         _heights_of(smooth[here], wide[first : first + rows + 2 * reach], away, found[:, here])
@@ -163,17 +149,17 @@ def _heights_of(
     rows, columns = smooth.shape
     reach = (wide.shape[1] - columns) // 2
     sides, slopes = [], []
-    for angle in np.pi * np.arange(ANGLES) / ANGLES:
+    for angle in np.pi * np.arange(const.RIDGE_ANGLES) / const.RIDGE_ANGLES:
         r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
         one = wide[reach + r : reach + r + rows, reach + c : reach + c + columns]
         two = wide[reach - r : reach - r + rows, reach - c : reach - c + columns]
         sides.append((np.maximum(one, two), np.minimum(one, two)))
         slopes.append(np.subtract(*sides[-1]))
-        slopes[-1] *= SLOPE
+        slopes[-1] *= const.RIDGE_SLOPE
     above, below = found
     above[:], below[:] = np.inf, -np.inf
     for k, (most, least) in enumerate(sides):
-        slope = slopes[(k + ANGLES // 2) % ANGLES]
+        slope = slopes[(k + const.RIDGE_ANGLES // 2) % const.RIDGE_ANGLES]
         np.minimum(above, np.add(most, slope, out=most), out=above)
         np.maximum(below, np.subtract(least, slope, out=least), out=below)
     np.subtract(smooth, above, out=above)

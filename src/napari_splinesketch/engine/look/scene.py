@@ -8,21 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.look.sketched import Around, look_around
 from napari_splinesketch.engine.types import Array, Polarity
-
-MISSING = 1.5
-"""Missing pixels are guessed from those nearby, with Gaussian weights of this width, px."""
-ALONE = 0.5
-"""A sketch whose profiles vote more clearly than this for a polarity has it, whatever the rest."""
-FAINTEST = 0.5
-"""The smallest contrast there can be, times the noise of a pixel."""
-CREST = 0.9
-"""Height of a body's ridge above its sides, as a share of the body's contrast."""
-BELIEVED = 0.75
-"""A half-width that was told is believed where its ridges are so high against the best ones."""
 
 Line = Float[Array, "N 2"]
 
@@ -112,8 +102,8 @@ def read_scenes(
             continue
         mine = [around[i][0 if sign > 0 else 1] for i in members]
         rungs, contradicted = _rungs(mine, half_width)
-        height = float(np.median([a.height for a in mine])) / CREST
-        contrast = sign * max(height, FAINTEST * noise, rounding)
+        height = float(np.median([a.height for a in mine])) / const.CREST
+        contrast = sign * max(height, const.FAINTEST_CONTRAST * noise, rounding)
         scene = Scene(
             ((whole - background) / contrast).astype(np.float32),
             valid,
@@ -121,7 +111,7 @@ def read_scenes(
             kind,
             contrast,
             max(noise / abs(contrast), 0.01),
-            abs(contrast) * CREST,
+            abs(contrast) * const.CREST,
             float(np.median([WIDTHS[r] for r in rungs])),
             ridges,
             rungs,
@@ -136,7 +126,7 @@ def _signs(votes: list[float], polarity: Polarity) -> list[int]:
     if polarity != "auto":
         return [1 if polarity == "bright" else -1] * len(votes)
     most = 1 if sum(votes) >= 0 else -1
-    return [(1 if v > 0 else -1) if abs(v) > ALONE else most for v in votes]
+    return [(1 if v > 0 else -1) if abs(v) > const.CLEAR_VOTE else most for v in votes]
 
 
 def _rungs(around: list[Around], told: float | None) -> tuple[tuple[int, ...], float | None]:
@@ -147,7 +137,7 @@ def _rungs(around: list[Around], told: float | None) -> tuple[tuple[int, ...], f
         return own, None
     rung = int(np.abs(np.log(np.array(WIDTHS) / told)).argmin())
     shares = [a.profile[rung] / max(a.profile) for a in around if rung < len(a.profile)]
-    if shares and np.median(shares) > BELIEVED:
+    if shares and np.median(shares) > const.GIVEN_WIDTH_RIDGE:
         return (rung,) * len(around), None
     return own, told
 
@@ -155,7 +145,8 @@ def _rungs(around: list[Around], told: float | None) -> tuple[tuple[int, ...], f
 def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
     """The image with missing pixels like those around them, or like the median far inside."""
     known, weight = (
-        ndimage.gaussian_filter(a, MISSING) for a in (np.where(valid, image, 0.0), valid * 1.0)
+        ndimage.gaussian_filter(a, const.MISSING_BLUR_PX)
+        for a in (np.where(valid, image, 0.0), valid * 1.0)
     )
     nearby = np.where(weight > 0.05, known / np.maximum(weight, 0.05), np.median(image[valid]))
     return np.where(valid, image, nearby)

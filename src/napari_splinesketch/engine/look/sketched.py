@@ -5,26 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.look.ridges import BLUR, WIDTHS, Ridges
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.types import Array
-
-SLENDER, THIN = 0.15, 3.0
-"""A body's half-width is at most so much of its sketch's length, or so many px."""
-BULGE, ASTRAY = 0.3, 0.15
-"""A body may leave its sketch by so much of the longest segment, and of the sketch's length."""
-STRAYS, STRAYS_PX = 12.0, 15.0
-"""The latter is at most so many half-widths, and at least so many px."""
-ENOUGH = 0.92
-"""The smallest half-width whose ridge reaches this share of the best one's is the body's."""
-CHANCE = 0.7
-"""What the highest of many noisy ridges has by chance, in units of the smoothed noise."""
-EVERY, FEWEST, MOST = 3.0, 12, 120
-"""Profiles across a sketch are so many px apart; fewest and most of them."""
-OFFSETS = 61
-"""Points on each profile, at most."""
-ASIDE, FLAT = 2.5, 0.3
-"""Profiles across a path reach so many half-widths; so many of them are the middle of a body."""
 
 Line = Float[Array, "N 2"]
 
@@ -59,8 +43,8 @@ class Around:
 def reach_of(line: Line, half_width: float = 0.0) -> float:
     """How far from its sketch a body may be, px."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    astray = min(ASTRAY * steps.sum(), max(STRAYS * half_width, STRAYS_PX))
-    return float(max(BULGE * steps.max(), astray))
+    astray = min(const.STRAY_SHARE * steps.sum(), max(const.STRAY_HW * half_width, const.STRAY_PX))
+    return float(max(const.CHORD_BULGE * steps.max(), astray))
 
 
 def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float) -> float:
@@ -69,13 +53,13 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
     The mean of both sides, rounded up to the next point of the profile: a fit that begins a little
     too wide arrives sooner. `half_width` is about what it is.
     """
-    points, offsets = _profiles(path, ASIDE * half_width)
+    points, offsets = _profiles(path, const.WIDTH_PROFILE_HW * half_width)
     profile = np.median(spline.across(image, points, offsets), axis=0)
     middle = len(profile) // 2
-    step = ASIDE * half_width / middle
+    step = const.WIDTH_PROFILE_HW * half_width / middle
     found = []
     for side in (profile[middle::-1], profile[middle:]):
-        top = side[: 1 + int(FLAT * half_width / step)].mean()
+        top = side[: 1 + int(const.WIDTH_MIDDLE_HW * half_width / step)].mean()
         edge = int(half_width / step)
         low = edge + int(side[edge:].argmin())
         below = side[:low] <= (top + side[low]) / 2
@@ -94,7 +78,13 @@ def look_around(
     """
     length = float(spline.arc_length(line)[-1])
     if wanted is None:
-        wanted = range(int(np.searchsorted(WIDTHS, max(SLENDER * length, THIN), side="right")))
+        wanted = range(
+            int(
+                np.searchsorted(
+                    WIDTHS, max(const.WIDEST_SHARE * length, const.WIDEST_PX), side="right"
+                )
+            )
+        )
     reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
     points, offsets = _profiles(line, reach)
     at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
@@ -106,7 +96,11 @@ def look_around(
         if factor not in reduced:
             reduced[factor] = _pixels(at, near, both[0].shape, factor)
         pixels, weight = reduced[factor]
-        chance = CHANCE * ridges.noise / np.sqrt(max(BLUR * WIDTHS[rung], 0.5))
+        chance = (
+            const.CHANCE_HEIGHT
+            * ridges.noise
+            / np.sqrt(max(const.RIDGE_BLUR_HW * WIDTHS[rung], 0.5))
+        )
         for k, height in enumerate(both):
             high = height.ravel()[pixels]
             most = profile, (weight * high).argmax(1)
@@ -117,7 +111,7 @@ def look_around(
     found = []
     for sign, of in zip((1, -1), heights, strict=True):
         typical = np.median(of, axis=1)
-        k = int(np.argmax(typical >= ENOUGH * typical.max()))
+        k = int(np.argmax(typical >= const.WIDTH_ENOUGH * typical.max()))
         found.append(Around(sign * vote, k, float(max(typical[k], 0.0)), tuple(typical.tolist())))
     return found[0], found[1]
 
@@ -136,5 +130,10 @@ def _pixels(
 def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P 2"], Float[Array, " T"]]:
     """Where on a line profiles are read, and at which distances from it."""
     length = spline.arc_length(line)[-1]
-    points = spline.resample(line, int(np.clip(length / EVERY, FEWEST, MOST)))
-    return points, np.linspace(-reach, reach, min(OFFSETS, 2 * int(np.ceil(reach)) + 1))
+    points = spline.resample(
+        line,
+        int(np.clip(length / const.PROFILE_STEP_PX, const.PROFILES_LEAST, const.PROFILES_MOST)),
+    )
+    return points, np.linspace(
+        -reach, reach, min(const.PROFILE_POINTS, 2 * int(np.ceil(reach)) + 1)
+    )

@@ -7,18 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import SLOPE_UNIT
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt
-from napari_splinesketch.engine.judge.standard_error import (
-    BESIDE,
-    standard_error,
-    unexplained,
-)
+from napari_splinesketch.engine.judge.standard_error import standard_error, unexplained
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
@@ -110,10 +106,10 @@ def _curves(
     """The curves with what they say of themselves, in the window's pixels."""
     centres = [spline.sample(b.knots, 100) for b in fit.bodies]
     everything = [*centres, *(b.points() for b in fit.fixed)]
-    twins = assess.doubles(centres, assess.ON_TOP * seen.half_width, assess.SAME_BODY)
+    twins = assess.doubles(centres, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
     misfit = unexplained(seen, residual)
     widths = [float(np.exp(b["log_width_0"])) for b in fit.bodies]
-    beside = assess.neighbours(everything, BESIDE * max(widths))
+    beside = assess.neighbours(everything, const.BESIDE_HW * max(widths))
     for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
         reasons = []
         start = fit.starts[i]
@@ -127,7 +123,7 @@ def _curves(
         near = np.zeros(len(outline.points), dtype=bool)
         if others:
             lines = np.concatenate([everything[k] for k in others])
-            near = np.isfinite(spline.apart(outline.points, lines, BESIDE * widths[i]))
+            near = np.isfinite(spline.apart(outline.points, lines, const.BESIDE_HW * widths[i]))
         sd = standard_error(body, outline.u, misfit, near)
         if i in fit.held:
             sd = np.maximum(sd, widths[i])
@@ -155,6 +151,6 @@ def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
 def _rest(body: Body, residual: Float[Array, "H W"]) -> Float[Array, " m"]:
     """Image minus bodies minus the body's own local background, in its band."""
     at = np.column_stack(np.divmod(body.pixels, residual.shape[1]))
-    away = (at - body.knots.mean(0)) / SLOPE_UNIT
+    away = (at - body.knots.mean(0)) / const.SLOPE_UNIT_PX
     local = body["offset"] + away @ [body["slope_row"], body["slope_col"]]
     return residual.ravel()[body.pixels] - local

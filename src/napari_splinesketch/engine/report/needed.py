@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import INDEX, WIDTH_MODES
+from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array, SceneModel
 
-VARIES = 0.1
-"""Bodies have a profile of half-width where it varies by so much of itself along them."""
 KINDS = {"width": ("constant", "profile"), "background": ("constant", "linear", "textured")}
 """What parts of a model may be, in rising order of what they need."""
 BACKGROUNDS = {
@@ -64,8 +63,8 @@ def model(seen: Scene, bodies: list[Body], rests: list[Float[Array, " m"]]) -> S
     """What the bodies of one island needed; `rests` is what they leave unexplained."""
     look = np.median([body.parameters for body in bodies], axis=0)
     # Legendre polynomials of degree n have a mean square of 1 / (2 n + 1).
-    profiles = np.array([b.parameters[1:WIDTH_MODES] for b in bodies]) ** 2
-    varies = np.sqrt(profiles @ (1 / (2 * np.arange(1, WIDTH_MODES) + 1)))
+    profiles = np.array([b.parameters[1 : const.WIDTH_MODES] for b in bodies]) ** 2
+    varies = np.sqrt(profiles @ (1 / (2 * np.arange(1, const.WIDTH_MODES) + 1)))
     inside = [b.pixels[b.own > 0.5 * b["contrast"]] for b in bodies]
     overlapping = (np.unique(np.concatenate(inside), return_counts=True)[1] > 1).any()
     contrast = abs(seen.contrast)
@@ -73,7 +72,7 @@ def model(seen: Scene, bodies: list[Body], rests: list[Float[Array, " m"]]) -> S
         polarity=seen.polarity,
         knots=tuple(len(b.knots) for b in bodies),
         half_width=float(np.exp(look[INDEX["log_width_0"]])),
-        width="profile" if np.median(varies) > VARIES else "constant",
+        width="profile" if np.median(varies) > const.WIDTH_VARIES else "constant",
         background=seen.background_kind,
         overlap=float(look[INDEX["overlap"]]) if overlapping else None,
         contrast=contrast * float(look[INDEX["contrast"]]),
