@@ -167,12 +167,12 @@ def _posed(
     if len(best) > 1:
         best = [min(best, key=lambda one: one[-1].cut(image).tobytes())]
     order, mine, backwards, pose = best[0]
-    still = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
+    beside = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
     return Island(
         tuple(numbers[i] for i in order),
         [mine[i] for i in order],
         [backwards[i] for i in order],
-        sorted(still, key=lambda points: points.tolist()),
+        sorted(beside, key=lambda points: points.tolist()),
         pose,
     )
 

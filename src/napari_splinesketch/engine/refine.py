@@ -56,7 +56,7 @@ def refine(
     polarity
         Whether bodies are "bright" or "dark" against the background; "auto" looks.
     half_width
-        Rough distance from centreline to edge, px; None measures it.
+        Rough distance from centreline to edge, px; None to measure it.
     fixed
         Curves that take part in the rendering but do not move; failed ones do not take part.
     on_progress
@@ -125,7 +125,8 @@ def _fitted(
 class _Progress:
     """Passes progress on, from one thread at a time; never falls.
 
-    What the call raises, or `Stopped` when told to stop, is raised in all threads from then on.
+    What the callback raises, or `Stopped` where it returns False, is raised in all threads from
+    then on.
     """
 
     def __init__(self, on_progress: OnProgress | None, lines: list[Array], total: int):

@@ -91,8 +91,8 @@ class Settings:
     knots
         Numbers of knots that a curve may have, in rising order.
     hold
-        How well each sketch is known, where it is: nothing is searched for, and curves are held to
-        their sketches by so much. None searches.
+        How precisely each sketch is known to lie on its body; nothing is searched for, and curves
+        are held to their sketches by that. None to search.
     """
 
     traced: bool = True

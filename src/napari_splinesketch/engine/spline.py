@@ -44,7 +44,7 @@ def even_basis(knots: int, count: int) -> Float[Array, "count K"]:
 
 @lru_cache(maxsize=64)
 def thinner(knots: int, few: int) -> Float[Array, "few knots"]:
-    """Gives the `few` knots whose spline is nearest to so many knots; do not change it."""
+    """Matrix that gives the `few` knots whose spline is nearest to `knots`; do not change it."""
     return np.linalg.pinv(even_basis(few, knots))
 
 

@@ -35,7 +35,7 @@ class Curve:
     sd
         (100,): standard error of `points` along the normal, px; infinite where nothing is known.
     status
-        "good"; "check" when something asks for a look; "failed" when the sketch could not be
+        "good"; "check" where it needs review; "failed" when the sketch could not be
         refined, in which case the curve is the sketch as drawn.
     reasons
         Why the status is not "good", one sentence each.

@@ -33,8 +33,8 @@ class Candidates:
     rungs
         Index of each one's half-width in `ridges.WIDTHS`.
     explains
-        What one earns that runs along no other's, for all of a usual length: nothing where the
-        sketch itself tells where its body is.
+        Gain of a path along no other's for a usual length; 0 for a clicked sketch, which says
+        itself where its body is.
     """
 
     lines: tuple[Line, ...]
@@ -70,10 +70,10 @@ def prices(
 
 
 def eagerness(count: int) -> float:
-    """Share of EXPLAINS that each of so many sketches earns that are chosen together.
+    """Share of EXPLAINED_GAIN that each of `count` sketches earns that are chosen together.
 
-    The fewer they are, the likelier are bodies without a sketch beside them, along which no path
-    ought to run on.
+    The fewer there are, the likelier it is that bodies beside them have no sketch; no path should
+    run on along those.
     """
     return count / (count + 1)
 
@@ -85,7 +85,7 @@ def sets(
     usual: float,
     taken: Bool[Array, " E"],
 ) -> tuple[Int[Array, "S n"], Float[Array, " S"]]:
-    """The cheapest sets of one path for each of some sketches, and their costs.
+    """The cheapest ways of choosing one path for each sketch, and what they cost.
 
     Beside the paths' own costs a set pays for pieces of the graph that two of them run along.
 
@@ -125,10 +125,10 @@ def sets(
 def margin(
     candidates: Candidates, chosen: Int[Array, " S"], costs: Float[Array, " S"], half_width: float
 ) -> float:
-    """By how much the cheapest set costs more in which one sketch takes another path.
+    """What the cheapest set costs more in which this sketch takes another path.
 
-    Another one is farther from the first, on average, than a half-width. `chosen` are the paths
-    that the sketch takes in sets of rising `costs`.
+    Paths within a half-width of each other, on average, are the same. `chosen` are the paths that
+    the sketch takes in sets of rising `costs`.
     """
     first, same = candidates.lines[chosen[0]], {int(chosen[0])}
     near = max(half_width, const.SAME_PATH_PX)

@@ -44,12 +44,12 @@ class Start:
     known
         (F,) what is known of the path, in the order of `scoring.FEATURES`.
     margin
-        By how much the sketches cost more if this one means another path.
+        What it would cost if this sketch meant another path.
     goes_on
-        Whether there is a body beyond its first and beyond its last point: only the sketch tells
-        where such a curve ends.
+        Whether a body goes on beyond its first and beyond its last point; where such a curve ends
+        is known from the sketch alone.
     tips
-        Whether its first and its last end are tips that were clicked.
+        Whether its first and its last end are clicked tips of the body.
     """
 
     line: Line
@@ -66,7 +66,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Where the fits begin.
+    """What was found for all sketches of a scene: where their fits begin.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
 
 
 def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
-    """A path with what the image is like along it."""
+    """The start of a fit on a path: half-width and contrast are measured along it."""
     line, known, rung = mine.lines[path], mine.known[path], mine.rungs[path]
     if (
         known[scoring.FEATURES.index("unseen")] > const.UNSEEN_MOST
@@ -312,8 +312,8 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last), tips)
 
 
-def dearer(seen: Scene, start: Start, line: Line) -> dict[str, float]:
-    """By how much a line costs a sketch more than its path, for each of `scoring.FEATURES`."""
+def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:
+    """What a line costs a sketch beyond its path, for each of `scoring.FEATURES`."""
     drawn, total = spline.resample(line, const.SCORE_SAMPLES)[None], spline.arc_length(line)[-1:]
     evidence, half_width = seen.evidence(start.rung), WIDTHS[start.rung]
     known = scoring.features(drawn, total, start.sketch, half_width, evidence)[0]
@@ -322,7 +322,7 @@ def dearer(seen: Scene, start: Start, line: Line) -> dict[str, float]:
 
 
 def _rescaled(found: Found) -> Found:
-    """The same in units of the contrast of what was found."""
+    """The same, with intensities in units of the contrast of the bodies that were found."""
     mine = [s for s in found.starts if s.found]
     if not mine:
         return found
@@ -353,7 +353,7 @@ def smoothed(lines: list[Line], sigma: float) -> list[Line]:
 
 
 def _mirrored(line: Line, reach: int) -> Line:
-    """A line that goes on beyond each end as it comes, by so many points."""
+    """A line with `reach` points more at either end, mirrored through the end point."""
     if len(line) <= reach:
         return np.pad(line, ((reach, reach), (0, 0)), "reflect", reflect_type="odd")
     before, after = 2 * line[:1] - line[reach:0:-1], 2 * line[-1:] - line[-2 : -reach - 2 : -1]

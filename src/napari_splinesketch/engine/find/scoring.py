@@ -22,7 +22,7 @@ def clicked(sketch: Line) -> bool:
 
 
 def hit(half_width: float, clicked_length: float = 0.0) -> float:
-    """How far from a vertex a path has hit it, px, for the length of a sketch that was clicked."""
+    """How near a vertex a path must be to hit it, px; farther for a long clicked sketch."""
     return const.HIT_HW * half_width + const.HIT_PX + const.HIT_SHARE * clicked_length
 
 
@@ -42,7 +42,7 @@ def tolerance(
 
 
 def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
-    """(C,) what paths cost their sketch, from their features."""
+    """(C,) cost of paths for their sketch, from their features."""
     too_far = known[:, FEATURES.index("apart")] > np.log1p(const.FARTHEST)
     return known @ const.PATH_WEIGHTS + const.IMPOSSIBLE * too_far
 
@@ -171,7 +171,7 @@ def goes_on(
 
 @lru_cache(maxsize=64)
 def _smoothing(count: int, sigma: float) -> Float[Array, "S S"]:
-    """(S, S) smooths a row of points by a Gaussian of so many of them; its ends stay."""
+    """(S, S) matrix that smooths a row of points by a Gaussian of `sigma` of them; ends stay."""
     points = np.eye(count)
     before, after = 2 * points[:1] - points[:0:-1], 2 * points[-1:] - points[-2::-1]
     extended = np.concatenate([before, points, after])

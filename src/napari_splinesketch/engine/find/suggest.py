@@ -1,4 +1,4 @@
-"""First lines for free: sketches over the bodies of an image that nobody has drawn yet."""
+"""Suggest sketches: smooth lines over the bodies of an image that has none yet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ Line = Float[Array, "N 2"]
 
 @dataclass(frozen=True, eq=False)
 class Suggestions:
-    """Lines along all that may be a body, from which some are chosen in an instant.
+    """Lines along everything that may be a body; choosing among them takes no time.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Suggestions:
     strength: Float[Array, " N"]
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
-        """The lines that stand out so much; what a low sensitivity gives, a higher one does too.
+        """The lines that stand out enough; a higher sensitivity only adds lines.
 
         Parameters
         ----------
@@ -237,6 +237,6 @@ def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
 
 
 def _sketch(line: Line, half_width: float) -> Line:
-    """A smooth line of few points, which a hand can mend."""
+    """A smooth line of few points, easy to edit by hand."""
     count = round(arc_length(line)[-1] / (const.SUGGEST_SPACING_HW * half_width)) + 1
     return fit_knots(line, int(np.clip(count, *const.SUGGEST_POINTS)))

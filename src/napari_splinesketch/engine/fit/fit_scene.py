@@ -77,17 +77,17 @@ def fit_scene(
         Progress.
     """
     report("tracing bodies", 0.02)
-    still = [(spline.resample(c[:, :2], 100), _width_of(c), 1.0) for c in fixed]
+    given = [(spline.resample(c[:, :2], 100), _width_of(c), 1.0) for c in fixed]
     if settings.hold is None:
         found = finding.find(
-            seen, sketches, [line for line, *_ in still], settings,
+            seen, sketches, [line for line, *_ in given], settings,
             lambda share: report("tracing bodies", 0.02 + 0.3 * share),
         )  # fmt: skip
     else:
         found = finding.believed(seen, sketches)
     seen, starts = found.seen, found.starts
     needs = [knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
-    bodies, others, held = _fit_batches(seen, found, still, needs, settings, report)
+    bodies, others, held = _fit_batches(seen, found, given, needs, settings, report)
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
         bodies = pairs.settle_pairs(seen, starts, bodies, free, others)
@@ -97,26 +97,26 @@ def fit_scene(
 def _fit_batches(
     seen: Scene,
     found: Found,
-    still: list[tuple[Line, float, float]],
+    fixed: list[tuple[Line, float, float]],
     needs: list[int],
     settings: Settings,
     report: Reporter,
 ) -> tuple[list[Body], list[Body], set[int]]:
-    """Fit all bodies, in batches side by side, and the look of those that stay still.
+    """Fit all bodies, in batches side by side, and the appearance of the fixed ones.
 
     Returns
     -------
-    A body for each start and for each that stays still; and which curves stay on their paths.
+    A body for each start and for each fixed curve; and which curves are held to their paths.
     """
     starts = found.starts
     groups: dict[int, list[int]] = {}
     for members in found.clusters:
         groups.setdefault(max(needs[i] for i in members), []).extend(members)
-    drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in still]
+    drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in fixed]
     meets = bands.touching([fitting.around(seen, *one) for one in drawn])
     batches = side_by_side.batches([members for _, members in sorted(groups.items())], meets)
     near = [set(np.flatnonzero(meets[len(starts) :, batch].any(1)).tolist()) for batch in batches]
-    near[-1] |= set(range(len(still))).difference(*near)
+    near[-1] |= set(range(len(fixed))).difference(*near)
     done: dict[int, Body] = {}
     shares = [0.0] * len(batches)
 
@@ -132,7 +132,7 @@ def _fit_batches(
             report("polishing", 0.4 + 0.6 * sum(shares) / len(starts), lines)
 
         fitted, kept = _fit_group(
-            seen, [starts[i] for i in members], [still[k] for k in beside],
+            seen, [starts[i] for i in members], [fixed[k] for k in beside],
             [needs[i] for i in members],
             [settings.hold[i] for i in members] if settings.hold else [], on_fit,
         )  # fmt: skip
@@ -141,10 +141,10 @@ def _fit_batches(
 
     others: dict[int, Body] = {}
     held: set[int] = set()
-    for fixed, kept in side_by_side.side_by_side(fit_batch, len(batches)):
-        others |= fixed
+    for looks, kept in side_by_side.side_by_side(fit_batch, len(batches)):
+        others |= looks
         held |= kept
-    return [done[i] for i in range(len(starts))], [others[k] for k in range(len(still))], held
+    return [done[i] for i in range(len(starts))], [others[k] for k in range(len(fixed))], held
 
 
 def _width_of(curve: Float[Array, "P 3"]) -> float:
@@ -152,7 +152,7 @@ def _width_of(curve: Float[Array, "P 3"]) -> float:
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
-    """The fewest knots whose spline follows a traced path as closely as a trace is worth."""
+    """The fewest knots whose spline follows a traced path within a trace's own accuracy."""
     loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
     length = spline.arc_length(line)[-1]
     points = max(64, int(length / 4))
@@ -170,21 +170,21 @@ def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int
 def _fit_group(
     seen: Scene,
     starts: list[Start],
-    still: list[tuple[Line, float, float]],
+    fixed: list[tuple[Line, float, float]],
     own: list[int],
     holds: Sequence[Hold],
     report: fitting.Report,
 ) -> tuple[list[Body], set[int]]:
-    """Fit bodies together, and the look of those that stay still.
+    """Fit bodies together, and the appearance of the fixed ones.
 
-    The solver gives all of them as many knots as the one that needs most; the others are held to
-    their `own` numbers. Curves whose ends grew though nothing is seen there, and those that left
-    their paths, are fitted again, and held; those that leave them again are put back. The rows of
-    these are returned, too.
+    All have as many knots in the solver as the one that needs most; the others are held to splines
+    of their `own` numbers. Curves whose ends grew where nothing is seen, and those that left their
+    paths, are fitted again and held there; those that leave again are put back on their paths, and
+    their rows are returned, too.
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
-    theta, priors = bands.begin([*moving, *still], knots, seen)
+    theta, priors = bands.begin([*moving, *fixed], knots, seen)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
     ends = [0, knots - 1, knots, 2 * knots - 1]
     for row, start in enumerate(starts):
@@ -220,12 +220,12 @@ def _fit_group(
             )  # fmt: skip
             for row, body in zip(np.flatnonzero(some), fitted, strict=True):
                 found[row] = body
-    numbers = [*own, *[knots] * len(still)]
+    numbers = [*own, *[knots] * len(fixed)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
 
 
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:
-    """Whether a curve left its path for where less of a body is seen, or folded over itself."""
+    """Whether a curve folded over itself, or left its path for where less of a body is seen."""
     line = body.points(const.STRAY_SAMPLES)
     count = max(8, round(spline.arc_length(line)[-1] / start.half_width))
     step = np.diff(spline.resample(line, count), axis=0)
@@ -234,12 +234,12 @@ def _strayed(seen: Scene, body: Body, start: Start) -> bool:
         return True
     if spline.apart(line, start.line).max() < const.STRAYED_HW * start.half_width:
         return False
-    more = finding.dearer(seen, start, line)
+    more = finding.extra_costs(seen, start, line)
     return more["unseen"] + more["kink"] > const.STRAYED_COST
 
 
 def _ended(body: Body, start: Start) -> Line | None:
-    """A body's centreline without what grew too far beyond its path; None where nothing did."""
+    """A body's centreline without what grew too far beyond its path; None if nothing did."""
     line = body.points(const.STRAY_SAMPLES)
     s = spline.arc_length(line)
     half, cuts = const.STRAY_SAMPLES // 2, [0.0, s[-1]]

@@ -19,7 +19,7 @@ from napari_splinesketch.engine.types import Array
 
 
 class Stopped(Exception):
-    """Raised inside the engine when the caller wants no more."""
+    """Raised inside the engine when the caller cancels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +105,11 @@ def fit_curves(
     theta
         (n, D) where to start.
     priors
-        Of the curves' look.
+        Of the curves' appearance.
     sweeps
         Evaluations of each curve in each sweep.
     moving
-        The first so many curves move; of the others only the look is fitted.
+        How many curves move, the first ones; of the others only the appearance is fitted.
     hold
         (n, 2K, 2K) inverse covariance of the knots around where they start, px⁻²; None for no
         hold.
@@ -177,7 +177,7 @@ def around(seen: Scene, line: Float[Array, "P 2"], half_width: float) -> Int[Arr
 def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
     """The curves in chunks of which no two meet, so that each sees the others as they are now.
 
-    Two overlapping curves that step at the same time overshoot together, for ever.
+    Two overlapping curves that step at the same time would overshoot together, again and again.
     """
     turns: list[list[int]] = []
     for i in curves.tolist():

@@ -71,7 +71,7 @@ def _likelier(
 
     def more(bodies: list[Body]) -> list[float]:
         mine = zip(_each_its_side(bodies, starts), starts, strict=True)
-        return [sum(finding.dearer(seen, x, body.points()).values()) for body, x in mine]
+        return [sum(finding.extra_costs(seen, x, body.points()).values()) for body, x in mine]
 
     def misfit(bodies: list[Body]) -> float:
         left = seen.normal.ravel()[near] - fitting.drawn([*bodies, *rest], near)

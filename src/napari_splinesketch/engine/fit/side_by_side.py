@@ -27,14 +27,14 @@ def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list
     found: list[list[int]] = []
     for members in groups:
         label = connected_components(meets[np.ix_(members, members)], directed=False)[1]
-        heaps = [np.array(members)[label == k].tolist() for k in range(label.max() + 1)]
+        blocks = [np.array(members)[label == k].tolist() for k in range(label.max() + 1)]
         room = 0
-        for heap in sorted(heaps, key=len, reverse=True):
-            if len(heap) > room:
+        for block in sorted(blocks, key=len, reverse=True):
+            if len(block) > room:
                 found.append([])
                 room = most
-            found[-1] += heap
-            room -= len(heap)
+            found[-1] += block
+            room -= len(block)
     return sorted(found, key=len, reverse=True)
 
 

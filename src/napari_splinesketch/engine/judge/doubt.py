@@ -19,7 +19,7 @@ WORDS = {
     "short": "it is shorter than its sketch",
     "long": "it is longer than its sketch",
 }
-"""Why a path is an unlikely one for its sketch, by what costs it most."""
+"""Why a path is unlikely for its sketch, by the feature that costs most."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Evidence:
     known
         (F,) what is known of its path, in the order of `scoring.FEATURES`.
     margin
-        By how much the sketches cost more if this one means another path.
+        What it would cost if this sketch meant another path.
     missed_end
-        How far before a clicked end of its sketch it ends, px, if that is more than usual.
+        How far it ends before a clicked end of its sketch, px; 0 where that is usual.
     """
 
     sd: float
@@ -70,8 +70,8 @@ class Evidence:
         )
 
     @property
-    def dearest(self) -> str:
-        """What of its path costs most, in words."""
+    def main_cost(self) -> str:
+        """What its path is charged for most, in words."""
         name = scoring.FEATURES[int((self.known * const.PATH_WEIGHTS).argmax())]
         unseen = self.known[scoring.FEATURES.index("unseen")]
         return WORDS.get(name, f"{unseen:.0%} of it cannot be seen")
@@ -131,7 +131,7 @@ def reasons(evidence: Evidence) -> list[str]:
     words = (
         f"its position is uncertain by up to {evidence.sd:.1f} px",
         f"it strays up to {evidence.astray:.0f} px from its sketch",
-        evidence.dearest,
+        evidence.main_cost,
         "another path is nearly as likely",
     )
     telling = share >= min(const.TELLING, share.max())

@@ -44,7 +44,7 @@ class Scene:
     rungs
         For each sketch, the index of its body's half-width in WIDTHS.
     contradicted
-        The half-width that was told, if no body in the image is like that.
+        The half-width that was given, if no body in the image has one like it.
     """
 
     normal: Float[Array, "H W"]
@@ -129,17 +129,17 @@ def _signs(votes: list[float], polarity: Polarity) -> list[int]:
     return [(1 if v > 0 else -1) if abs(v) > const.CLEAR_VOTE else most for v in votes]
 
 
-def _rungs(around: list[Around], told: float | None) -> tuple[tuple[int, ...], float | None]:
-    """Each body's own half-width, near what is usual, and what was told if none is like that."""
+def _rungs(around: list[Around], given: float | None) -> tuple[tuple[int, ...], float | None]:
+    """Each body's half-width, near the usual one; and the given one, if it fits no body."""
     usual = round(float(np.median([a.rung for a in around])))
     own = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
-    if told is None:
+    if given is None:
         return own, None
-    rung = int(np.abs(np.log(np.array(WIDTHS) / told)).argmin())
+    rung = int(np.abs(np.log(np.array(WIDTHS) / given)).argmin())
     shares = [a.profile[rung] / max(a.profile) for a in around if rung < len(a.profile)]
     if shares and np.median(shares) > const.GIVEN_WIDTH_RIDGE:
         return (rung,) * len(around), None
-    return own, told
+    return own, given
 
 
 def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
