@@ -82,7 +82,7 @@ def test_frames_that_are_missing_are_an_error(
     monkeypatch.setattr(napari_splinesketch, "refine", careless)
     assert refine() == 2
     told = capsys.readouterr().err
-    assert "frame 1 was finished, and is not in labels.csv.partial any more" in told
+    assert "frame 1 was finished, but is no longer in labels.csv.partial" in told
     assert "--resume" in told
     assert not Path("labels.csv").exists()
     assert refine("--resume") == 0
