@@ -160,7 +160,7 @@ def _export_training(job: jobs.TrainingJob) -> int:
 
     if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
         raise ValueError(
-            f"{job.output} contains an input file and is not replaced; choose another name"
+            f"{job.output} contains a file that is read, and is not replaced; choose another name"
         )
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         manifest = export_training(

@@ -78,4 +78,4 @@ LOSSES = (
     "width",
     "shape",
 )
-FORMAT = Format("masks, a label image a frame", (".masks.tif",), write=write, losses=LOSSES)
+FORMAT = Format("masks, one label image per frame", (".masks.tif",), write=write, losses=LOSSES)
