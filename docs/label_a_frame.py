@@ -5,8 +5,8 @@
 Only mouse and keys are used, at the pace of a practised hand: 1.1 s to bring the mouse somewhere,
 0.1 s to press or release its button, 0.28 s for a key (the keystroke-level model of Card, Moran
 and Newell). The worms are those of worms_of_a_frame.csv, found by eye. One of them is forgotten at
-first, one is turned and one is led by hand. Lines are suggested, or drawn all --by-hand; versions
-without keys are worked in the way that they have.
+first, one is turned and one is dragged by hand. Lines are suggested; --by-hand draws all of them.
+Versions without keys are used in the way that they have.
 
 Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/label_a_frame.py
 """
@@ -33,10 +33,10 @@ REACH, BUTTON, KEY = 1.1, 0.1, 0.28
 """Seconds to bring the mouse somewhere, to press or release its button, to press a key."""
 PATIENCE = 300.0
 LED = 2.0
-"""How far a curve is led by hand, px."""
+"""How far a curve is dragged by hand, px."""
 WORMS = Path(__file__).with_name("worms_of_a_frame.csv")
 ALONE = 10
-"""A worm that lies alone: it is turned. The first one is led by hand."""
+"""A worm that lies alone: it is turned. The first one is dragged by hand."""
 NEAR = 8.0
 """A line is over a worm if both its ends are this near to the worm's, px."""
 SHIFT, PLAIN = Qt.KeyboardModifier.ShiftModifier, Qt.KeyboardModifier.NoModifier
@@ -175,7 +175,7 @@ def with_keys(hand: Hand, dock: SplinesketchDock, worms: list[Any], by_hand: boo
 
 
 def without_keys(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> None:
-    """Draw, press Refine; mend the lines and press Refine again for each correction."""
+    """Draw, press Refine; correct the lines and press Refine again for each correction."""
 
     def refine() -> None:
         hand.press_button(dock.refine)

@@ -2,7 +2,7 @@
 
     python docs/label_film.py [--frames N]
 
-Suggest, mend the first frame by mouse and keys, Refine, Track to the end; then the tracks are
+Suggest, correct the first frame by mouse and keys, Refine, Track to the end; then the tracks are
 judged: they are followed backwards from the last frame, and a body counts as kept that comes
 back to where it began. Writes docs/films/film.jpg and the counts in
 docs/films.md. Needs a display; without one:

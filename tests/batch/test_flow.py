@@ -86,10 +86,10 @@ def test_here_tasks_are_done_one_after_another_and_tell_of_their_progress() -> N
 
 
 def test_a_result_may_ask_for_another_task() -> None:
-    def mend(task: int, done: int) -> int | None:
+    def retry(task: int, done: int) -> int | None:
         return task + 1 if done % 2 else None
 
-    given = list(through(Here(print), lambda task, _: task, [1, 4], mend=mend))
+    given = list(through(Here(print), lambda task, _: task, [1, 4], retry=retry))
     assert sorted(given) == [(2, 2), (4, 4)]
 
 

@@ -1,4 +1,4 @@
-"""Seconds for many bodies on the device that JAX uses, one curve at a time or many abreast.
+"""Seconds for many bodies on the device that JAX uses, one curve at a time or many at once.
 
     python tests/benchmarks/devices.py [--bodies 1 16 64 250 1000] [--together N]
 

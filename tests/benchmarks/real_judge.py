@@ -80,7 +80,7 @@ class Row:
 
     @property
     def marked(self) -> bool:
-        """Whether the method asks for a look at it."""
+        """Whether the method says that the curve needs review."""
         return self.status != "good"
 
 

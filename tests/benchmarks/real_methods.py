@@ -54,7 +54,7 @@ def _as_drawn(case: Case, sketches: Sequence[Line]) -> list[Found]:
 
 
 def _minimal_path(case: Case, sketches: Sequence[Line]) -> list[Found]:
-    """The cheapest path between the sketch's ends, its polarity told."""
+    """The cheapest path between the sketch's ends; its polarity is given."""
     image = case.image.astype(float)
     corner = np.array(image.shape) - 1
 

@@ -146,7 +146,7 @@ def targets_table(rows: Sequence[Row]) -> str:
         f"{real.good:.0f} / {real.lost:.0f} %",
         "bad ones marked / good ones marked | 95 / 57 % | ≥ 90 / ≤ 15 % | "
         f"{real.bad_marked:.0f} / {real.good_marked:.0f} %",
-        "right sketches (1 px off) made wrong, real / generated; in silence | 36 % | ≤ 1 %, none | "
+        "right sketches (1 px off) made wrong, real / generated; unmarked | 36 % | ≤ 1 %, none | "
         + " / ".join(_percent(s.spoilt) for s in right)
         + "; "
         + " / ".join(_percent(s.spoilt_silently) for s in right),

@@ -221,13 +221,13 @@ def zigzag(rng, line):
     return points + rng.normal(0, 2, points.shape)
 
 
-@_case(SKETCHES, "told a half-width 0.3 times the right one", "found or marked", "either")
+@_case(SKETCHES, "given a half-width 0.3 times the right one", "found or marked", "either")
 def told_thin(rng):
     made = scenes.usual(rng, 2)
     return _sketched(rng, made, half_width=0.3 * made.half_width)
 
 
-@_case(SKETCHES, "told a half-width 3 times the right one", "found or marked", "either")
+@_case(SKETCHES, "given a half-width 3 times the right one", "found or marked", "either")
 def told_wide(rng):
     made = scenes.usual(rng, 2)
     return _sketched(rng, made, half_width=3 * made.half_width)

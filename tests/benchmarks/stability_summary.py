@@ -23,7 +23,7 @@ class Shares:
     marked_lost
         Share of marked curves among those that are lost, or have no body; NaN without any.
     marked_found
-        Share of the others that are marked, where nothing but being wrong asks for a mark.
+        Share of the others that are marked, where only being wrong calls for a mark.
     median
         Of average DTW over curves that have a body to find, px.
     """

@@ -214,7 +214,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
     "planes and times": (two_axes, "choose one plane with --z"),
     "channels": (channels, "4 channels; choose one with --channel"),
-    "a stack in a folder": (stack_in_folder, "4 frames; expected one a file"),
+    "a stack in a folder": (stack_in_folder, "4 frames; expected one per file"),
 }
 
 

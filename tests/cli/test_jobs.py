@@ -152,7 +152,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_else(
         os.killpg(run.pid, signal.SIGINT)
         _, told = run.communicate()
     assert run.returncode == 130
-    assert told == "interrupted; finished frames are kept: add --resume\n"
+    assert told == "interrupted; finished frames are kept; add --resume to continue\n"
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
     assert not Path("stopped.csv").exists()
     assert not list(folder.rglob("*.part*"))[1:]  # but the folder of what is finished

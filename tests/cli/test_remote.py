@@ -167,7 +167,7 @@ def test_a_server_that_goes_away_costs_no_finished_frame(
     assert main(command) == 130
     told = capsys.readouterr().err
     assert "film.zarr does not answer any more (" in told
-    assert "finished frames are kept: add --resume" in told
+    assert "finished frames are kept; add --resume to continue" in told
     server.start()
     monkeypatch.setattr(napari_splinesketch, "refine", engine)
     assert main([*command, "--resume"]) == 0
@@ -313,7 +313,7 @@ def test_a_stalled_server_is_asked_again_with_resume_for_what_it_owes(
     assert main(command) == 130
     told = capsys.readouterr().err
     assert "sends nothing, or next to nothing, of 0/c/1/0/0; try again later" in told
-    assert "finished frames are kept: add --resume" in told
+    assert "finished frames are kept; add --resume to continue" in told
     done = len(engine.calls)
     assert main([*command, "--resume"]) == 0
     labels = read_labels("labels.csv").labels

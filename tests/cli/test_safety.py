@@ -82,7 +82,7 @@ def test_frames_that_are_missing_are_an_error(
     monkeypatch.setattr(napari_splinesketch, "refine", careless)
     assert refine() == 2
     told = capsys.readouterr().err
-    assert "frame 1 was finished, and is not in labels.csv.partial any more" in told
+    assert "frame 1 was finished, but is no longer in labels.csv.partial" in told
     assert "--resume" in told
     assert not Path("labels.csv").exists()
     assert refine("--resume") == 0
@@ -346,6 +346,7 @@ def test_a_fit_without_a_solution_says_what_to_do(
 LIMITED = """
 import resource, sys
 from napari_splinesketch.cli import main
+sys.dont_write_bytecode = True  # Python would keep bytecode that is cut off at the limit
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 for name in sys.argv[1:]:
     print(main(["convert", "many.csv", name]), file=sys.stderr)

@@ -169,7 +169,11 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
 
 @pytest.mark.parametrize(
     ("more", "words"),
-    [(("--last", "0"), "no way from frame 1"), (("--last", "6"), "has 6"), (("--z", "1"), "--z")],
+    [
+        (("--last", "0"), "cannot track from frame 1"),
+        (("--last", "6"), "has 6"),
+        (("--z", "1"), "--z"),
+    ],
 )
 def test_what_cannot_be_done_is_said_at_once(
     folder: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str

@@ -132,7 +132,7 @@ def test_what_cannot_be_read_whole_is_refused(tmp_path: Path, name: str) -> None
     (tmp_path / "a.npy").write_bytes(twice)
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("splines.npy", twice)
-    with pytest.raises(LabelsError, match="goes on behind its last number"):
+    with pytest.raises(LabelsError, match="continues after its last number"):
         read_labels(tmp_path / name)
 
 

@@ -1,4 +1,4 @@
-"""A training set holds what was accepted, and says what of a frame is better not looked at."""
+"""A training set holds what was accepted, and says what to ignore in a frame."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster that is there already."""
+"""Workers of a Dask cluster that is already running."""
 
 import logging
 import time
@@ -10,9 +10,9 @@ from typing import Any, Self
 from napari_splinesketch.batch.flow import AHEAD
 
 PATIENCE = 20.0
-"""How long a scheduler may take to answer, and the first worker to come, s."""
+"""How long a scheduler may take to answer, and the first worker to appear, s."""
 FRESH = 2.0
-"""How long the number of workers is believed, s."""
+"""How long the number of workers is cached, s."""
 
 
 class Cluster:
@@ -44,7 +44,7 @@ class Cluster:
             raise ValueError(
                 "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
             ) from None
-        # What Dask has to say when a connection ends, we say in a sentence.
+        # Dask's messages at the end of a connection are replaced by one sentence of ours.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             _knock(self._address)
@@ -67,7 +67,7 @@ class Cluster:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Give up what is under way; the cluster stays."""
+        """Abandon what is in progress; the cluster stays."""
         self._executor.shutdown(wait=False)
         self._inside.close()
 
@@ -89,7 +89,7 @@ class Cluster:
 def _knock(address: str) -> None:
     """Raise what Dask raises where no scheduler answers.
 
-    A client that finds none would leave its thread behind, and give it to nobody to be closed.
+    A client that finds none would leave a thread behind that nobody can close.
     """
     from distributed import Security
     from distributed.comm.core import connect

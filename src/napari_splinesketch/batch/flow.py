@@ -1,4 +1,4 @@
-"""Tasks through workers: a few under way at a time, and none lost when a worker dies."""
+"""Tasks through workers: a few in progress at a time, and none lost when a worker dies."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 AHEAD = 2
-"""Tasks under way for each process: one in hand, one waiting."""
+"""Tasks in progress for each process: one running, one waiting."""
 ALONE = 2
-"""A task in whose company so many workers died is tried once more with no other beside it."""
+"""A task during which so many workers died is tried once more, with no other beside it."""
 
 Progress = Callable[[float], None]
-"""Told which share of a task is done."""
+"""Called with the share of a task that is done."""
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
 class Workers(Protocol):
-    """Those who do the work: here, in other processes, or on other machines."""
+    """What does the work: this process, other processes, or other machines."""
 
     @property
     def room(self) -> int:
-        """How many tasks may be under way at a time."""
+        """How many tasks may be in progress at a time."""
         ...
 
     @property
@@ -31,7 +31,7 @@ class Workers(Protocol):
         ...
 
     def submit(self, work: Callable[[Any], Any], task: Any) -> Future[Any]:
-        """Begin with a task; workers that died before are replaced."""
+        """Start a task; workers that died before are replaced."""
         ...
 
 
@@ -50,7 +50,7 @@ def through(
     work: Callable[..., Done],
     tasks: Iterable[Task],
     *,
-    mend: Callable[[Task, Done], Task | None] = lambda task, done: None,
+    retry: Callable[[Task, Done], Task | None] = lambda task, done: None,
 ) -> Iterator[tuple[Task, Done | DeadlyError]]:
     """Give each task with its result as soon as it is done, in whatever order.
 
@@ -60,15 +60,15 @@ def through(
     Parameters
     ----------
     workers
-        Who does it.
+        What does the work.
     work
-        Takes a task, and for workers in this process who to tell of the progress. Must be
-        importable, and have its own way to say that a task cannot be done: what it raises ends
-        everything.
+        Takes a task and, for workers in this process, a callback for the progress. Must be
+        importable. An exception that it raises ends everything, so a task that cannot be done must
+        be reported in its result.
     tasks
         Taken one by one.
-    mend
-        Sees every result, and gives a task that is to be done in its place, or None.
+    retry
+        Is given every result, and returns a task to do in its place, or None.
     """
     waiting, again, source = _Waiting(), deque[_Item[Task]](), iter(tasks)
     while True:
@@ -85,7 +85,7 @@ def through(
             error = future.exception()
             if error is None:
                 done = future.result()
-                better = mend(item.task, done)
+                better = retry(item.task, done)
                 if better is None:
                     yield item.task, done
                 else:
@@ -99,7 +99,7 @@ def through(
 
 
 class _Waiting:
-    """What is under way."""
+    """Tasks in progress."""
 
     def __init__(self) -> None:
         self._items: dict[Future[Any], _Item[Any]] = {}
@@ -108,7 +108,7 @@ class _Waiting:
         return len(self._items)
 
     def room(self, most: int, again: deque[_Item[Any]]) -> bool:
-        """Say whether another task may begin; one that may be deadly begins and stays alone."""
+        """Whether another task may begin; one that may kill its worker runs alone."""
         alone = again and again[0].deaths >= ALONE
         alone = alone or any(item.deaths >= ALONE for item in self._items.values())
         return not self._items if alone else len(self._items) < max(most, 1)
@@ -134,7 +134,7 @@ class Here:
     Parameters
     ----------
     progress
-        Told of the progress within a task.
+        Called with the progress within a task.
     """
 
     room = 1

@@ -24,7 +24,7 @@ from napari_splinesketch.labels import Label, Labels, table
 
 
 class UnreachableError(ImageError):
-    """An image that cannot be opened from here, or is another one than expected."""
+    """An image that cannot be opened from here, or is not the one that was expected."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Source:
     count
         The number of frames it has.
     run
-        Tells one run from the next: the image may have changed between them.
+        Identifies the run: the image may have changed between two of them.
     """
 
     pattern: str
@@ -57,13 +57,13 @@ class Source:
         return cls(pattern, channel, z, images.count)
 
     def read(self, frame: int) -> Real[np.ndarray, "H W"]:
-        """Read a frame; UnreachableError where the image is not to be found."""
+        """Read a frame; UnreachableError where the image cannot be found."""
         with _opened.lock:
             return _opened.images(self)[frame]
 
 
 class _Opened:
-    """The image that this process reads from; opened when it is first asked for."""
+    """The image that this process reads from; opened when it is first needed."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -108,14 +108,14 @@ class Found:
 
 
 class Finder(Protocol):
-    """What is to be done with a frame's image."""
+    """Work on the image of a frame."""
 
     def find(self, image: Real[np.ndarray, "H W"], progress: Progress) -> Found:
         """Do it."""
         ...
 
     def instead(self) -> tuple[Label, ...]:
-        """Give the labels of a frame with which it cannot be done."""
+        """Give the labels of a frame for which that fails."""
         ...
 
 
@@ -134,7 +134,7 @@ class FrameTask:
     scale, units
         Size of a pixel, for the labels.
     version
-        Of the one who asks; the worker's must be the same.
+        Of the package that sends the task; the worker's must be the same.
     """
 
     frame: int
@@ -147,7 +147,7 @@ class FrameTask:
 
 @dataclass(frozen=True, eq=False)
 class FrameDone:
-    """What became of a frame.
+    """The result of a frame.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class FrameDone:
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
-    """Read a frame and do what is to be done; a frame with which that fails says so."""
+    """Read a frame and work on it; the result says whether that failed."""
     if task.version != __version__:
         raise ValueError(
             f"a worker has napari-splinesketch {__version__}, and here it is {task.version}; "
@@ -200,7 +200,7 @@ def failed(
     *,
     reached: bool = True,
 ) -> FrameDone:
-    """Give what becomes of a frame with which nothing could be done."""
+    """Give the result of a frame for which that failed."""
     report = FrameReport(task.frame, (), why, round(seconds, 3), sha256)
     return FrameDone(report, _table(task, task.finder.instead()), reached=reached)
 
@@ -210,14 +210,14 @@ def _table(task: FrameTask, labels: tuple[Label, ...]) -> str:
 
 
 class Reading:
-    """How a frame's pixels come to who works on it: read there where the image is, or sent."""
+    """How a frame's pixels reach a worker: it reads them itself, or they are sent."""
 
     def __init__(self, images: Frames, source: Source, *, here: bool) -> None:
         self._images, self._source = images, source
         self._here, self._send = here, False
 
     def of(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
-        """Give what reads a frame."""
+        """Give the function that reads a frame."""
         if self._here:
             return bind(self._images.__getitem__, frame)
         return self._sent(frame) if self._send else bind(self._source.read, frame)

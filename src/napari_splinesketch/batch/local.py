@@ -38,7 +38,7 @@ class Local:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Stop at once: what is under way is given up."""
+        """Stop at once and abandon what is in progress."""
         self._stop()
         self._inside.close()
 
@@ -65,7 +65,7 @@ class Local:
 
 
 def _begin(lifeline: Connection) -> None:
-    """Leave Ctrl-C to the process that started this one, and end when it ends, however."""
+    """Leave Ctrl-C to the process that started this one, and end when that one ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 

@@ -24,7 +24,7 @@ class ResumeError(ValueError):
 
 
 class Partial:
-    """Holds what a run has finished, one set of whole files a frame; none before the first.
+    """Holds the finished frames of a run, each as a set of whole files; no folder before the first.
 
     Parameters
     ----------
@@ -57,13 +57,13 @@ class Partial:
         try:
             theirs = json.loads(self._note.read_text(encoding="utf-8"))
         except ValueError:
-            why = f"{self._note} is damaged; delete {self.folder} and start anew"
+            why = f"{self._note} is damaged; delete {self.folder} and start again"
             raise ResumeError(why) from None
         differs = [key for key, value in self._mine.items() if value != theirs.get(key)]
         if differs:
             raise ResumeError(
                 f"the interrupted run in {self.folder} differs in {', '.join(differs)}; "
-                "repeat its command, or delete the folder and start anew"
+                "repeat its command, or delete the folder and start again"
             )
 
     def done(self, frame: int) -> FrameReport | None:
@@ -80,7 +80,7 @@ class Partial:
         done = self.done(frame)
         if done is None:
             raise ResumeError(
-                f"frame {frame} was finished, and is not in {self.folder} any more; "
+                f"frame {frame} was finished, but is no longer in {self.folder};  "
                 "repeat the command with --resume"
             )
         return done
@@ -158,6 +158,6 @@ def _json(values: object) -> bytes:
 
 
 def _write(path: Path, content: bytes) -> None:
-    # Not waiting for the disk: that would be most of the time of a quick frame.
+    # Without waiting for the disk, which would take most of the time of a quick frame.
     with atomic(path, overwrite=True, durable=False) as temporary:
         temporary.write_bytes(content)

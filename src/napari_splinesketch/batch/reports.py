@@ -83,7 +83,7 @@ class FrameReport:
 
     @classmethod
     def from_json(cls, values: dict) -> "FrameReport":
-        """Take back what `asdict` gave."""
+        """Make a report of what `asdict` gave."""
         curves = tuple(
             CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
             for curve in values["curves"]
@@ -100,7 +100,7 @@ def words(error: Exception) -> str:
 
 
 class Reports(Protocol):
-    """The reports of a run, to be gone through more than once."""
+    """The reports of a run, which can be gone through more than once."""
 
     def __iter__(self) -> Iterator[FrameReport]:
         """Give them in the order of the frames."""
@@ -112,7 +112,7 @@ class Reports(Protocol):
 
 
 class Spool:
-    """Reports in a file without a name: a long run has more of them than memory should hold."""
+    """Reports in an anonymous file: a long run has more of them than memory should hold."""
 
     def __init__(self, reports: Iterable[FrameReport]) -> None:
         self._file = tempfile.TemporaryFile("w+", encoding="utf-8")

@@ -9,7 +9,7 @@ XLA, XLA_FLAG = "XLA_FLAGS", "--xla_cpu_multi_thread_eigen"
 
 
 def limit_threads(environment: MutableMapping[str, str]) -> None:
-    """Ask BLAS and XLA for one thread, unless the user has chosen; heard before they are imported.
+    """Limit BLAS and XLA to one thread, unless the user has chosen; call before importing them.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def limit_threads(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Let the processes that are started inside inherit the limit; this one keeps what it has."""
+    """Let processes that are started inside inherit the limit; this one keeps its threads."""
     before = {name: os.environ.get(name) for name in (*ONE_EACH, XLA)}
     limit_threads(os.environ)
     try:

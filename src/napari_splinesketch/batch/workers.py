@@ -1,4 +1,4 @@
-"""Choosing who does the work."""
+"""Choosing the workers."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from napari_splinesketch.batch.flow import Here, Progress, Workers
 
 @contextmanager
 def workers_of(jobs: int, scheduler: str | None, progress: Progress) -> Iterator[Workers]:
-    """Give those who do the work: a cluster, other processes, or this one.
+    """Give the workers: a cluster, other processes, or this one.
 
     Parameters
     ----------
@@ -17,7 +17,7 @@ def workers_of(jobs: int, scheduler: str | None, progress: Progress) -> Iterator
     scheduler
         Address of the cluster's scheduler; None works on this machine.
     progress
-        Told of the progress within a task, where this process does it.
+        Called with the progress within a task, where this process does it.
     """
     if scheduler:
         from napari_splinesketch.batch.cluster import Cluster

@@ -11,7 +11,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments
         As on the command line, without the program's name; None takes them from there.
     """
-    try:  # imports take their time: Ctrl-C is heard meanwhile
+    try:  # imports take a while, and Ctrl-C must work during them
         from napari_splinesketch.cli import terminal
 
         if arguments is None:

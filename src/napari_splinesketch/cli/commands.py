@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
 
 AnyJob = TypeVar("AnyJob", bound=jobs.FrameJob)
-KEPT = "finished frames are kept: add --resume"
+KEPT = "finished frames are kept; add --resume to continue"
 
 
 class _Parser(argparse.ArgumentParser):
-    """Keeps the line breaks of its texts, and takes long ones only when they are asked for."""
+    """Keeps the line breaks of its texts, and builds long ones only when they are shown."""
 
     def __init__(self, *given: Any, **more: Any) -> None:
         super().__init__(
@@ -39,7 +39,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Describe the whole command line."""
+    """Build the parser of the whole command line."""
     parser = _Parser("napari-splinesketch", description=jobs.ABOUT, epilog=jobs.EXIT_CODES)
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -64,7 +64,7 @@ def run(arguments: Sequence[str] | None) -> int:
         except ValueError as error:
             parser.error(str(error))
         return do(job)
-    except SystemExit:  # of --help and --version, maybe into `| head`
+    except SystemExit:  # from --help and --version, perhaps into `| head`
         terminal.tell(())
         raise
     except (Exception, KeyboardInterrupt) as error:
@@ -76,7 +76,7 @@ def run(arguments: Sequence[str] | None) -> int:
             terminal.say(f"{error}; {KEPT}")
             return report.INTERRUPTED
         if not isinstance(error, (ValueError, OSError)):
-            raise  # what the user can correct is said in one sentence; this is our mistake
+            raise  # the user's mistakes end in one sentence; this is a bug
         terminal.say(f"napari-splinesketch {name}: {_sentence(error)}")
         return report.NOTHING
 
@@ -98,7 +98,7 @@ def _demo(job: jobs.DemoJob) -> int:
 
 
 def _frames_of(module: str) -> Callable[[jobs.FrameJob], int]:
-    """Do a command that goes through frames, with the function `run` of a module that is slow."""
+    """Make a command that goes through frames: `run` of a module that is slow to import."""
 
     def do(job: jobs.FrameJob) -> int:
         return _frames(job, import_module(f"napari_splinesketch.cli.{module}").run)
@@ -107,7 +107,7 @@ def _frames_of(module: str) -> Callable[[jobs.FrameJob], int]:
 
 
 def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -> int:
-    """Do a command that goes through frames and report what was done; gives the exit code."""
+    """Run a command that goes through frames and print its report; returns the exit code."""
     with terminal.progress() as progress:
         outcome = work(job, progress)
     for note in outcome.notes:
@@ -160,7 +160,7 @@ def _export_training(job: jobs.TrainingJob) -> int:
 
     if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
         raise ValueError(
-            f"{job.output} holds what is read, and is not replaced; choose another name"
+            f"{job.output} contains a file that is read, and is not replaced; choose another name"
         )
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         manifest = export_training(
@@ -195,12 +195,12 @@ COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
     "compare": (jobs.CompareJob, _compare),
     "export-training": (jobs.TrainingJob, _export_training),
 }
-"""The options of each command, whose docstrings are its help, and what it does."""
+"""The options of each command, with its help as their docstring, and the function that does it."""
 
 
 @contextmanager
 def _owning(job: jobs.Job) -> Iterator[None]:
-    """Own outputs that can be written and are no inputs, or say why not."""
+    """Own the outputs. Raise ValueError if one cannot be written or is an input."""
     job.check()
     with ExitStack() as inside:
         for path in job.files("written"):
@@ -209,7 +209,7 @@ def _owning(job: jobs.Job) -> Iterator[None]:
 
 
 def _show(job: jobs.Job, values: object, text: Sequence[str] | Iterator[str]) -> int:
-    """Print a result; gives the exit code."""
+    """Print a result; returns the exit code."""
     lines = json.dumps(values, indent=2).split("\n") if job.json else text
     return report.DONE if terminal.tell(lines) else report.FAILURES
 

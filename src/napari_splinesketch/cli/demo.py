@@ -20,7 +20,7 @@ def why_no_window() -> str | None:
     has_screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not has_screen:
         return "no display was found"
-    # Qt ends the process when it cannot start, so it is tried in another one.
+    # Qt ends the process when it cannot start, so it is tried in another process.
     probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
     if probe.returncode:
         lines = probe.stderr.strip().splitlines() or ["it does not say why"]
@@ -30,7 +30,7 @@ def why_no_window() -> str | None:
 
 
 def free_folder() -> Path:
-    """Give the first name for a folder that is not taken."""
+    """Give the first name for a folder that is free."""
     folder, number = Path(FOLDER), 1
     while folder.exists():
         number += 1
@@ -47,12 +47,12 @@ def refine_job(demo: DemoJob, folder: Path) -> Iterator[RefineJob]:
     demo
         What the user asked for.
     folder
-        Where labels.csv, overlay.png and reconstruction.tif go; made where it does not exist.
+        Where labels.csv, overlay.png and reconstruction.tif go; created if it does not exist.
     """
     data = files("napari_splinesketch.data")
     with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
         if folder.exists() and not folder.is_dir():
-            raise ValueError(f"{folder} is a file; name a folder, or one that is to be made")
+            raise ValueError(f"{folder} is a file; name a folder, existing or new")
         folder.mkdir(parents=True, exist_ok=True)
         yield RefineJob(
             image=str(image),

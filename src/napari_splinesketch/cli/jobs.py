@@ -17,17 +17,17 @@ PICTURE = (".png", ".jpg", ".tif")
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What every command can be asked for; numbers are checked when it is made."""
+    """Options of every command; numbers are checked when it is created."""
 
     json: bool = opt("print the result as JSON, for scripts", default=False)
-    overwrite: bool = opt("replace existing files, but never one that is read", default=False)
+    overwrite: bool = opt("replace existing files, but never an input file", default=False)
 
     def __post_init__(self) -> None:
         """Refuse numbers that are not allowed."""
         check(self)
 
     def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
-        """Give every file that is read, beside the image, or written."""
+        """Give every file that is written, or that is read beside the image."""
         roles = {one.name: "written" if o.endings else o.role for one, o in declared(type(self))}
         named = (getattr(self, name) for name, its in roles.items() if its == role)
         return tuple(path for path in named if path is not None)
@@ -50,7 +50,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class ScaledJob(Job):
-    """A command that can be told the size of a pixel."""
+    """A command that takes the size of a pixel."""
 
     pixel_size: tuple[float, ...] | None = opt(
         "size of a pixel in --units; one number where pixels are square",
@@ -66,7 +66,7 @@ class ScaledJob(Job):
         return (self.pixel_size[0], self.pixel_size[-1]) if self.pixel_size else None
 
     def check(self) -> None:
-        """Refuse a size of a pixel that is none, and outputs that could not be written."""
+        """Refuse an invalid size of a pixel, and outputs that could not be written."""
         if self.pixel_size is None and self.units:
             raise ValueError("--units needs --pixel-size; give the size of a pixel too")
         if self.pixel_size is not None and len(self.pixel_size) > 2:
@@ -128,7 +128,7 @@ class SharedJob(FrameJob):
         """Refuse two kinds of workers at once."""
         super().__post_init__()
         if self.jobs > 1 and self.scheduler:
-            raise ValueError("--jobs and --scheduler exclude each other; choose one")
+            raise ValueError("--jobs and --scheduler cannot be combined; choose one")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,7 @@ class RefineJob(SharedJob, SketchedJob):
 
     For example:
       napari-splinesketch refine worms.tif sketches.csv -o labels.csv
-      napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset fast --resume
+      napari-splinesketch refine film.tif sketches.csv -o labels.csv --preset balanced --resume
       napari-splinesketch refine film.tif sketches.csv -o labels.csv --jobs 2
       napari-splinesketch refine worms.png sketches.csv -o labels.csv \
           --overlay overlay.png --reconstruction model.tif --masks masks.tif
@@ -192,19 +192,19 @@ class TrackJob(SketchedJob):
     Refine the sketches of the first frame that has any, and follow the bodies to the last frame,
     each under its number. Sketches on later frames are refined there: a new number adds a body, a
     known one corrects it. A body whose curve is not trusted (its length or width jumps, or it lies
-    on another body) is reported as "drift"; one that is not found is "missing", and after ten
+    on another body) is reported as "drift"; one that is not found is "missing", and after twelve
     frames (three with --smooth off) "lost". IMAGE and SKETCHES are anything that `refine` takes.
     Each frame needs the one before it, so one process does all of them; several films can be
     tracked side by side.
 
     For example:
       napari-splinesketch track film.tif film.csv -o labels.csv
-      napari-splinesketch track film.tif film.csv -o labels.csv --preset fast --last 1 --resume
+      napari-splinesketch track film.tif film.csv -o labels.csv --preset balanced --last 1 --resume
     """
 
     last: int | None = opt("stop after this frame, from 0", "N", default=None)
     smooth: Literal["on", "off"] = opt(
-        "use the frames before and after where one frame leaves doubt (default: {default})",
+        "use the frames before and after where one frame is not enough (default: {default})",
         default="on",
     )
 
@@ -230,8 +230,8 @@ class DemoJob(Job):
 class ConvertJob(ScaledJob):
     """Convert labels to another format.
 
-    Read labels or sketches from one file and write them to another; the ends of their names decide
-    the formats. You are told what the new format has no place for.
+    Read labels or sketches from one file and write them to another. The endings of their names
+    decide the formats. The command says what the new format has no place for.
 
     {formats}
 
@@ -297,14 +297,14 @@ class TrainingJob(ImageJob, Split):
     labels: Path = opt(metavar="LABELS", role="read")
     output: Path = opt("folder to write", "FOLDER", short="-o")
     keep: Literal["accepted", "good"] = opt(
-        "learn from the curves that were accepted, or from all that are good and not rejected "
+        "keep the curves that were accepted, or all that are good and not rejected "
         "(default: {default})",
         default="accepted",
     )
     whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are not allowed, and what divides nothing."""
+        """Refuse numbers that are not allowed, and a split that divides nothing."""
         super().__post_init__()
         Split.__post_init__(self)
 
@@ -333,7 +333,7 @@ Each command has its own help: napari-splinesketch refine --help"""
 
 
 def help_of(command: type[Job]) -> str:
-    """Give a command's help; the formats are read up only for it, since that takes a moment."""
+    """Give a command's help; the formats are only imported here, since that takes a moment."""
     text = cleandoc(command.__doc__ or "").partition("\n\n")[2]
     if "{formats}" in text:
         from napari_splinesketch.labels.formats import READERS, WRITERS

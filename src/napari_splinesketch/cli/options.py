@@ -14,8 +14,8 @@ class Opt:
     Attributes
     ----------
     help
-        What it is; {default} stands for the default. Without it, the field is an argument by
-        place.
+        What it is; {default} stands for the default. Without it, the field is a positional
+        argument.
     metavar
         What stands for its value in the help.
     above, least, most
@@ -23,7 +23,7 @@ class Opt:
     short
         A second, short name.
     flag
-        Its name, with the dashes; that of the field where none is declared.
+        Its name, with the dashes; that of the field if none is declared.
     role
         Whether it names a file that is read, or one that is written.
     endings
@@ -51,12 +51,12 @@ class Opt:
 
 
 def opt(text: str = "", metavar: Any = None, *, default: Any = MISSING, **more: Any) -> Any:
-    """Declare an option, as `Opt` takes it; without a default it must be given."""
+    """Declare an option with the arguments of `Opt`; without a default it is required."""
     return field(default=default, metadata={"help": text, "metavar": metavar, **more})
 
 
 def declared(options: type) -> list[tuple[Field[Any], Opt]]:
-    """Give every field with what is declared of it; arguments by place come first."""
+    """Give every field with its declaration; positional arguments come first."""
     found = [(one, _opt(one)) for one in fields(options)]
     return sorted(found, key=lambda one: bool(one[1].help))
 
@@ -76,7 +76,7 @@ def check(options: object) -> None:
 
 
 def add_options(parser: argparse.ArgumentParser, options: type) -> None:
-    """Let a parser take the options of a command."""
+    """Add the options of a command to a parser."""
     hints = get_type_hints(options)
     for one, opt in declared(options):
         kinds = get_args(hints[one.name])
@@ -102,7 +102,7 @@ def add_options(parser: argparse.ArgumentParser, options: type) -> None:
 
 
 def given(options: type, parsed: argparse.Namespace) -> Any:
-    """Make a command's options of what was parsed."""
+    """Build a command's options from the parsed arguments."""
     values = {one.name: getattr(parsed, one.name) for one, _ in declared(options)}
     lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
     return options(**values | lists)

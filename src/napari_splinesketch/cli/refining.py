@@ -54,7 +54,7 @@ class Refiner:
     options
         Of `napari_splinesketch.refine`.
     reconstruction
-        Whether the image as explained is wanted too.
+        Whether the reconstruction is wanted, too.
     """
 
     frame: int

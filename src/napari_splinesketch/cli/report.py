@@ -11,9 +11,9 @@ DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
 TRACKING = ("drift", "missing", "lost")
 ENDED = {"failed": "failed", "lost": "ends"}
-"""What is said of each curve that is not there, and why."""
+"""Verbs of the lines that name each curve that ended, and why."""
 OTHER = ("sketch", *TRACKING)
-"""What is counted only where it occurs."""
+"""Counted only where they occur."""
 
 
 def exit_code(frames: Reports) -> int:
@@ -33,7 +33,7 @@ def as_json(frames: Reports, **more: object) -> Iterator[str]:
 
 
 def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
-    """Give one line a frame, or one a curve, and then the counts."""
+    """Give one line for each frame, or for each curve, and then the counts."""
     if verbose:
         yield "frame curve  length  half-width      sd  status"
     for frame in frames:

@@ -1,4 +1,4 @@
-"""A run over the frames of an image: one loop, whoever does the work and in whatever order."""
+"""A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -55,12 +55,13 @@ class Outcome:
 
 
 class Tally:
-    """Counts the frames that are done, and tells.
+    """Counts the frames that are done, and reports them.
 
     Parameters
     ----------
     report
-        Told how many frames are done, counting part of the one being worked on, and of how many.
+        Called with the number of frames that are done, counting part of the one in progress, and
+        with their total.
     """
 
     def __init__(self, report: Report) -> None:
@@ -72,7 +73,7 @@ class Tally:
         self.part(0.0)
 
     def part(self, share: float) -> None:
-        """Tell how much is done of the one being worked on; that never falls."""
+        """Report how much of the frame in progress is done; the count never falls."""
         self._share = max(self._share, share)
         self._report(self._done + self._share, self.count)
 
@@ -105,19 +106,19 @@ class Run:
     tally: "Tally"
 
     def keep(self, done: FrameDone) -> None:
-        """Keep a frame that is done; what a library made of Ctrl-C is no result."""
+        """Keep a finished frame; what a library returns after Ctrl-C is not a result."""
         if was_interrupted():
             raise KeyboardInterrupt
         self.partial.save(done.report, done.table, done.reconstruction)
         self.tally.add()
 
     def shared(self, job: SharedJob, finders: Iterable[tuple[int, Finder]]) -> None:
-        """Work on frames that do not need one another, here or shared among workers."""
+        """Work on independent frames, here or shared among workers."""
         with workers_of(job.jobs, job.scheduler, self.tally.part) as workers:
             source = Source.of(job.image, job.channel, job.z, self.images)
             reading = Reading(self.images, source, here=isinstance(workers, Here))
             tasks = self._tasks(finders, reading)
-            for task, done in through(workers, do_frame, tasks, mend=reading.again):
+            for task, done in through(workers, do_frame, tasks, retry=reading.again):
                 self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
 
     def _tasks(
@@ -131,14 +132,14 @@ class Run:
                 yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
 
     def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> tuple[Outcome, ByFrame]:
-        """Write the labels of all frames, however many; gives the labels too.
+        """Write the labels of all frames, however many; returns the labels, too.
 
         Parameters
         ----------
         frames
-            Their numbers, rising.
+            Their numbers, in rising order.
         notes
-            What is known already.
+            Notes that are known already.
         """
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)
@@ -180,16 +181,16 @@ def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
 
 @contextmanager
 def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
-    """Open the image of a job and own its outputs; what is finished goes when the block ends well.
+    """Open the image of a job and own its outputs; finished frames are removed on success.
 
     Parameters
     ----------
     job
         What the user asked for.
     report
-        Told how many frames are done, and of how many.
+        Called with the number of frames that are done, and with their total.
     drawn
-        Tells the size of a pixel, where neither the job nor the image does.
+        Gives the size of a pixel where neither the job nor the image does.
     """
     with ExitStack() as inside:
         for path in job.files("written"):

@@ -20,7 +20,7 @@ from napari_splinesketch.labels import Label
 def run(job: SuggestJob, report: Report) -> Outcome:
     """Suggest sketches on every frame, or on the one asked for, and write them.
 
-    A frame that cannot be read is reported, and the others go on.
+    A frame that cannot be read is reported, and the others continue.
     """
     job.check()
     with open_run(job, report) as work:

@@ -1,4 +1,4 @@
-"""The terminal: what is said, whatever it is made of, and Ctrl-C at any moment."""
+"""The terminal: messages from any source, and Ctrl-C at any moment."""
 
 import logging
 import os
@@ -12,7 +12,7 @@ from types import FrameType
 from napari_splinesketch.files import printable
 
 Report = Callable[[float, int], None]
-"""Told how many frames are done, counting part of the one being worked on, and how many to do."""
+"""Called with the number of frames that are done, counting part of the current one, and of all."""
 BAR = "{percentage:3.0f}% |{bar}| {n:.1f} of {total:.0f} frames, {rate_fmt}, {remaining} left"
 _interrupted = False
 
@@ -25,7 +25,7 @@ def say(text: object) -> None:
 def tell(lines: Iterable[str]) -> bool:
     """Print lines on the standard output; False where they cannot be written.
 
-    Where nobody reads any further, as with `| head`, the rest is dropped in silence.
+    Where nobody reads any further, as with `| head`, the rest is dropped without a message.
     """
     try:
         sys.stdout.writelines(f"{printable(line)}\n" for line in lines)
@@ -34,13 +34,13 @@ def tell(lines: Iterable[str]) -> bool:
         _drop_output()
     except OSError as error:
         _drop_output()
-        say(f"standard output: {error.strerror}; files are written, the report is not whole")
+        say(f"standard output: {error.strerror}; files are written, the report is incomplete")
         return False
     return True
 
 
 def _drop_output() -> None:
-    """Let what is still to be written to the standard output go nowhere."""
+    """Discard what is still to be written to the standard output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -59,7 +59,7 @@ def progress() -> Iterator[Callable[[float, int], None]]:
 
 
 def take_over() -> None:
-    """Say what libraries warn of as we say things, and remember whether Ctrl-C was pressed.
+    """Print warnings of libraries like our own messages, and remember whether Ctrl-C was pressed.
 
     Only for a process that is the command: signals and warnings belong to the whole process.
     """
@@ -72,12 +72,12 @@ def take_over() -> None:
 
 
 def was_interrupted() -> bool:
-    """Tell whether Ctrl-C was pressed: a library in the middle of it may raise anything."""
+    """Tell whether Ctrl-C was pressed: a library that it interrupts may raise anything."""
     return _interrupted
 
 
 def ignore_interrupts() -> None:
-    """Come to an end without being interrupted once more."""
+    """Ignore Ctrl-C from here on, so that the end is not interrupted."""
     if signal.getsignal(signal.SIGINT) is _interrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 

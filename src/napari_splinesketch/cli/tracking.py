@@ -18,18 +18,15 @@ from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels, table
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
-ENTERED = (
-    "a body came into view at row {:.0f}, column {:.0f}; "
-    "sketch it in this frame to have it followed"
-)
+ENTERED = "a body came into view at row {:.0f}, column {:.0f}; sketch it in this frame to track it"
 DRIFT, MISSING, LOST = "drift", "missing", "lost"
-"""What a report says of a body that tracking does not trust, or does not find."""
+"""Status, in a report, of a body that tracking does not trust or does not find."""
 
 
 def run(job: TrackJob, report: Report) -> Outcome:
     """Refine the sketches, carry the curves to the last frame, and write them all.
 
-    Sketches in later frames are refined there: new numbers join, known ones start anew. A frame
+    Sketches in later frames are refined there: new numbers join, known ones start again. A frame
     that cannot be read or refined is reported, and the bodies are looked for in the next one.
     """
     job.check()
@@ -58,14 +55,14 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     last = images.count - 1 if job.last is None else job.last
     if not 0 <= first <= last < images.count:
         raise ImageError(
-            f"there is no way from frame {first}, the first with sketches, to frame {last}: "
+            f"cannot track from frame {first}, the first with sketches, to frame {last}:  "
             f"{images.name} has {images.count}, counted from 0"
         )
     return range(first, last + 1)
 
 
 class _Film:
-    """What tracking asks for, and what becomes of its answers."""
+    """Gives tracking what it needs, and turns its answers into reports."""
 
     def __init__(self, job: TrackJob, run: Run, drawn: Mapping[int, list[Label]]) -> None:
         self._job, self._run, self._drawn = job, run, drawn
@@ -147,11 +144,11 @@ class _Frame:
 
     @property
     def good(self) -> dict[int, Curve]:
-        """Those that tracking goes on from."""
+        """Those that tracking continues from."""
         return {number: c for number, c in self.curves.items() if c.status != "failed"}
 
     def image(self) -> np.ndarray:
-        """Give the pixels, once: frames wait without them. ImageError where there are none."""
+        """Give the pixels, once: waiting frames do without. ImageError where there are none."""
         image, self._image = self._image, None
         if image is None:
             raise ImageError(self.error)
@@ -175,9 +172,9 @@ def _after(
     """Give the bodies as they are known after a frame, which may come from an earlier run."""
     curves = {label.curve: _curve(label) for label in labels if label.status != "failed"}
     status = {report.curve: report for report in done.curves}
-    anew = {label.curve for label in drawn}
-    given = {number: curve for number, curve in curves.items() if number in anew}
-    placed = {number: curve for number, curve in curves.items() if number not in anew}
+    sketched = {label.curve for label in drawn}
+    given = {number: curve for number, curve in curves.items() if number in sketched}
+    placed = {number: curve for number, curve in curves.items() if number not in sketched}
     tracked = Tracked(
         done.frame,
         ids=tuple(placed),

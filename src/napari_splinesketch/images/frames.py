@@ -24,7 +24,7 @@ class ImageError(ValueError):
 
 
 class SilentServerError(ConnectionError):
-    """A server that does not send what it was asked for."""
+    """A server that does not send what was requested."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +104,12 @@ def open_frames(
 
 
 def is_url(pattern: str) -> bool:
-    """Tell an address on the network from a name here."""
+    """Whether a name is an address on the network."""
     return "://" in pattern
 
 
 def is_part_of(path: Path, pattern: str) -> bool:
-    """Tell whether a file is, or would become, a part of the image of this name."""
+    """Whether a file is, or would become, a part of the image of this name."""
     if is_url(pattern):
         return False
     image = Path(pattern)
@@ -153,7 +153,7 @@ def _still(path: Path) -> Iterator[Frames]:
         pixels = imageio.v3.imread(path, index=0)
     except Exception as error:  # image libraries raise anything on a broken file
         kind = path.suffix[1:].upper()
-        raise ImageError(f"{path}: cannot be read as {kind} ({error}); save it anew") from error
+        raise ImageError(f"{path}: cannot be read as {kind} ({error}); save it again") from error
     yield Frames(path.name, 1, lambda index: pixels)
 
 
@@ -168,7 +168,7 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
     def read(index: int) -> np.ndarray:
         with _file(paths[index], channel, z) as frames:
             if frames.count != 1:
-                raise ImageError(f"{paths[index]} has {frames.count} frames; expected one a file")
+                raise ImageError(f"{paths[index]} has {frames.count} frames; expected one per file")
             return frames[0]
 
     with _file(paths[0], channel, z) as first:

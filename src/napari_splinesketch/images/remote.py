@@ -1,4 +1,4 @@
-"""Stores behind a URL: no wait is endless, and nothing is larger than the metadata promise."""
+"""Stores behind a URL: no wait is endless, and no file is larger than the metadata promise."""
 
 import asyncio
 import bz2
@@ -17,9 +17,9 @@ from napari_splinesketch.images.frames import SilentServerError
 PATIENCE = 30.0
 """How long a server may take to connect, and how long it may then send nothing, s."""
 SLOWEST = 100_000
-"""The slowest rate at which a chunk may come, on the whole, bytes a second."""
+"""The lowest average rate at which a chunk may come, bytes per second."""
 METADATA = 2**24
-"""Most bytes of a file of metadata, and what a chunk may have beyond twice its pixels."""
+"""Largest file of metadata, and what a chunk may have beyond twice its pixels, bytes."""
 _limit = ContextVar("limit", default=METADATA)
 
 
@@ -31,7 +31,7 @@ class RemoteStore(FsspecStore):
     """A store that gives up on servers that stall, drip, or never end."""
 
     chunk_bytes = 0
-    """Of a chunk's pixels; known once the array is open."""
+    """Bytes of a chunk's pixels; known once the array is open."""
 
     async def get(
         self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
@@ -55,7 +55,7 @@ class RemoteStore(FsspecStore):
 
 
 def too_much(limit: int, key: str = "a file") -> TooMuchError:
-    """Say that a file holds more than it may."""
+    """Make the error of a file that holds more than it may."""
     return TooMuchError(
         f"{key} holds more than {limit} bytes, which is more than the metadata promise; the image "
         "is damaged, or its server is wrong"
@@ -71,7 +71,7 @@ def open_remote(address: str) -> Any:
 
 
 def bound(array: zarr.Array[Any]) -> None:
-    """Let the chunks of an array be no larger than their pixels need."""
+    """Limit the chunks of an array to what their pixels need."""
     store = array.store
     if isinstance(store, RemoteStore):
         whole = array.shards or array.chunks
@@ -104,7 +104,7 @@ async def _client(**options: Any) -> Any:
 
 
 def unpacked_size(data: bytes, limit: int) -> int:
-    """Say how large a chunk is unpacked, at most, or at least beyond the limit.
+    """Give the size of a chunk when unpacked, or any number beyond the limit.
 
     The header says so, or the chunk is unpacked piece by piece; 0 where it is not packed, or in a
     way that cannot swell much.

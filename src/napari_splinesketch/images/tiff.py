@@ -43,7 +43,7 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
         kind, offset = series.dtype.newbyteorder(file.byteorder), series.dataoffset
 
         def read(index: int) -> np.ndarray:
-            # Mapped anew each time: what stays mapped is counted as memory of the process.
+            # Mapped again each time: what stays mapped counts as memory of the process.
             return np.array(np.memmap(path, kind, "r", offset, shape)[place(index)])
 
         return Frames(path.name, count, read, scale, units)
@@ -63,7 +63,7 @@ def _scale(file: tifffile.TiffFile) -> Scale:
     if file.ome_metadata:
         try:
             return _ome_scale(file.ome_metadata)
-        except Exception:  # whatever is wrong with a description: the pixels are there
+        except Exception:  # a bad description does no harm to the pixels
             return None, None
     if file.imagej_metadata:
         unit = str(file.imagej_metadata.get("unit", ""))

@@ -18,7 +18,7 @@ from napari_splinesketch.images.frames import (
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
 PAUSES = (1.0, 5.0)
-"""How long a server that fails is left in peace before it is asked again, s."""
+"""Pause before a server that failed is asked again, s."""
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def _patient(
         for pause in PAUSES:
             try:
                 return read(index)
-            except SilentServerError:  # it has waited long enough
+            except SilentServerError:  # that was long enough
                 raise
             except Exception:  # every kind of store has its own
                 time.sleep(pause)

@@ -1,4 +1,4 @@
-"""COCO: keypoints along each body, its outline as a polygon; (x, y), one image a frame."""
+"""COCO: keypoints along each body, its outline as a polygon; (x, y), one image per frame."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ VISIBLE = 2
 
 
 def write(path: Path, labels: AnyLabels) -> None:
-    """Write one annotation a body; image ids are frame numbers from 0."""
+    """Write one annotation per body; image ids are frame numbers from 0."""
     height, width = image_shape(labels)
     name = image_name(labels)
     images = (
@@ -41,7 +41,7 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 
 def image_name(labels: AnyLabels) -> str:
-    """Give the name of the image, as far as it is known."""
+    """Give the name of the image, if it is known."""
     image = labels.head.provenance.get("image")
     name = image.get("name") if isinstance(image, dict) else None
     return name if isinstance(name, str) else "image"

@@ -27,14 +27,14 @@ LOSSES = {
     "shape": "the size of the image is not known: it ends where the bodies do",
     "empty": "without curves, no place for the scale",
 }
-"""What a format may be unable to keep, which is said only of labels that have it."""
+"""What a format may be unable to keep; reported only for labels that have it."""
 
 
 class LabelsError(ValueError):
     """A file that cannot be read as labels: which file, where in it, and why."""
 
     def __init__(self, path: str | os.PathLike[str], place: str, reason: str) -> None:
-        """Say `place` as "line 3" or "record 2", and give the remedy in `reason`."""
+        """`place` is "line 3" or "record 2"; `reason` includes the remedy."""
         where = f", {place}" if place else ""
         super().__init__(printable(f"{os.fspath(path)}{where}: {reason}"))
         self.path = os.fspath(path)
@@ -46,7 +46,7 @@ class LabelsError(ValueError):
 def blamed(
     error: Callable[[str], LabelsError], kind: type[Exception] = ValueError
 ) -> Iterator[None]:
-    """Turn an error of the block, such as the ValueError of `Label`, into one of a reader."""
+    """Turn an error in the block, such as a ValueError of `Label`, into an error of a reader."""
     try:
         yield
     except LabelsError:
@@ -56,25 +56,25 @@ def blamed(
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file to read its bytes; folders are refused, and pipes and devices without an end."""
+    """Open a file to read its bytes; folders, pipes and devices are refused."""
     if kind := special(path):
         raise LabelsError(path, "", f"{kind}; expected a file, so save it as one first")
     return Path(path).open("rb")
 
 
 class Source:
-    """A file that is being read: where in it, and what was found beside its curves.
+    """A file that is being read: the place in it, and what was found beside its curves.
 
     Attributes
     ----------
     path
         The file.
     place
-        Where the reader is, such as "line 3": what is wrong with the next curve is wrong there.
+        Where the reader is, such as "line 3": an error in the next curve is reported there.
     head
         Scale, units, shape and provenance, as far as they are known; no labels.
     left_out
-        What is no line, and how often: "polygon", "point".
+        What is not a line, and how often: "polygon", "point".
     notes
         Further sentences about what was left out.
     by_frame
@@ -91,7 +91,7 @@ class Source:
         self._known: set[tuple[int, int]] = set()
 
     def error(self, reason: str) -> LabelsError:
-        """Blame the place where the reader is."""
+        """Make an error at the place where the reader is."""
         return LabelsError(self.path, self.place, reason)
 
     def labels(self, read: "Read") -> Iterator[Label]:
@@ -115,7 +115,7 @@ class Source:
             )
 
     def frames(self, read: "Read") -> Iterator[tuple[Label, ...]]:
-        """Give the labels of each frame, again where it comes again."""
+        """Give the labels of each frame; a frame that comes again is given again."""
         for _, labels in groupby(self.labels(read), key=lambda label: label.frame):
             yield tuple(labels)
 
@@ -143,13 +143,13 @@ class Format:
     endings
         How the names of such files end, in lower case; those that are written have the first.
     read
-        Reads a file, or None where that cannot be.
+        Reads a file; None if that is not possible.
     write
-        Writes a file that does not exist yet, or None where that cannot be.
+        Writes a file that does not exist yet; None if that is not possible.
     losses
-        What it cannot keep of some labels, keys of `LOSSES`, or of any, in its own words.
+        What it cannot keep: keys of `LOSSES` for some labels, or sentences for all labels.
     claims
-        Whether a file with this ending and these first bytes is surely of this format.
+        Whether a file with this ending and these first bytes is certainly in this format.
     by_frame
         Whether reading holds no more than a curve, so that a film can be read frame by frame.
     needs
@@ -181,7 +181,7 @@ class Format:
         return source.whole(tuple(source.labels(self._reader())))
 
     def open_by_frame(self, path: str | os.PathLike[str]) -> AnyLabels:
-        """Look through a file, to give it frame by frame if that takes less memory."""
+        """Go through a file once, to read it frame by frame if that takes less memory."""
         if not self.by_frame:
             return self.read_whole(path)
 
@@ -190,7 +190,7 @@ class Format:
 
         source, numbers = Source(path, by_frame=True), array("q", [-1])
         for labels in source.frames(self._reader()):
-            if labels[0].frame <= numbers[-1]:  # they are in no order
+            if labels[0].frame <= numbers[-1]:  # frames are not in order
                 return self.read_whole(path)
             numbers.append(labels[0].frame)
         return ByFrame(np.array(numbers[1:]), source.whole(()), frames)
@@ -198,7 +198,7 @@ class Format:
     def write_whole(
         self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
     ) -> tuple[str, ...]:
-        """Write a file whole or not at all; say what it has no place for."""
+        """Write a file whole or not at all; returns what it has no place for."""
         if self.write is None:
             raise ValueError(f"{self.name} can be read only")
         with atomic(path, overwrite=overwrite) as temporary:

@@ -21,18 +21,18 @@ from napari_splinesketch.labels.format import Format, LabelsError, open_regular
 from napari_splinesketch.labels.types import AnyLabels, Labels
 
 HEAD = 4096
-"""First bytes of a file by which formats are told apart."""
+"""Number of bytes by which formats are recognised."""
 FORMATS: tuple[Format, ...] = (
     *(table.FORMAT, shapes_csv.FORMAT, geojson.FORMAT, imagej.FORMAT, wcon.FORMAT, swc.FORMAT),
     *(numpy_splines.FORMAT, coco.FORMAT, sleap.FORMAT, masks.FORMAT),
 )
-"""The first one is the native format; of two that fit a file, the first one reads it."""
+"""The first one is the native format. Of two that fit a file, the first one reads it."""
 READERS = tuple(form for form in FORMATS if form.read)
 WRITERS = tuple(form for form in FORMATS if form.write)
 
 
 def claiming(path: str | os.PathLike[str]) -> Format | None:
-    """Find the format that an existing file is of by its name and its first bytes, if any is."""
+    """Find the format of an existing file by its name and its first bytes, if there is one."""
     with open_regular(path) as file:
         head = file.read(HEAD)
     fitting = (form for form in READERS if form.ending(path))
@@ -40,7 +40,7 @@ def claiming(path: str | os.PathLike[str]) -> Format | None:
 
 
 def reader_of(path: str | os.PathLike[str]) -> Format:
-    """Find the format that an existing file is read in; by its name where its bytes tell none."""
+    """Find the format in which to read an existing file; by its name if its bytes fit none."""
     fitting = [form for form in READERS if form.ending(path)]
     found = claiming(path) or next(iter(fitting), None)
     if found is None:
@@ -50,7 +50,7 @@ def reader_of(path: str | os.PathLike[str]) -> Format:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
-    """Find the format that a file of this name is written in."""
+    """Find the format in which a file of this name is written."""
     name = Path(path).name
     fitting = [form for form in WRITERS if name.lower().endswith(form.suffix)]
     if not fitting:
@@ -81,7 +81,7 @@ def read_labels(path: str | os.PathLike[str]) -> Labels:
 
 
 def open_labels(path: str | os.PathLike[str]) -> AnyLabels:
-    """Look through a file of labels, to give them frame by frame if that takes less memory.
+    """Go through a file of labels once, to read it frame by frame if that takes less memory.
 
     A table in the order of its frames, as all of ours are, takes the memory of one frame and
     8 bytes for each further one, and so do NumPy arrays. Other files are read as a whole.

@@ -1,4 +1,4 @@
-"""GeoJSON as QuPath reads and writes it: one line a body, (x, y) from the image's corner."""
+"""GeoJSON as QuPath reads and writes it: one line per body, (x, y) from the image's corner."""
 
 import itertools
 import re
@@ -20,7 +20,7 @@ ARRAY = "features"
 TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
-"""What is left out; a feature without geometry is left with its own type."""
+"""Types that are left out; a feature without geometry is left out under its own type."""
 COLOURS = {**palette.STATUS, "sketch": palette.SKETCH}
 
 
@@ -96,7 +96,7 @@ def _labels(source: Source, feature: json_tree.Node, count: Iterator[int]) -> It
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell by its first types whether a file named .json is of features."""
+    """Whether a file named .json holds features, by its first types."""
     return ending == ".geojson" or bool(TYPES.search(head))
 
 

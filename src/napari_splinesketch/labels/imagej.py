@@ -1,4 +1,4 @@
-"""ImageJ ROIs: one polyline a body, (x, y), 32-bit floats, frames from 1 as ImageJ counts."""
+"""ImageJ ROIs: one polyline per body, (x, y), 32-bit floats, frames from 1 as ImageJ counts."""
 
 import struct
 import zipfile
@@ -65,7 +65,7 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _entries(source: Source) -> Iterator[bytes]:
-    """Unpack one after the other what are ROIs by their names, within the limits."""
+    """Unpack the files that are ROIs by their names, one after the other, within the limits."""
     with open_regular(source.path) as file, ExitStack() as inside:
         if source.path.suffix.lower() == ".roi":
             source.place = source.path.name
@@ -93,7 +93,7 @@ def _limited(source: Source, file: IO[bytes], most: int) -> bytes:
 
 
 def _require_whole(content: bytes) -> None:
-    """Refuse what was cut off: roifile takes it, without its width, name and properties."""
+    """Refuse a file that was cut off; roifile reads it without its width, name and properties."""
     start = int.from_bytes(content[60:64], "big", signed=True)
     if start == 0:  # as ImageJ wrote them before 2010, without a second header
         return
@@ -122,14 +122,14 @@ def _label(roi: ImagejRoi, number: int) -> Label:
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell a ROI by its mark, and a zip of them by its first file."""
+    """Whether this is a ROI, by its mark, or a zip of them, by its first file."""
     if ending == ".roi":
         return head.startswith(b"Iout")
     return name_in_zip(head).endswith(b".roi")
 
 
 def name_in_zip(head: bytes) -> bytes:
-    """Give the name of the first file in a zip, in lower case; nothing of other files."""
+    """Give the name of the first file in a zip, in lower case; empty for other files."""
     length = int.from_bytes(head[26:28], "little")
     return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
 

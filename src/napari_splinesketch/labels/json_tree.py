@@ -1,4 +1,4 @@
-"""JSON files: read with the place of every mistake, written strictly, with what only we know."""
+"""JSON files: reading with the place of every error, strict writing, and our own members."""
 
 import json
 import math
@@ -34,7 +34,7 @@ DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 @dataclass(frozen=True)
 class Node:
-    """A value in a JSON file that knows its place.
+    """A value in a JSON file, with its place.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class Node:
     value: Any
 
     def error(self, reason: str) -> LabelsError:
-        """Blame this value."""
+        """Make an error at this value."""
         return LabelsError(self.path, self.place, reason)
 
     def __contains__(self, key: str) -> bool:
-        """Tell whether an object has a member that is not null."""
+        """Whether an object has a member that is not null."""
         return isinstance(self.value, dict) and self.value.get(key) is not None
 
     def __getitem__(self, key: str) -> "Node":
@@ -77,7 +77,7 @@ class Node:
         return self.value
 
     def member(self, key: str, kind: type[T], default: Any) -> Any:
-        """Give a member as it is, and something else where it is not there."""
+        """Give a member as it is, or a default."""
         return self[key].expected(kind) if key in self else default
 
     def number(self) -> float:
@@ -97,17 +97,17 @@ class Node:
         return int(self.value)
 
     def numbers(self, unknown: float | None = None) -> Float[Array, " N"]:
-        """Give an array of numbers; null stands for `unknown`, where that is given."""
+        """Give an array of numbers; null becomes `unknown`, where that is given."""
         clean = _clean(self.expected(list), self.value)
         if clean is not None:
             return clean
-        # The way that finds what is wrong is much slower.
+        # Finding the error takes much longer.
         known = unknown is not None
         each = (unknown if known and node.value is None else node.number() for node in self)
         return np.array(list(each), dtype=np.float64)
 
     def places(self) -> Float[Array, "N 2"]:
-        """Give an array of [x, y, ...], of which further numbers are left out."""
+        """Give an array of [x, y, ...] without the further numbers."""
         value = self.value
         if isinstance(value, list) and set(map(type, value)) == {list}:
             clean = _clean(value, chain.from_iterable(value))
@@ -124,9 +124,9 @@ class Node:
 
 
 def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | None:
-    """Give an array of nothing but finite numbers, None where one is none."""
+    """Give an array of finite numbers, or None if one is not."""
     if set(map(type, numbers)) <= {int, float}:
-        with suppress(OverflowError, ValueError):  # the latter of rows that differ in length
+        with suppress(OverflowError, ValueError):  # the latter if rows differ in length
             clean = np.array(value, np.float64)
             return clean if np.all(np.isfinite(clean)) else None
     return None
@@ -150,13 +150,13 @@ class _Text:
         return self._text[self._at : self._at + 1]
 
     def skip(self, char: str) -> None:
-        """Go past a character that must come."""
+        """Skip a character that must come next."""
         if self.coming() != char:
             raise self.error(f"Expecting {char!r}")
         self._at += 1
 
     def value(self) -> Any:
-        """Parse the value that comes."""
+        """Parse the next value."""
         self.coming()
         try:
             value, self._at = DECODER.raw_decode(self._text, self._at)
@@ -170,7 +170,7 @@ class _Text:
         return value
 
     def between(self, begin: str, end: str) -> Iterator[int]:
-        """Stop before each of the things between brackets, and count them."""
+        """Stop before each item between brackets, and count them."""
         self.skip(begin)
         count = 0
         while self.coming() != end or count:
@@ -187,7 +187,7 @@ class _Text:
             yield Node(self.path, f"{place}[{i}]", self.value())
 
     def error(self, reason: str) -> LabelsError:
-        """Blame the character that comes."""
+        """Make an error at the next character."""
         found = json.JSONDecodeError("", self._text, self._at)
         place = f"line {found.lineno}, column {found.colno}"
         return LabelsError(self.path, place, f"not JSON ({reason})")
@@ -224,8 +224,8 @@ def read_values(path: str | os.PathLike[str], array: str, kept: dict[str, Any]) 
 def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]:
     """Encode a value as JSON, without holding what is to be read only while it is written.
 
-    An iterator in it becomes an array; a function that gives pairs of name and value, anew each
-    time, becomes an object. A number that is not finite is our mistake.
+    An iterator in it becomes an array; a function that returns pairs of name and value, from
+    the beginning each time, becomes an object. A number that is not finite is a bug.
     """
     strict = {"ensure_ascii": False, "allow_nan": False, "separators": (comma, colon)}
     encode, mark, streams = json.JSONEncoder(**strict).encode, uuid4().hex, list[Any]()
@@ -252,13 +252,13 @@ def _members(
 
 
 def held(value: object) -> Any:
-    """Give a value with all that is in it, for libraries that write it themselves."""
+    """Give a value with its whole content, for libraries that write it themselves."""
     return json.loads("".join(pieces(value)))
 
 
 def write_json(path: Path, value: object) -> None:
     """Write a JSON file in UTF-8, as `pieces` encodes it."""
-    # Names of files may hold what is no text.
+    # Names of files may hold bytes that are not text.
     with path.open("x", encoding="utf-8", errors="replace") as file:
         file.writelines(pieces(value, ",", ":"))
         file.write("\n")
@@ -270,7 +270,7 @@ def finite_or_null(values: Float[Array, " N"]) -> list[float | None]:
 
 
 def head_of(head: Labels) -> dict[str, object]:
-    """Give what is known of all labels together."""
+    """Give the members that describe all labels together."""
     return {
         "version": __version__,
         "scale": head.scale,
@@ -281,7 +281,7 @@ def head_of(head: Labels) -> dict[str, object]:
 
 
 def read_head(head: Node) -> Labels:
-    """Give what `head_of` wrote, without labels; members may be missing."""
+    """Read what `head_of` wrote, without labels; members may be missing."""
     units, provenance = head.member("units", str, None), head.member("provenance", dict, {})
     shape = _pair(head, "shape")
     with blamed(head.error):
@@ -289,7 +289,7 @@ def read_head(head: Node) -> Labels:
 
 
 def own_members(label: Label, unit: str = "") -> dict[str, object]:
-    """Give what other programs have no members for; review and lock where there is one."""
+    """Give our own members of a label; review and lock only where there is one."""
     members: dict[str, object] = {
         "status": label.status,
         f"half_width{unit}": finite_or_null(label.half_width),

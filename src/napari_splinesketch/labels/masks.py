@@ -19,7 +19,7 @@ MAX_FRAMES = 100_000
 def write(path: Path, labels: AnyLabels) -> None:
     """Write a label image: page i is frame i, a pixel's value the body's identity plus 1.
 
-    Where bodies overlap, the pixel belongs to the one that lies deeper around it.
+    Where bodies overlap, the pixel belongs to the one in which it lies deeper.
     """
     frames = in_frames(labels)
     shape, highest = image_shape(labels), facts_of(labels).highest
@@ -59,7 +59,7 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 
 def image_shape(labels: AnyLabels) -> tuple[int, int]:
-    """Give the shape of the image, or what holds all bodies where it is not known."""
+    """Give the shape of the image, or one that holds all bodies if it is not known."""
     shape = labels.head.shape
     if shape is None:
         height, width = facts_of(labels).reach
@@ -74,8 +74,8 @@ def image_shape(labels: AnyLabels) -> tuple[int, int]:
 LOSSES = (
     "no centrelines, half-widths, standard errors or status",
     "review",
-    "one body a pixel, so overlaps are lost",
+    "one body per pixel, so overlaps are lost",
     "width",
     "shape",
 )
-FORMAT = Format("masks, a label image a frame", (".masks.tif",), write=write, losses=LOSSES)
+FORMAT = Format("masks, one label image per frame", (".masks.tif",), write=write, losses=LOSSES)

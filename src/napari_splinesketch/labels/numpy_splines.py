@@ -40,7 +40,7 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2"]]:
-    """Read the array of each frame; at most so many numbers in all, and `MOST` at a time."""
+    """Read the array of each frame: at most `most` numbers in all, and `MOST` at a time."""
     # NumPy and zipfile raise anything on broken files.
     error = partial(LabelsError, path, "")
     broken = blamed(lambda why: error(f"not an array of NumPy's ({why})"), Exception)
@@ -56,19 +56,19 @@ def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2
             raise LabelsError(path, "", reason)
         if not at_a_time:
             return
-        if by_column:  # the numbers of a frame do not lie together
+        if by_column:  # the numbers of a frame are not contiguous
             whole = _numbers(file, at_a_time, dtype).reshape(shape, order="F")
             yield from whole.reshape(-1, splines, points, 2)
         else:
             for _ in range(math.prod(frames)):
                 yield _numbers(file, at_a_time, dtype).reshape(splines, points, 2)
         if file.read(1):  # an archive checks its sum here, too
-            raise ValueError("it goes on behind its last number")
+            raise ValueError("it continues after its last number")
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file, or its array where it is packed."""
+    """Open a file, or the array inside it if it is packed."""
     if path.suffix.lower() == ".npy":
         with open_regular(path) as file:
             yield file
@@ -100,7 +100,7 @@ def _is_splines(shape: tuple[int, ...]) -> bool:
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell an array of points from an image by its shape, and an archive by its first file."""
+    """Whether this is an array of points, by its shape, or an archive, by its first file."""
     if ending == ".npz":
         return name_in_zip(head).endswith(b".npy")
     with suppress(Exception):  # NumPy raises anything on broken headers

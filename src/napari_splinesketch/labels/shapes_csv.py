@@ -1,6 +1,6 @@
 """napari's own CSV of a Shapes layer: lines and paths only, in data coordinates.
 
-What is written is a labels CSV too: napari reads the lines, and lets further columns be.
+A file that is written is a labels CSV, too: napari reads the lines and ignores other columns.
 """
 
 from collections.abc import Iterator, Sequence
@@ -80,7 +80,7 @@ def _sketch(columns: dict[str, Any]) -> Label:
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell from its first line whether a CSV is one of shapes, and no more."""
+    """Whether a CSV is one of shapes only, by its first line."""
     return b"shape-type" in head.partition(b"\n")[0]
 
 

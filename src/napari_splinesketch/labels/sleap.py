@@ -1,4 +1,4 @@
-"""SLEAP: one instance a body, one track an identity, nodes along the body; (x, y) in pixels."""
+"""SLEAP: one instance per body, one track per identity, nodes along the body; (x, y) in pixels."""
 
 import json
 from importlib import import_module
@@ -43,7 +43,7 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 
 def _name_itself(file: Path, name: str) -> None:
-    """Replace the temporary file's path, which sleap-io notes, by its name."""
+    """Replace the temporary file's path, which sleap-io stores, by its name."""
     h5py = import_module("h5py")
     with h5py.File(file, "r+") as store:
         attributes = store["metadata"].attrs

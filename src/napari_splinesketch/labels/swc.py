@@ -1,4 +1,4 @@
-"""SWC, as neuron tracers use it: one tree a body, (x, y), radius = half-width."""
+"""SWC, as neuron tracers use it: one tree per body, (x, y), radius = half-width."""
 
 import json
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ LOSSES = (
 )
 ROOT = -1
 UNDEFINED = 0
-"""SWC's structure type for what is no part of a neuron."""
+"""SWC's structure type for something that is not part of a neuron."""
 
 
 def write(path: Path, labels: AnyLabels) -> None:

@@ -31,13 +31,13 @@ KINDS: dict[str, type | float] = {
     "x": float,
     "units": str,
 }
-"""What is read; `arc_length` and `half_width_units` are for people."""
+"""Columns that are read; `arc_length` and `half_width_units` are for people."""
 REQUIRED = ("curve", "row", "col")
 BY = ("frame", "curve")
 COUNT = "point"
 Columns = dict[str, Iterable[object]]
 Leading = Callable[[int, Label], Columns]
-"""Gives further columns to stand before the others: of the label of that number, from 0."""
+"""Gives further columns to put before the others, for the label of that number, from 0."""
 ANY = Label.from_sketch(np.zeros((2, 2)))
 """Has the columns of every label."""
 SCALE_TOLERANCE = 1e-6
@@ -64,7 +64,7 @@ def write_rows(
     table.writerow([*leading(0, ANY), *_columns(ANY, labels.head, facts)])
     for number, label in enumerate(labels.labels):
         columns = leading(number, label).values(), _columns(label, labels.head, facts).values()
-        table.writerows(zip(*list(chain(*columns)), strict=False))  # what is repeated has no end
+        table.writerows(zip(*list(chain(*columns)), strict=False))  # repeated values are endless
 
 
 def _columns(label: Label, head: Labels, facts: Facts) -> Columns:
@@ -88,7 +88,7 @@ def _columns(label: Label, head: Labels, facts: Facts) -> Columns:
 
 
 def read(source: Source) -> Iterator[Label]:
-    """Read a table back; points are numbered from 0 where they are numbered."""
+    """Read a table back; points, if they are numbered, count from 0."""
     scale = _Scale(source)
     for lines, columns in read_curves(source, KINDS, REQUIRED, BY, COUNT):
         scale.add(lines, columns)
@@ -111,7 +111,7 @@ def _label(columns: dict[str, Any]) -> Label:
 
 
 class _Scale:
-    """The scale that the physical columns of a table tell."""
+    """The scale given by the physical columns of a table."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -128,7 +128,7 @@ class _Scale:
             raise ValueError(f"units are {columns['units']!r} here but {self._units!r} above")
         for axis, (name, pixel) in enumerate((("y", "row"), ("x", "col"))):
             size = self._sizes[axis] = self._sizes[axis] or _factor(columns[pixel], columns[name])
-            if size is None:  # the curve lies on this axis: later ones tell
+            if size is None:  # the curve lies on this axis; later curves tell
                 continue
             expected = columns[pixel] * size
             off = np.abs(columns[name] - expected)
@@ -141,7 +141,7 @@ class _Scale:
                 )
 
     def head(self) -> Labels:
-        """Give what was found; where one axis tells nothing, pixels are square."""
+        """Give the scale; where one axis does not tell it, pixels are taken as square."""
         y, x = self._sizes[0] or self._sizes[1], self._sizes[1] or self._sizes[0]
         return Labels((), (y, x), self._units or None) if y and x else Labels()
 
@@ -149,7 +149,7 @@ class _Scale:
 def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float | None:
     """Find the shortest decimal number that maps `pixels` on `physical`, bit for bit.
 
-    Where none does, as in tables that were rounded, the ratio at the largest coordinate.
+    If there is none, as in tables that were rounded, the ratio at the largest coordinate.
     """
     largest = int(np.argmax(np.abs(pixels)))
     if pixels[largest] == 0:
@@ -163,7 +163,7 @@ def _factor(pixels: Float[Array, " N"], physical: Float[Array, " N"]) -> float |
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell by its header whether a CSV is one of curves."""
+    """Whether a CSV is one of curves, by its header."""
     header = "".join(head.decode("utf-8-sig", errors="replace").splitlines()[:1])
     return set(REQUIRED) <= {name.strip().strip('"') for name in header.split(",")}
 

@@ -42,9 +42,9 @@ class Label:
     sd
         (N,): standard error of `points` along the normal, px; infinite where not known.
     status
-        What the refinement says of the curve, or "sketch" for a line that was not refined.
+        Result of the refinement, or "sketch" for a line that was not refined.
     review
-        What the user says of it.
+        The user's decision.
     locked
         Whether the user wants it to stay as it is.
     """
@@ -59,7 +59,7 @@ class Label:
     locked: bool = False
 
     def __post_init__(self) -> None:
-        """Make the arrays float64 and refuse what no file could hold."""
+        """Make the arrays float64 and refuse values that no file could hold."""
         for name in ("frame", "curve"):
             number = index(getattr(self, name))
             if not 0 <= number <= MAX_INTEGER:
@@ -85,7 +85,7 @@ class Label:
         return cls(frame, identity, points, np.full(size, np.nan), np.full(size, np.inf), "sketch")
 
     def resampled(self, count: int) -> "Label":
-        """Give it `count` points, uniform in arc length along its polyline, if it has others."""
+        """Resample to `count` points, uniform in arc length, if it has another number."""
         if len(self.points) == count:
             return self
         arc = self.arc_length
@@ -116,7 +116,7 @@ class Labels:
     shape
         (H, W) of the image, px, or None when it is not known.
     provenance
-        How the labels came about: values that JSON can hold.
+        Where the labels come from: values that JSON can hold.
     notes
         What a reader left out of the file, one sentence each, for the user; not written.
     """
@@ -129,7 +129,7 @@ class Labels:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze what was given and check that it makes sense together."""
+        """Freeze the values and check that they fit together."""
         object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
@@ -189,13 +189,13 @@ class Labels:
 
     @property
     def head(self) -> "Labels":
-        """What is known beside the labels, wherever they are held."""
+        """Everything but the labels themselves."""
         return self
 
 
 @dataclass
 class Facts:
-    """What formats ask of all labels together.
+    """What formats need to know of all labels together.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ class Facts:
     frames
         How often another frame begins.
     sizes
-        The numbers of points that occur.
+        Every number of points that occurs.
     highest
         The largest identity, 0 where there is none.
     reach
@@ -212,7 +212,7 @@ class Facts:
     without_width, without_radius
         How many have a half-width that is not known somewhere; or is not above 0.
     reviewed, locked
-        Whether the user has said something of one, and locked one.
+        Whether the user has accepted or rejected one, and locked one.
     """
 
     count: int = 0
@@ -246,19 +246,19 @@ class Facts:
 
 @dataclass(frozen=True, eq=False)
 class ByFrame:
-    """Labels of which no more than a frame's are held; they are read anew each time.
+    """Labels of which only one frame's are held; they are read from the file each time.
 
     Attributes
     ----------
     frames
-        (F,) the numbers of the frames that have some, rising.
+        (F,) the numbers of the frames that have some, in rising order.
     head
         What all share, without the labels themselves.
     read
         Gives the labels of each of `frames`.
     tell
-        Called while they are gone through, with the share that is done where that is known; what
-        it raises ends it.
+        Called on the way through them, with the share that is done if that is known; an exception
+        that it raises ends the reading.
     """
 
     frames: Int[Array, " F"]
@@ -275,7 +275,7 @@ class ByFrame:
 
     @cached_property
     def facts(self) -> Facts:
-        """What formats ask of all labels together; goes through them once."""
+        """What formats need to know of all labels together; goes through them once."""
         return Facts.of(self.labels)
 
 
@@ -284,7 +284,7 @@ AnyLabels = Labels | ByFrame
 
 
 def facts_of(labels: AnyLabels) -> Facts:
-    """Give what formats ask of all labels together."""
+    """Give what formats need to know of all labels together."""
     return labels.facts if isinstance(labels, ByFrame) else Facts.of(labels.labels)
 
 

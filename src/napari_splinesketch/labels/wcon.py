@@ -75,7 +75,7 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _records(path: Path, kept: dict[str, Any]) -> Iterator[json_tree.Node]:
-    """Give the records of a file, of which a single one needs no array."""
+    """Give the records of a file; a single one needs no array."""
     yield from json_tree.read_values(path, "data", kept)
     data = json_tree.Node(path, "", kept)["data"]
     if data.value != []:
@@ -83,7 +83,7 @@ def _records(path: Path, kept: dict[str, Any]) -> Iterator[json_tree.Node]:
 
 
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
-    """Take the unit of another program's file, one of which is a pixel."""
+    """Take the unit of another program's file; one unit is taken as a pixel."""
     x, y = (root["units"][axis].expected(str) for axis in "xy")
     if x != y:
         raise root["units"].error(f"x is in {x!r} and y in {y!r}; expected one unit")
@@ -114,12 +114,12 @@ def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Flo
 
 
 def _line(node: json_tree.Node) -> Float[Array, " N"]:
-    """Give the coordinates of a spine, none where the animal is a single point."""
+    """Give the coordinates of a spine; empty if the animal is a single point."""
     return node.numbers(unknown=np.nan) if isinstance(node.value, list) else np.empty(0)
 
 
 def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]:
-    """Give what is added to x or y: the origin, or else the centroid, or else nothing."""
+    """Give the offset of x or y: the origin, or else the centroid, or else nothing."""
     for name in (f"o{axis}", f"c{axis}"):
         if name in record:
             node = record[name]
@@ -131,7 +131,7 @@ def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Tell by its units whether a file named .json is of worms."""
+    """Whether a file named .json is WCON, by its units."""
     return ending == ".wcon" or bool(UNITS.search(head))
 
 

@@ -1,7 +1,7 @@
 """Generated scenes with perfect labels, and the ways in which labels are spoilt for tests.
 
-Bodies are drawn by exact distance to a tapered outline and not by the engine's renderer, so
-that no test is fitted with the model that drew it.
+Bodies are drawn by exact distance to a tapered outline and not by the engine's renderer, so that
+no test fits a scene with the model that drew it.
 """
 
 from napari_splinesketch.metrics import resample

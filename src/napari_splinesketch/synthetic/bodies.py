@@ -56,12 +56,12 @@ def place(
     across: bool,
     shared: float,
 ) -> Points:
-    """Random body inside the frame that lies on none of `others` for long.
+    """Random body inside the frame that does not lie along any of `others`.
 
     Parameters
     ----------
     rng, length, half_width, bend
-        As for `random_curve`.
+        As in `random_curve`.
     shape, margin
         Of the frame, px.
     others

@@ -22,7 +22,7 @@ Frame = Float[np.ndarray, "H W"]
 
 @dataclass(frozen=True)
 class Finish:
-    """What sets one body apart from the next.
+    """How one body differs from the next.
 
     Attributes
     ----------

@@ -27,13 +27,13 @@ _DEFOCUS = 1.0
 """Largest change of brightness, relative, and of blur, px, where light and focus drift."""
 _TRIES = 150
 _SPREAD = 0.25
-"""Of the places where bodies meet, as a share of their length (standard deviation)."""
+"""Spread of the places where bodies meet, as a share of their length (standard deviation)."""
 _MARGIN = 4.0
-"""Of the frame, which bodies keep clear of, px."""
+"""Margin of the frame that bodies keep clear of, px."""
 _PARTING = 1.5
-"""By which the halves of a divided body move apart, px a frame."""
+"""Speed at which the halves of a divided body move apart, px per frame."""
 _APART = 5.0
-"""Half-widths between the bodies of the first frame."""
+"""Distance between the bodies of the first frame, half-widths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,17 +92,17 @@ def film(
     frames, bodies, shape
         Number of frames and of bodies; height and width of a frame, px.
     length, half_width, speed
-        Typical values, px and px a frame.
+        Typical values, px and px per frame.
     crossing
         Whether the bodies meet in the middle of the frame halfway through the film.
     touching
         Whether bodies that do not meet there may still cross, wherever they go.
     hidden
-        Every second body vanishes for so many frames, about when bodies meet.
+        Every second body vanishes for this many frames, about when bodies meet.
     cover
         Radius of an opaque disc of background near the middle, px; 0 for none.
     covered_first
-        Whether that may cover a part of a body in the first frame.
+        Whether the disc may cover a part of a body in the first frame.
     drift
         Whether focus and light change over the film.
     divides
@@ -200,7 +200,7 @@ def _moving(
     speed: float,
     heading: float,
 ) -> Float[np.ndarray, "T 100 2"]:
-    """A body through time, whose middle is at the origin about halfway through."""
+    """A body through time, with its middle at the origin about halfway through."""
     speed = speed * rng.uniform(*_SPEEDS)
     t = np.arange(frames) - frames / 2 + rng.normal(0, frames / 12)
     unsteady = rng.uniform(0, 0.3) * np.sin(2 * np.pi * (t / 25 + rng.uniform()))

@@ -1,4 +1,4 @@
-"""Training sets: refined curves that somebody accepted, for those who train detectors."""
+"""Training sets for detectors: images with the refined curves that somebody accepted."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ _HOME = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import public names when first used: the command line's help needs no more than `Split`."""
+    """Import public names when they are first used: the command line's help only needs `Split`."""
     from importlib import import_module
 
     if name in _HOME:

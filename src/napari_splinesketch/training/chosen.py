@@ -1,4 +1,4 @@
-"""Which curves are good enough to learn from, and what of a frame is better not looked at."""
+"""Which curves to train on, and what to ignore in a frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from napari_splinesketch.raster import label_image, rasterise
 
 Keep = Literal["accepted", "good"]
 MARGIN = 3.0
-"""Around a body that is not to be learnt from, px."""
+"""Margin around a body that is ignored, px."""
 USUAL = 3.0
 """Half-width where none is known in the whole frame, px."""
 
 
 def is_kept(label: Label, keep: Keep) -> bool:
-    """Say whether a curve is learnt from: one that somebody accepted, or any good one."""
+    """Whether to train on a curve: one that somebody accepted, or any good one."""
     if keep == "accepted":
         return label.review == "accepted"
     return label.status == "good" and label.review != "rejected"
@@ -32,9 +32,9 @@ class Chosen:
     Attributes
     ----------
     kept
-        Learnt from; 100 points each.
+        To train on; 100 points each.
     others
-        Not learnt from, neither as bodies nor as background.
+        To ignore: neither bodies nor background.
     """
 
     kept: tuple[Label, ...]
@@ -42,7 +42,7 @@ class Chosen:
 
     @classmethod
     def of(cls, labels: Sequence[Label], keep: Keep) -> "Chosen":
-        """Part the curves of a frame."""
+        """Divide the curves of a frame."""
         kept = (label for label in labels if is_kept(label, keep))
         others = tuple(label for label in labels if not is_kept(label, keep))
         return cls(tuple(label.resampled(POINTS) for label in kept), others)
@@ -59,7 +59,7 @@ class Chosen:
         usual = float(np.median(widths)) if widths else USUAL
         # A curve that is kept but has no width has no mask either.
         for label in (*self.others, *(label for label in self.kept if not _is_wide(label))):
-            # A line without a width is a rough one: the body may lie beside it.
+            # A line without a width is a rough one: the body may be beside it.
             reach = label.half_width if _is_wide(label) else np.full(len(label.points), 2 * usual)
             patch = rasterise(label.points, reach + MARGIN, shape)
             if patch is not None:

@@ -57,19 +57,19 @@ def export_training(
     Parameters
     ----------
     folder
-        The folder to make; it is there as a whole or not at all.
+        The folder to make, as a whole or not at all.
     images
         The frames.
     labels
         The curves, or a file of them, of which labels CSV and NumPy arrays are read frame by frame.
     keep
-        Which curves are learnt from: those "accepted" in a review, or all that are "good" and not
+        Which curves to train on: those "accepted" in a review, or all that are "good" and not
         rejected. The others are neither bodies nor background: the frame's ignore mask covers
         them.
     split
         How the frames are divided; None takes `Split()`.
     whole_frames
-        Leave out frames with curves that are not learnt from.
+        Leave out frames with curves that are not kept.
     name
         Of the image, for the manifest.
     overwrite
@@ -82,7 +82,7 @@ def export_training(
     Raises
     ------
     ValueError
-        Where there is nothing to learn from.
+        Where there is nothing to train on.
     """
     source = in_frames(labels if isinstance(labels, Labels) else open_labels(labels))
     frames = _frames(source, keep, whole_frames)
@@ -123,7 +123,7 @@ def export_training(
 
 
 def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]:
-    """Give the frames that have something to learn from; ValueError where there are none."""
+    """Give the frames that have something to train on; ValueError where there are none."""
     reviews: Counter[str] = Counter()
 
     def usable() -> Iterator[int]:

@@ -17,12 +17,12 @@ VERSION = 1
 
 @contextmanager
 def whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary folder that becomes `path` when the block ends well.
+    """Give a temporary folder that becomes `path` when the block succeeds.
 
     Parameters
     ----------
     path
-        The folder to make; no other process makes it meanwhile.
+        The folder to make; no other process makes it in the meantime.
     overwrite
         Replace a training set of this name; a folder with anything else in it is never replaced.
     """

@@ -20,7 +20,7 @@ from napari_splinesketch.training.split import PARTS, Part
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A frame to learn from; N bodies.
+    """A frame to train on; N bodies.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Sample:
     mask
         (H, W): 1 inside the first body, 2 inside the second, ...; 0 elsewhere.
     ignore
-        (H, W): what is neither body nor background, since nobody accepted what is there.
+        (H, W): what is neither body nor background, because nobody accepted the curves there.
     """
 
     frame: int
@@ -52,14 +52,14 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """Frames to learn from; each is read when it is asked for.
+    """Frames to train on; each is read when it is needed.
 
     Attributes
     ----------
     folder
         Where they are.
     manifest
-        What is said of all.
+        What the manifest says of all of them.
     frames
         Their numbers.
     """

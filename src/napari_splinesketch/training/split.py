@@ -1,4 +1,4 @@
-"""Which frames train, which choose, which judge: in blocks, since neighbours look alike."""
+"""Which frames are for training, validation and test: in blocks, since neighbours look alike."""
 
 from dataclasses import dataclass, field
 from typing import Literal, get_args
@@ -11,7 +11,7 @@ from napari_splinesketch.engine.types import Array
 Part = Literal["train", "val", "test"]
 PARTS: tuple[Part, ...] = get_args(Part)
 BLOCKS = 20
-"""So many blocks a film is cut into, unless a block would be longer than `LONGEST`."""
+"""A film is cut into so many blocks, unless a block would be longer than `LONGEST`."""
 LONGEST = 100
 GAPS = 10
 """The gap is a block divided by this."""
@@ -25,11 +25,11 @@ class Split:
     Attributes
     ----------
     shares
-        Of the blocks, for each part; those that are above 0 get one block at least.
+        Of the blocks, for each part; a part whose share is above 0 gets at least one block.
     block
-        Frames in a block; None takes a twentieth of the film, and 100 at most.
+        Frames in a block; None takes a twentieth of the film, but at most 100.
     gap
-        Frames at the least between parts; the rest is left out, of training first. None takes a
+        Least number of frames between parts. They are left out, of training first. None takes a
         tenth of a block.
     seed
         Which blocks go where.
@@ -60,7 +60,7 @@ class Split:
     )
 
     def __post_init__(self) -> None:
-        """Refuse what divides nothing."""
+        """Refuse settings that divide nothing."""
         if len(self.shares) != 3 or min(self.shares) < 0 or not 0 < sum(self.shares) < np.inf:
             raise ValueError(
                 f"shares are {self.shares}; give three numbers from 0, not all 0: train, val, test"
@@ -82,7 +82,7 @@ class Split:
         Parameters
         ----------
         frames
-            Numbers of frames, rising.
+            Numbers of frames, in rising order.
         """
         if not len(frames):
             return np.zeros(0, dtype=int)
@@ -97,7 +97,7 @@ class Split:
 
 
 def _counts(blocks: int, shares: tuple[float, ...]) -> Int[Array, "3"]:
-    """Share blocks out: the largest remainders first, and none that asked goes without."""
+    """Share blocks out, the largest remainders first; every part with a share gets one."""
     wanted = blocks * np.array(shares) / sum(shares)
     asked = wanted > 0
     counts = np.floor(wanted).astype(int)
