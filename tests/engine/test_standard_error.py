@@ -24,7 +24,7 @@ ALONE = np.zeros(100, bool)
 def seen(noise: float, half_width: float = 3.0) -> Scene:
     blank = np.zeros(SHAPE)
     return Scene(
-        blank, blank == 0, blank, "constant", 1.0, noise, 0.9, half_width, Ridges(blank, noise), ()
+        blank, blank == 0, "constant", 1.0, noise, 0.9, half_width, Ridges(blank, noise), ()
     )
 
 

@@ -184,7 +184,7 @@ def _chains(skeleton: Bool[Array, "H W"]) -> Iterator[Int[Array, "N 2"]]:
 def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[int]]]:
     """Skeleton pixels and their neighbours, without diagonals that cut a corner."""
     pixels = np.argwhere(skeleton)
-    index = np.full((skeleton.shape[0] + 2, skeleton.shape[1] + 2), -1)
+    index = np.full((skeleton.shape[0] + 2, skeleton.shape[1] + 2), -1, np.int32)
     r, c = pixels.T + 1
     index[r, c] = np.arange(len(pixels))
     straight = [(0, 1), (1, 0), (0, -1), (-1, 0)]

@@ -74,8 +74,10 @@ class Ridges:
         if asked not in self._evidence:
             near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
             around = const.USUAL_BLOCK_HW * WIDTHS[rung]
-            found = [self.alone(k, sign, height, around) for k in near]
-            self._evidence[asked] = np.max(found, axis=0)
+            found = self.alone(near[0], sign, height, around)
+            for k in near[1:]:
+                np.maximum(found, self.alone(k, sign, height, around), out=found)
+            self._evidence[asked] = found
         return self._evidence[asked]
 
     def alone(

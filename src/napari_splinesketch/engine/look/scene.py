@@ -27,8 +27,6 @@ class Scene:
         (H, W) float32: background about 0, bodies about 1; guessed where the image is not finite.
     valid
         (H, W) where the image is finite.
-    background
-        (H, W) smooth background in the image's units.
     background_kind
         How simple a background explains the image.
     contrast
@@ -49,7 +47,6 @@ class Scene:
 
     normal: Float[Array, "H W"]
     valid: Bool[Array, "H W"]
-    background: Float[Array, "H W"]
     background_kind: Kind
     contrast: float
     noise: float
@@ -107,7 +104,6 @@ def read_scenes(
         scene = Scene(
             ((whole - background) / contrast).astype(np.float32),
             valid,
-            background,
             kind,
             contrast,
             max(noise / abs(contrast), 0.01),
