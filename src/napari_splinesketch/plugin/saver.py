@@ -41,12 +41,10 @@ AGAIN_MS = 5000
 """After something that failed, until it is tried again."""
 LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
-LONGEST_NAME = 255
-"""Of a file or folder, bytes; disks take no longer ones."""
 OLD = ".old"
 """Added to the name of a folder that is not offered again."""
 LETTERS, DIGITS = 50, 12
-"""Of a layer's name and of the checksum, in a folder's name."""
+"""Of an image's name and of the checksum, in a folder's name: disks take 255 bytes."""
 _log = logging.getLogger(__name__)
 
 
@@ -56,7 +54,7 @@ class Home:
 
     The `place` for new sessions is None until the image was looked at; sessions `found` there and
     elsewhere were not begun here. `unread` says which could not be read, `unsaved` why not all is
-    written, `job` is who looks or writes now.
+    written, `job` is who looks or writes now, in a thread.
     """
 
     about: Mapping[str, object] = field(default_factory=dict)
@@ -82,9 +80,8 @@ class Home:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
                 _log.warning("The work could not be saved", exc_info=True)
-                said = str(error)
-                if isinstance(error, OSError) and error.strerror:
-                    said = f"{error.strerror}: {error.filename}"
+                known = isinstance(error, OSError) and error.strerror
+                said = f"{error.strerror}: {error.filename}" if known else error
                 problems[f"The work could not be saved: {said}."] = None
         self.unsaved = " ".join(problems)
         return self
@@ -93,18 +90,17 @@ class Home:
         """Find out which image it is, and what is saved of it.
 
         New work goes where the user wants it, or beside the file, or with the user's own data where
-        that is not possible. What is there is found, whatever its folder is called.
+        that is not possible; what is there is found, whatever its folder is called.
         """
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
-        # Of a layer's name, what any disk takes.
-        plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
-        called = f"{path.name if path else plain}.{ending}"
-        called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
+        # Of a name, what any disk takes.
+        plain = re.sub(r"[^\w.-]+", " ", path.name if path else name)[:LETTERS].strip(" .")
+        called = f"{plain or 'image'}.{ending}"
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
             beside = path.parent / called
-            writable = os.access(beside if beside.is_dir() else path.parent, os.W_OK)
+            writable = os.access(beside if beside.exists() else path.parent, os.W_OK)
             parents.insert(0 if writable else 1, path.parent)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
@@ -157,7 +153,7 @@ class Saver(QObject):
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         home, work = self._home, self._controller.work
         path = self.folder(work).path if work else None
-        return path.parent if path and home and home.place else home and home.place
+        return home and home.place and (path.parent if path else home.place)
 
     @property
     def problem(self) -> str:
@@ -259,10 +255,11 @@ class Saver(QObject):
         self._soon.cancel()
         works = [work for work in self._works() if work.records or work.sketches.nshapes]
         for image in dict.fromkeys(work.image for work in works):
-            if job := self._home_of(image).job:
-                job.wait()
+            home = self._home_of(image)
+            if home.job:
+                home.job.wait()
             if task := self._task(image):
-                self._on_done(self._home_of(image), task())
+                self._on_done(home, task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""

@@ -150,6 +150,11 @@ class Page(_File):
     deleted: Annotated[tuple[_Record, ...], FailFast()]
     notes: Annotated[tuple[str, ...], FailFast()]
 
+    @classmethod
+    def of(cls, records: Sequence[Record], deleted: Sequence[Record], **rest: Any) -> Self:
+        kept, gone = (tuple(map(_Record.of, some)) for some in (records, deleted))
+        return cls.model_construct(None, records=kept, deleted=gone, **rest)
+
     @pydantic.model_validator(mode="after")
     def _is_possible(self) -> "Page":
         for shape in self.sketches:
@@ -173,6 +178,18 @@ class Head(_File):
     curves: NonNegativeInt
     frames: NonNegativeInt
 
+    @classmethod
+    def of(cls, session: Session) -> Self:
+        drawn, known = session.drawn, session.state.records
+        return cls.model_construct(
+            image=dict(session.image),
+            layer=session.layer[:LONGEST_NAME],
+            saved=datetime.now(UTC),
+            sketches=len(drawn),
+            curves=len(known),
+            frames=len({one.frame for one in (*drawn, *known)}),
+        )
+
     @pydantic.field_validator("format")
     @classmethod
     def _is_known(cls, number: int) -> int:
@@ -188,10 +205,15 @@ def _name(frame: int, ending: str = "json") -> str:
 def _files_of(session: Session) -> dict[str, Any]:
     """Give what belongs into each file: pages, the head that counts them; slow pictures last."""
     state = session.state
-    parts = [*map(by_frame, (session.drawn, state.records, state.deleted)), state.notes]
+    parts: dict[str, Mapping[int, Sequence[Any]]] = {
+        "sketches": by_frame(session.drawn),
+        "records": by_frame(state.records),
+        "deleted": by_frame(state.deleted),
+        "notes": state.notes,
+    }
     pages: dict[str, Any] = {
-        _name(frame): tuple(tuple(part.get(frame, ())) for part in parts)
-        for frame in sorted(set[int]().union(*parts))
+        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
+        for frame in sorted(set[int]().union(*parts.values()))
     }
     pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
     return {**pages, HEAD: (session.layer, pages), **pictures}
@@ -199,28 +221,14 @@ def _files_of(session: Session) -> dict[str, Any]:
 
 def _write(path: Path, what: Any, session: Session) -> None:
     """Write the head, a page, or a picture of part of a frame, whole or not at all."""
-    drawn, known = session.drawn, session.state.records
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, Patch):
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
             np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
             return
-        if path.name == HEAD:
-            head = Head.model_construct(
-                image=dict(session.image),
-                layer=session.layer[:LONGEST_NAME],
-                saved=datetime.now(UTC),
-                sketches=len(drawn),
-                curves=len(known),
-                frames=len({one.frame for one in (*drawn, *known)}),
-            )
-            text = json.dumps(head.model_dump(), default=str, ensure_ascii=False)
-        else:
-            shapes, *records, notes = what
-            held = shapes, *(tuple(map(_Record.of, some)) for some in records), notes
-            fields = dict(zip(Page.model_fields, held, strict=True))
-            text = Page.model_construct(None, **fields).model_dump_json()
+        file = Head.of(session) if path.name == HEAD else Page.of(**what)
+        text = json.dumps(file.model_dump(mode="json"), ensure_ascii=False)
         # Names of files, and so of layers, may hold what is no text.
         temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
 
