@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.commands import Commands
     from napari_splinesketch.plugin.knots import KnotEditing
 
-BACK = "Undo brings them back."
 NOTHING = State()
 
 
@@ -94,7 +93,7 @@ class Keeper:
         return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
 
     def forget(self) -> None:
-        """Look anew what is in view."""
+        """Look again at what is in view."""
         for name in ("frame", "drawn"):
             vars(self).pop(name, None)
 
@@ -203,7 +202,7 @@ class Keeper:
 
     @property
     def ruler(self) -> Ruler:
-        """What lengths are told in."""
+        """What lengths are given in."""
         return ruler_of(self.choices.image)
 
     def how(self, image: Image) -> Asked:
@@ -222,8 +221,7 @@ class Keeper:
         for work in self.works:
             work.changes = Changes()
         self.works.clear()
-        for name in self.changes:
-            self.changes[name].disconnect()
+        self.changes.disconnect()
         self.choices.close()
 
     def _take(self, chosen: Settings) -> None:
@@ -261,7 +259,8 @@ class Keeper:
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
-                self.tell(Notice("done", "The curves are gone with their layer. " + BACK))
+                said = "The curves are gone with their layer. Undo brings them back."
+                self.tell(Notice("done", said))
                 self.show(work)
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:

@@ -80,8 +80,9 @@ class Home:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
                 _log.warning("The work could not be saved", exc_info=True)
-                known = isinstance(error, OSError) and error.strerror
-                said = f"{error.strerror}: {error.filename}" if known else error
+                said = str(error)
+                if isinstance(error, OSError) and error.strerror:
+                    said = f"{error.strerror}: {error.filename}"
                 problems[f"The work could not be saved: {said}."] = None
         self.unsaved = " ".join(problems)
         return self
@@ -253,7 +254,7 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        works = [work for work in self._works() if work.records or work.sketches.nshapes]
+        works = [w for w in self._controller.works if w.records or w.sketches.nshapes]
         for image in dict.fromkeys(work.image for work in works):
             home = self._home_of(image)
             if home.job:
@@ -277,10 +278,6 @@ class Saver(QObject):
 
     def _home_of(self, image: Image) -> Home:
         return self._homes.setdefault(image, Home())
-
-    def _works(self) -> list[Work]:
-        there = set(self._controller.viewer.layers)
-        return [work for work in self._controller.works if {work.image, work.sketches} <= there]
 
     def _leave(self, works: Sequence[Work]) -> None:
         """Write what is still to be written, and let others have the folders of some work."""
@@ -312,14 +309,13 @@ class Saver(QObject):
 
     def _on_removing(self, event: Any) -> None:
         layer = self._controller.viewer.layers[event.index]
-        going = [work for work in self._controller.works if layer in (work.image, work.sketches)]
-        if going:
+        if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
 
     def _save(self) -> None:
         """Look at images that are not known yet, and write what has changed, in threads."""
-        works = [work.image for work in self._works()]
-        for image in {self._controller.choices.image, *works} - {None}:
+        images = {work.image for work in self._controller.works}
+        for image in {self._controller.choices.image, *images} - {None}:
             home = self._home_of(image)
             if home.job:
                 self._soon()
@@ -334,7 +330,7 @@ class Saver(QObject):
         The thread changes a copy of what is known: the window learns all of it when it is done.
         """
         (wanted, chosen), home = self._choice, replace(self._home_of(image))
-        works = [work for work in self._works() if work.image is image]
+        works = [work for work in self._controller.works if work.image is image]
         every = [(self.folder(work), _session(work)) for work in works if wanted]
         orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
         if not wanted or (home.place and not orders):

@@ -150,11 +150,6 @@ class Page(_File):
     deleted: Annotated[tuple[_Record, ...], FailFast()]
     notes: Annotated[tuple[str, ...], FailFast()]
 
-    @classmethod
-    def of(cls, records: Sequence[Record], deleted: Sequence[Record], **rest: Any) -> Self:
-        kept, gone = (tuple(map(_Record.of, some)) for some in (records, deleted))
-        return cls.model_construct(None, records=kept, deleted=gone, **rest)
-
     @pydantic.model_validator(mode="after")
     def _is_possible(self) -> "Page":
         for shape in self.sketches:
@@ -177,18 +172,6 @@ class Head(_File):
     sketches: NonNegativeInt
     curves: NonNegativeInt
     frames: NonNegativeInt
-
-    @classmethod
-    def of(cls, session: Session) -> Self:
-        drawn, known = session.drawn, session.state.records
-        return cls.model_construct(
-            image=dict(session.image),
-            layer=session.layer[:LONGEST_NAME],
-            saved=datetime.now(UTC),
-            sketches=len(drawn),
-            curves=len(known),
-            frames=len({one.frame for one in (*drawn, *known)}),
-        )
 
     @pydantic.field_validator("format")
     @classmethod
@@ -221,13 +204,25 @@ def _files_of(session: Session) -> dict[str, Any]:
 
 def _write(path: Path, what: Any, session: Session) -> None:
     """Write the head, a page, or a picture of part of a frame, whole or not at all."""
+    drawn, known = session.drawn, session.state.records
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, Patch):
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
             np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
             return
-        file = Head.of(session) if path.name == HEAD else Page.of(**what)
+        if path.name == HEAD:
+            file = Head.model_construct(
+                image=dict(session.image),
+                layer=session.layer[:LONGEST_NAME],
+                saved=datetime.now(UTC),
+                sketches=len(drawn),
+                curves=len(known),
+                frames=len({one.frame for one in (*drawn, *known)}),
+            )
+        else:
+            made = {part: tuple(map(_Record.of, what[part])) for part in ("records", "deleted")}
+            file = Page.model_construct(None, **what | made)
         text = json.dumps(file.model_dump(mode="json"), ensure_ascii=False)
         # Names of files, and so of layers, may hold what is no text.
         temporary.write_text(text + "\n", encoding="utf-8", errors="replace")

@@ -16,7 +16,7 @@ from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
-from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
+from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 
 OVER = ("outlines", "curves", "selected", "marks")
@@ -277,11 +277,10 @@ class Work:
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:
-        """Change layers without taking our own edits for the user's."""
+        """Change layers without taking our own changes for the user's."""
         before, self._busy = self._busy, True
         try:
-            with undisturbed(self.viewer):
-                yield
+            yield
         finally:
             self._busy = before
 
