@@ -57,8 +57,10 @@ class Keeper:
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
+        there = set(viewer.layers)
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
-        self.works = [owner for owner in owners if isinstance(owner, Work)]
+        works = [owner for owner in owners if isinstance(owner, Work)]
+        self.works = [work for work in works if {work.image, work.sketches} <= there]
         for work in self.works:
             self._attend(work)
         self._end = choices.on_change(lambda: self._take(choices.load()))

@@ -41,10 +41,12 @@ AGAIN_MS = 5000
 """After something that failed, until it is tried again."""
 LOOKED_AT = 2**20
 """Most pixels of a frame that tell one image from another."""
+LONGEST_NAME = 255
+"""Of a file or folder, bytes; disks take no longer ones."""
 OLD = ".old"
 """Added to the name of a folder that is not offered again."""
 LETTERS, DIGITS = 50, 12
-"""Of an image's name and of the checksum, in a folder's name: disks take 255 bytes."""
+"""Of a layer's name and of the checksum, in a folder's name."""
 _log = logging.getLogger(__name__)
 
 
@@ -95,9 +97,10 @@ class Home:
         """
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
-        # Of a name, what any disk takes.
-        plain = re.sub(r"[^\w.-]+", " ", path.name if path else name)[:LETTERS].strip(" .")
-        called = f"{plain or 'image'}.{ending}"
+        # Of a layer's name, what any disk takes.
+        plain = re.sub(r"[^\w-]+", " ", name)[:LETTERS].strip() or "image"
+        called = f"{path.name if path else plain}.{ending}"
+        called = called if len(os.fsencode(called)) <= LONGEST_NAME else ending
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
             beside = path.parent / called
