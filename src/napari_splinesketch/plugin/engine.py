@@ -189,8 +189,7 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        if self._worker.is_alive():
-            self._worker.join(PATIENCE)
+        self._worker.join(PATIENCE)
         self._look()
 
     def _look(self) -> None:

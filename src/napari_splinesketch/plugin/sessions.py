@@ -300,12 +300,11 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
         with np.load(path) as arrays:
             place, pixels, background = (arrays.get(n) for n in ("place", "pixels", "background"))
         held = [array for array in (place, pixels, background) if array is not None]
-        if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2):
-            raise ValueError("expected an origin and a step, and pixels")
+        whole = pixels.size and pixels.ndim == 2 and held[-1].shape == pixels.shape
+        if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2) or not whole:
+            raise ValueError("expected an origin, a step, pixels, and as many of the background")
         if not (np.isfinite(place).all() and (place[1] >= 1).all()):
             raise ValueError("expected a step from 1")
-        if not pixels.size or pixels.ndim != 2 or held[-1].shape != pixels.shape:
-            raise ValueError("expected pixels, and as many of the background")
         last = place[0] + place[1] * (np.array(pixels.shape) - 1)
         if (place[0] < -0.5).any() or (last > np.array(size) - 0.5).any():
             raise ValueError("lies outside of the image")
