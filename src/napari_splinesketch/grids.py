@@ -1,10 +1,12 @@
 """Pictures of part of an image: where they lie, and what is seen of a body in them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Real
+from jaxtyping import Float, Int, Real, Shaped
 from scipy.ndimage import map_coordinates
 
 from napari_splinesketch.engine.types import Curve
@@ -12,7 +14,10 @@ from napari_splinesketch.geometry import edges
 
 SPACING = 0.5
 """Between the places across a body at which a picture is read, px at most."""
+KEPT = 4
+"""Planes that are remembered: the one in view is read again with every change of the look."""
 Along = Float[np.ndarray, " P"]
+Picture = Shaped[np.ndarray, "H W"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +115,61 @@ def around_all(
 def slices(low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> tuple[slice, slice]:
     """Give the rows and columns between two corners."""
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+class Planes:
+    """Array-like (*leading, H, W) of which `plane` makes (H, W) when napari asks for one.
+
+    Planes are numbered over all leading axes. dask would do the same, at 10 ms for each plane.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, plane: Callable[[int], Picture]):
+        self.shape, self.ndim, self.size = shape, len(shape), int(np.prod(shape))
+        self.dtype = np.dtype(dtype)
+        self._plane = lru_cache(KEPT)(plane)
+
+    def __getitem__(self, key: Any) -> Shaped[np.ndarray, "..."]:
+        """Read like a NumPy array, making only the planes asked for."""
+        key = key if isinstance(key, tuple) else (key,)
+        at = key.index(Ellipsis) if Ellipsis in key else len(key)
+        every = [slice(None)] * (self.ndim - len(key) + (at < len(key)))
+        key, leading = (*key[:at], *every, *key[at + 1 :]), self.shape[:-2]
+        numbers = np.arange(int(np.prod(leading))).reshape(leading)[key[:-2]]
+        planes = np.array([self._plane(int(n)) for n in numbers.ravel()], dtype=self.dtype)
+        whole = planes.reshape(*numbers.shape, *self.shape[-2:])
+        return whole[(*[slice(None)] * numbers.ndim, *key[-2:])]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Shaped[np.ndarray, "..."]:
+        """Make all planes."""
+        return self[()].astype(dtype or self.dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
+def film_of(
+    pictures: Mapping[int, Patch],
+    leading: tuple[int, ...],
+    make: Callable[[int, Patch], Picture] = lambda frame, patch: patch.pixels,
+) -> tuple[Planes, Grid]:
+    """Put the frames that are known on one grid; NaN elsewhere.
+
+    Of the `pictures` by frame, those on another step than the last one are left out; `make` gives
+    the pixels that are shown of one. `leading` are the lengths of the axes before (row, col).
+    """
+    step = list(pictures.values())[-1].grid.step
+    same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
+    grid, first, ends = around_all(list(same.values()))
+    places = dict(zip(same, map(slices, first, ends), strict=True))
+    shape = (*leading, *np.max(ends, axis=0).tolist())
+
+    def plane(number: int) -> Picture:
+        frame = np.full(shape[-2:], np.nan, dtype=np.float32)
+        if number in same:
+            frame[places[number]] = make(number, same[number])
+        return frame
+
+    return Planes(shape, np.float32, plane), grid
 
 
 def across(points: Float[np.ndarray, "P 2"], half_width: Along) -> Float[np.ndarray, "P Q 2"]:

@@ -41,7 +41,8 @@ def test_polarity_contrast_and_background_are_found(seed, polarity):
     assert seen.polarity == polarity
     sign = 1 if polarity == "bright" else -1
     assert seen.contrast == pytest.approx(sign * made.look.contrast, rel=0.3)
-    assert np.abs(seen.background - made.background).mean() < 0.1 * made.look.contrast
+    background = made.image - seen.contrast * seen.normal
+    assert np.abs(background - made.background).mean() < 0.1 * made.look.contrast
     assert seen.normal.dtype == np.float32
     assert seen.valid.all()
 
@@ -148,7 +149,6 @@ def test_pixels_that_are_not_finite_are_left_out():
 @pytest.mark.parametrize("value", [0.0, 7.0, -1e6])
 def test_a_constant_image_is_all_background(value):
     seen = read(np.full(SHAPE, value), polarity="bright")
-    np.testing.assert_allclose(seen.background, value)
     np.testing.assert_allclose(seen.normal, 0, atol=1e-5)
     assert np.isfinite([seen.contrast, seen.noise, seen.half_width]).all()
 
@@ -158,7 +158,7 @@ def test_narrow_images(shape):
     image = np.random.default_rng(0).normal(size=shape)
     with np.errstate(all="raise"):
         seen = read(image, half_width=2.0)
-    assert seen.normal.shape == seen.background.shape == shape
+    assert seen.normal.shape == shape
     assert np.isfinite(seen.normal).all()
 
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_splinesketch.grids import Grid, Patch, patched
-from napari_splinesketch.plugin.layers.pictures import film_of
+from napari_splinesketch.grids import Grid, Patch, film_of, patched
 
 KEYS: dict[str, Any] = {
     "frame": 1,

@@ -202,6 +202,20 @@ def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     assert counts(home) == [(2, 1)]
 
 
+def test_lines_removed_while_the_dock_is_closed_are_offered_again(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        layer = first.sketches()
+        first.refine()
+    viewer.layers.remove(layer)
+    with bench(viewer) as again:
+        assert not again.controller.works
+        again.resume()
+        assert len(again.controller.records()) == 2
+    assert counts(home) == [(2, 2)]
+
+
 def test_two_windows_never_write_into_one_folder(home: Path) -> None:
     with bench() as first:
         first.image()

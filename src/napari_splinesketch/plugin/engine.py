@@ -9,12 +9,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivateImportUsage]
 
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
-from napari_splinesketch.grids import Patch
+from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin.layers.space import Block
 from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
 from napari_splinesketch.tracking import Tracked, View
@@ -46,35 +45,26 @@ def run(
     on_progress(Progress("reading the image", 0.0))
     pixels, grid = block.read(), block.grid
     lines = [grid.to_block(line) for line in lines]
-    # The part of the image that the engine explains, as `engine.refine` has it.
-    points, margin = np.concatenate(lines), MARGIN + lengths_of(lines).max() / 2
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    curves = [grid.curve_to_block(curve) for curve in fixed]
-    near = [c for c in curves if ((c.points >= low) & (c.points <= high)).all(axis=1).any()]
 
     def tell(progress: Progress) -> Any:
         now = progress.centrelines
         seen = None if now is None else tuple(grid.to_image(line) for line in now)
         return on_progress(replace(progress, centrelines=seen))
 
-    result = refine(
-        pixels, lines, how.preset, **_options(how, grid.size), fixed=near, on_progress=tell
-    )
-    return taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], low, high)
+    options = {"fixed": [grid.curve_to_block(curve) for curve in fixed], "on_progress": tell}
+    result = refine(pixels, lines, how.preset, **_options(how, grid.size), **options)
+    # The part of the image that the engine explains, as `engine.refine` has it.
+    points, margin = np.concatenate(lines), MARGIN + lengths_of(lines).max() / 2
+    corners = points.min(axis=0) - margin, points.max(axis=0) + margin
+    return taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], corners)
 
 
-def taken(
-    result: Refinement,
-    grid: Any,
-    curves: Sequence[Curve],
-    low: Float[np.ndarray, "2"] | None = None,
-    high: Float[np.ndarray, "2"] | None = None,
-) -> Refined:
-    """Take a refinement over, of a region of the pixels on a grid that were read, or of all."""
+def taken(result: Refinement, grid: Grid, curves: Sequence[Curve], corners: Any = None) -> Refined:
+    """Take a refinement over: all of the pixels on a grid, or what lies between two corners."""
     # Half of the bytes, and as good as what is shown.
     patch = Patch(grid, *(p.astype(np.float32) for p in (result.reconstruction, result.background)))
-    high = np.subtract(patch.pixels.shape, 1.0) if high is None else high
-    region = grid.to_image(np.zeros(2) if low is None else low), grid.to_image(high)
+    low, high = corners or (np.zeros(2), np.subtract(patch.pixels.shape, 1.0))
+    region = grid.to_image(low), grid.to_image(high)
     return Refined(tuple(curves), patch, result.model.notes, region)
 
 
@@ -199,8 +189,7 @@ class Job(QObject):
 
     def wait(self) -> None:
         """Let the window stand still until it is done, and tell what came of it."""
-        if self._worker.is_alive():
-            self._worker.join(PATIENCE)
+        self._worker.join(PATIENCE)
         self._look()
 
     def _look(self) -> None:

@@ -85,7 +85,7 @@ def open_tables() -> None:
     """Let napari open tables without asking for a reader: ours, which hands on what is not ours.
 
     Left alone where the user has chosen one, or a third plugin reads tables. It is a setting of
-    the user's, so she is told.
+    the user's, so a message says it.
     """
     plugins = get_settings().plugins
     others = set(get_readers("any.csv")) - {"napari", PLUGIN}

@@ -244,5 +244,5 @@ def taken_in(state: State, tracked: Tracked) -> State:
 
 
 def _decided(record: Record) -> bool:
-    """Whether the user has decided on a curve, or made it herself."""
+    """Whether the user has decided on a curve, or made it by hand."""
     return record.decided or record.drawn or record.edited

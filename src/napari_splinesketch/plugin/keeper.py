@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.commands import Commands
     from napari_splinesketch.plugin.knots import KnotEditing
 
-BACK = "Undo brings them back."
 NOTHING = State()
 
 
@@ -58,8 +57,10 @@ class Keeper:
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
+        there = set(viewer.layers)
         owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
-        self.works = [owner for owner in owners if isinstance(owner, Work)]
+        works = [owner for owner in owners if isinstance(owner, Work)]
+        self.works = [work for work in works if {work.image, work.sketches} <= there]
         for work in self.works:
             self._attend(work)
         self._end = choices.on_change(lambda: self._take(choices.load()))
@@ -94,7 +95,7 @@ class Keeper:
         return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
 
     def forget(self) -> None:
-        """Look anew what is in view."""
+        """Look again at what is in view."""
         for name in ("frame", "drawn"):
             vars(self).pop(name, None)
 
@@ -203,7 +204,7 @@ class Keeper:
 
     @property
     def ruler(self) -> Ruler:
-        """What lengths are told in."""
+        """What lengths are given in."""
         return ruler_of(self.choices.image)
 
     def how(self, image: Image) -> Asked:
@@ -222,8 +223,7 @@ class Keeper:
         for work in self.works:
             work.changes = Changes()
         self.works.clear()
-        for name in self.changes:
-            self.changes[name].disconnect()
+        self.changes.disconnect()
         self.choices.close()
 
     def _take(self, chosen: Settings) -> None:
@@ -261,7 +261,8 @@ class Keeper:
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
-                self.tell(Notice("done", "The curves are gone with their layer. " + BACK))
+                said = "The curves are gone with their layer. Undo brings them back."
+                self.tell(Notice("done", said))
                 self.show(work)
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:

@@ -56,7 +56,7 @@ class Home:
 
     The `place` for new sessions is None until the image was looked at; sessions `found` there and
     elsewhere were not begun here. `unread` says which could not be read, `unsaved` why not all is
-    written, `job` is who looks or writes now.
+    written, `job` is who looks or writes now, in a thread.
     """
 
     about: Mapping[str, object] = field(default_factory=dict)
@@ -93,7 +93,7 @@ class Home:
         """Find out which image it is, and what is saved of it.
 
         New work goes where the user wants it, or beside the file, or with the user's own data where
-        that is not possible. What is there is found, whatever its folder is called.
+        that is not possible; what is there is found, whatever its folder is called.
         """
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
@@ -104,7 +104,7 @@ class Home:
         parents = [user_data_path("napari-splinesketch") / "sessions"]
         if path is not None:
             beside = path.parent / called
-            writable = os.access(beside if beside.is_dir() else path.parent, os.W_OK)
+            writable = os.access(beside if beside.exists() else path.parent, os.W_OK)
             parents.insert(0 if writable else 1, path.parent)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
@@ -157,7 +157,7 @@ class Saver(QObject):
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         home, work = self._home, self._controller.work
         path = self.folder(work).path if work else None
-        return path.parent if path and home and home.place else home and home.place
+        return home and home.place and (path.parent if path else home.place)
 
     @property
     def problem(self) -> str:
@@ -257,12 +257,13 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        works = [work for work in self._works() if work.records or work.sketches.nshapes]
+        works = [w for w in self._controller.works if w.records or w.sketches.nshapes]
         for image in dict.fromkeys(work.image for work in works):
-            if job := self._home_of(image).job:
-                job.wait()
+            home = self._home_of(image)
+            if home.job:
+                home.job.wait()
             if task := self._task(image):
-                self._on_done(self._home_of(image), task())
+                self._on_done(home, task())
 
     def close(self) -> None:
         """Write what is still to be written, listen no more, and leave the folders to others."""
@@ -280,10 +281,6 @@ class Saver(QObject):
 
     def _home_of(self, image: Image) -> Home:
         return self._homes.setdefault(image, Home())
-
-    def _works(self) -> list[Work]:
-        there = set(self._controller.viewer.layers)
-        return [work for work in self._controller.works if {work.image, work.sketches} <= there]
 
     def _leave(self, works: Sequence[Work]) -> None:
         """Write what is still to be written, and let others have the folders of some work."""
@@ -315,14 +312,13 @@ class Saver(QObject):
 
     def _on_removing(self, event: Any) -> None:
         layer = self._controller.viewer.layers[event.index]
-        going = [work for work in self._controller.works if layer in (work.image, work.sketches)]
-        if going:
+        if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
 
     def _save(self) -> None:
         """Look at images that are not known yet, and write what has changed, in threads."""
-        works = [work.image for work in self._works()]
-        for image in {self._controller.choices.image, *works} - {None}:
+        images = {work.image for work in self._controller.works}
+        for image in {self._controller.choices.image, *images} - {None}:
             home = self._home_of(image)
             if home.job:
                 self._soon()
@@ -337,7 +333,7 @@ class Saver(QObject):
         The thread changes a copy of what is known: the window learns all of it when it is done.
         """
         (wanted, chosen), home = self._choice, replace(self._home_of(image))
-        works = [work for work in self._works() if work.image is image]
+        works = [work for work in self._controller.works if work.image is image]
         every = [(self.folder(work), _session(work)) for work in works if wanted]
         orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
         if not wanted or (home.place and not orders):

@@ -188,10 +188,15 @@ def _name(frame: int, ending: str = "json") -> str:
 def _files_of(session: Session) -> dict[str, Any]:
     """Give what belongs into each file: pages, the head that counts them; slow pictures last."""
     state = session.state
-    parts = [*map(by_frame, (session.drawn, state.records, state.deleted)), state.notes]
+    parts: dict[str, Mapping[int, Sequence[Any]]] = {
+        "sketches": by_frame(session.drawn),
+        "records": by_frame(state.records),
+        "deleted": by_frame(state.deleted),
+        "notes": state.notes,
+    }
     pages: dict[str, Any] = {
-        _name(frame): tuple(tuple(part.get(frame, ())) for part in parts)
-        for frame in sorted(set[int]().union(*parts))
+        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
+        for frame in sorted(set[int]().union(*parts.values()))
     }
     pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
     return {**pages, HEAD: (session.layer, pages), **pictures}
@@ -207,7 +212,7 @@ def _write(path: Path, what: Any, session: Session) -> None:
             np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
             return
         if path.name == HEAD:
-            head = Head.model_construct(
+            file = Head.model_construct(
                 image=dict(session.image),
                 layer=session.layer[:LONGEST_NAME],
                 saved=datetime.now(UTC),
@@ -215,12 +220,10 @@ def _write(path: Path, what: Any, session: Session) -> None:
                 curves=len(known),
                 frames=len({one.frame for one in (*drawn, *known)}),
             )
-            text = json.dumps(head.model_dump(), default=str, ensure_ascii=False)
         else:
-            shapes, *records, notes = what
-            held = shapes, *(tuple(map(_Record.of, some)) for some in records), notes
-            fields = dict(zip(Page.model_fields, held, strict=True))
-            text = Page.model_construct(None, **fields).model_dump_json()
+            made = {part: tuple(map(_Record.of, what[part])) for part in ("records", "deleted")}
+            file = Page.model_construct(None, **what | made)
+        text = json.dumps(file.model_dump(mode="json"), ensure_ascii=False)
         # Names of files, and so of layers, may hold what is no text.
         temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
 
@@ -297,12 +300,11 @@ def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
         with np.load(path) as arrays:
             place, pixels, background = (arrays.get(n) for n in ("place", "pixels", "background"))
         held = [array for array in (place, pixels, background) if array is not None]
-        if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2):
-            raise ValueError("expected an origin and a step, and pixels")
+        whole = pixels.size and pixels.ndim == 2 and held[-1].shape == pixels.shape
+        if {array.dtype.kind for array in held} != {"f"} or place.shape != (2, 2) or not whole:
+            raise ValueError("expected an origin, a step, pixels, and as many of the background")
         if not (np.isfinite(place).all() and (place[1] >= 1).all()):
             raise ValueError("expected a step from 1")
-        if not pixels.size or pixels.ndim != 2 or held[-1].shape != pixels.shape:
-            raise ValueError("expected pixels, and as many of the background")
         last = place[0] + place[1] * (np.array(pixels.shape) - 1)
         if (place[0] < -0.5).any() or (last > np.array(size) - 0.5).any():
             raise ValueError("lies outside of the image")

@@ -120,7 +120,7 @@ def empty_layer(image: Image, name: str, *, flat: bool = False, **how: Any) -> S
 
 
 def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
-    """Let the user draw lines into a layer, with the tool that she has used there."""
+    """Let the user draw lines into a layer, with the tool that was used there last."""
     if viewer is not None:
         viewer.layers.selection.active = layer
     if not layer.visible:

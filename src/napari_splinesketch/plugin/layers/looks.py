@@ -16,9 +16,9 @@ Line = Float[np.ndarray, "_ 2"]
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
-"""Written beside the curve's number: a status is never told by colour alone."""
+"""Written beside the curve's number: colour alone never says the status. The worst is last."""
 STEP = 1.1
-"""Between breadths that differ: for less, lines are not drawn anew."""
+"""Between breadths that differ: for less, lines are not drawn again."""
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
 """Breadth of the line, relative."""
 RIBBON_SDS = 2.0
@@ -32,7 +32,6 @@ alone takes 20 µs for each."""
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
-RANKS: dict[Status, int] = {"good": 0, "check": 1, "failed": 2}
 LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0
 """Width and height of a letter, and how far a mark is from its body's halo, px of the screen."""
 GAP, LEAST_GAP = 1.2, 4.0
@@ -65,7 +64,7 @@ def breadth(curves: Sequence[Curve]) -> float:
 
 
 def stepped(size: float) -> float:
-    """Round a size to a step: what differs by less is not drawn anew."""
+    """Round a size to a step: what differs by less is not drawn again."""
     return float(STEP ** np.round(np.log(size) / np.log(STEP)))
 
 
@@ -129,7 +128,7 @@ def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve needs review: by status, then by residual and sd."""
     numbers = curve.residual / NOTICEABLE_RESIDUAL, float(np.median(curve.sd)) / NOTICEABLE_SD
-    return RANKS[curve.status], max(n if np.isfinite(n) else np.inf for n in numbers)
+    return [*MARKS].index(curve.status), max(n if np.isfinite(n) else np.inf for n in numbers)
 
 
 def readable(

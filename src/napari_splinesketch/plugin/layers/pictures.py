@@ -7,17 +7,25 @@ masks are made when the user asks for them, and follow what is known while they 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Integer, Shaped
 from napari.layers import Image, Labels, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.grids import Along, Grid, Patch, across, around_all, mean_across, slices
+from napari_splinesketch.grids import (
+    Along,
+    Grid,
+    Patch,
+    Picture,
+    Planes,
+    across,
+    film_of,
+    mean_across,
+    slices,
+)
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.layers.slot import Made, Maker
@@ -35,65 +43,6 @@ THIN = 0.5
 """Breadth of outlines and halos, relative to a curve's line."""
 HALO = 2.0
 """Breadth of halos at least, px of the screen."""
-KEPT = 4
-"""Planes that are remembered: the one in view is read again with every change of the look."""
-
-
-class Planes:
-    """Array-like (*leading, H, W) of which `plane` makes (H, W) when napari asks for one.
-
-    Planes are numbered over all leading axes. dask would do the same, at 10 ms for each plane.
-    """
-
-    def __init__(
-        self, shape: tuple[int, ...], dtype: Any, plane: Callable[[int], Shaped[np.ndarray, "H W"]]
-    ):
-        self.shape, self.ndim, self.size = shape, len(shape), int(np.prod(shape))
-        self.dtype = np.dtype(dtype)
-        self._plane = lru_cache(KEPT)(plane)
-
-    def __getitem__(self, key: Any) -> Shaped[np.ndarray, ...]:
-        """Read like a NumPy array, making only the planes asked for."""
-        key = key if isinstance(key, tuple) else (key,)
-        at = key.index(Ellipsis) if Ellipsis in key else len(key)
-        every = [slice(None)] * (self.ndim - len(key) + (at < len(key)))
-        key, leading = (*key[:at], *every, *key[at + 1 :]), self.shape[:-2]
-        numbers = np.arange(int(np.prod(leading))).reshape(leading)[key[:-2]]
-        planes = np.array([self._plane(int(n)) for n in numbers.ravel()], dtype=self.dtype)
-        whole = planes.reshape(*numbers.shape, *self.shape[-2:])
-        return whole[(*[slice(None)] * numbers.ndim, *key[-2:])]
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Shaped[np.ndarray, ...]:
-        """Make all planes."""
-        return self[()].astype(dtype or self.dtype)
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-
-def film_of(
-    pictures: Mapping[int, Patch],
-    leading: tuple[int, ...],
-    make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
-) -> tuple[Planes, Grid]:
-    """Put the frames that are known on one grid; NaN elsewhere.
-
-    Of the `pictures` by frame, those on another step than the last one are left out; `make` gives
-    the pixels that are shown of one. `leading` are the lengths of the axes before (row, col).
-    """
-    step = list(pictures.values())[-1].grid.step
-    same = {n: p for n, p in pictures.items() if np.allclose(p.grid.step, step)}
-    grid, first, ends = around_all(list(same.values()))
-    places = dict(zip(same, map(slices, first, ends), strict=True))
-    shape = (*leading, *np.max(ends, axis=0).tolist())
-
-    def plane(number: int) -> Float[np.ndarray, "H W"]:
-        frame = np.full(shape[-2:], np.nan, dtype=np.float32)
-        if number in same:
-            frame[places[number]] = make(number, same[number])
-        return frame
-
-    return Planes(shape, np.float32, plane), grid
 
 
 def _patches(work: Work) -> list[Any]:
@@ -107,7 +56,7 @@ def _curves(work: Work) -> list[Any]:
 def _film(
     work: Work,
     patches: Sequence[tuple[int, Patch]],
-    make: Callable[[int, Patch], Float[np.ndarray, "H W"]] = lambda frame, patch: patch.pixels,
+    make: Callable[[int, Patch], Picture] = lambda frame, patch: patch.pixels,
     look: Mapping[str, Any] | None = None,
 ) -> Made | None:
     """Pictures of the frames that are known; they look like the image unless something is said."""
@@ -118,19 +67,17 @@ def _film(
         image, (low, high) = work.image, work.image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
         look["contrast_limits"] = (float(low or 0), float(high or 0))
-    return Made(film, space.placement_on(work.image, grid.origin, grid.step), look)
+    return Made(film, space.placement_on(work.image, grid), look)
 
 
-def _rest(
-    image: Image, frame: int, grid: Grid, model: Float[np.ndarray, "H W"]
-) -> Float[np.ndarray, "H W"]:
+def _rest(image: Image, frame: int, grid: Grid, model: Picture) -> Picture:
     """Image minus reconstruction; NaN where the image has other pixels by now."""
     block = space.block_on(image, frame, grid, model.shape)
     return np.full(model.shape, np.nan) if block is None else block.read() - model
 
 
 def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
-    def rest(frame: int, patch: Patch) -> Float[np.ndarray, "H W"]:
+    def rest(frame: int, patch: Patch) -> Picture:
         return _rest(work.image, frame, patch.grid, patch.pixels)
 
     last = np.array([np.abs(rest(*known)) for known in patches[-1:]])
@@ -219,7 +166,7 @@ def _masks(work: Work, _: object) -> Made:
     """Label image of each frame: a pixel's value is the number of its curve."""
     size, records = space.size_of(work.image), by_frame(work.records)
 
-    def mask(frame: int) -> Integer[np.ndarray, "H W"]:
+    def mask(frame: int) -> Picture:
         here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(frame, ())]
         return label_image(here, size, np.int32)
 

@@ -16,12 +16,12 @@ from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
-from napari_splinesketch.plugin.layers.slot import Slot, undisturbed
+from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
-own: to change one shape, napari draws a whole layer of shapes anew."""
+own: to change one shape, napari draws the whole layer of shapes again."""
 ERASE = ("Delete", "Backspace")
 """With which napari deletes shapes."""
 AFTER_MS = 120
@@ -32,12 +32,7 @@ class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
     _shown: Sequence[Record] = ()
-    """In the order of the layer."""
-
-    def make(self, *data: Any, **how: Any) -> Any:
-        """Make the layer, with nothing in it."""
-        self._shown = ()
-        return super().make(*data, **how)
+    """In the order of the layer, unless that was made since."""
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
@@ -92,8 +87,8 @@ class Work:
 
     The layers of results come with the first of them; the suggested lines are among the sketches.
     `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `slots` are the places of the layers. What the user does
-    in the layers is told to whoever listens to `changes`: one dock.
+    colours of curves say, `slots` are the places of the layers. One dock listens to `changes`, and
+    so hears what the user does in the layers.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
@@ -144,7 +139,7 @@ class Work:
         return self.sketches if role == "sketches" else self.slots[role].layer
 
     def remove(self) -> None:
-        """Remove the layers of results; they are made anew when there is something to show."""
+        """Remove the layers of results; they are made again when there is something to show."""
         with self._by_us():
             for slot in self.slots.values():
                 slot.remove()
@@ -277,11 +272,10 @@ class Work:
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:
-        """Change layers without taking our own edits for the user's."""
+        """Change layers without taking our own changes for the user's."""
         before, self._busy = self._busy, True
         try:
-            with undisturbed(self.viewer):
-                yield
+            yield
         finally:
             self._busy = before
 

@@ -113,8 +113,8 @@ class Slot:
     def make(self, *data: Any, **how: Any) -> Any:
         """Make the layer; without data, an empty one to be filled by `update`.
 
-        napari selects what is added. Nobody is told, as it is undone at once: being told and told
-        again is half of what an added layer takes.
+        napari selects what is added. That is undone at once, and silently: to tell everybody twice
+        is half of what an added layer takes.
         """
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
         size = {} if data else {"ndim": image.ndim}
@@ -147,7 +147,7 @@ class Slot:
                 layer.text = {"string": {"constant": ""}}
             layer.data = made.data
             for name, value in made.always.items():
-                # napari draws all anew for a breadth, even for the same.
+                # napari draws everything again for a breadth, even for the same.
                 if not (isinstance(value, float) and np.all(getattr(layer, name) == value)):
                     setattr(layer, name, value)
         self._source = source

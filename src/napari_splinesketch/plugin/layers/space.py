@@ -208,12 +208,10 @@ def placement(image: Image) -> dict[str, Any]:
     return {name: getattr(image, name) for name in PLACE}
 
 
-def placement_on(
-    image: Image, origin: Float[np.ndarray, "2"], step: Float[np.ndarray, "2"]
-) -> dict[str, Any]:
-    """Place pixels where they lie on the image: (row, col) of the first, and their step, px."""
-    place = np.concatenate([np.zeros(image.ndim - 2), origin])
-    size = np.concatenate([np.ones(image.ndim - 2), step])
+def placement_on(image: Image, grid: Grid) -> dict[str, Any]:
+    """Place the pixels of a grid where they lie on the image."""
+    place = np.concatenate([np.zeros(image.ndim - 2), grid.origin])
+    size = np.concatenate([np.ones(image.ndim - 2), grid.step])
     corner = image.affine.inverse(image.data_to_world(place))
     return placement(image) | {"scale": image.scale * size, "translate": corner}
 
