@@ -7,7 +7,7 @@ latest: so the choice is made here, and its combo boxes show it.
 
 import gc
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from typing import Annotated, Any, TypeVar
 
 import pint
@@ -30,10 +30,10 @@ PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 LOOKED = ("point", "order", "ndisplay")
 """Events of the sliders after which something else is in view; their range says nothing of that."""
 PLUGIN = "napari-splinesketch"
-GROUPS = "refining", "looking", "saving"
-"""The groups of the manifest with settings that are one value each."""
 KEYS = "keys"
-"""The group with one key for each action."""
+"""The group of the manifest with one key for each command ..."""
+GROUPS = ("refining", "looking", "saving", KEYS)
+"""... and all of them."""
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
@@ -136,12 +136,12 @@ class Choices:
 class Settings(Asked):
     """What the user chose, or a ValueError: what may be asked of a refinement, what is told of it.
 
-    The unit of the half-width is its name, or "px". Keys are those of commands, by their ids, as
-    napari writes them; an empty one takes the key away.
+    The unit of the half-width is its name, or "px"; 0 measures it. Keys are those of commands, by
+    their ids, as napari writes them; an empty one clears the shortcut.
     """
 
     preset: Annotated[PresetName, AfterValidator(lambda p: OFFERED[OFFERED.index(p)])] = "balanced"
-    half_width: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    half_width: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = 0.0
     half_width_unit: str = "px"
     colour_by: Annotated[str, Field(pattern=f"^({'|'.join(COLOUR_BY)})$")] = "status"
     save_work: bool = True
@@ -153,19 +153,12 @@ class Settings(Asked):
 
         One in a unit that says nothing about pixels of this image is left out.
         """
-        if self.half_width is None or self.half_width_unit == "px":
-            return self.half_width
+        if not self.half_width or self.half_width_unit == "px":
+            return self.half_width or None
         given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
         if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
             return None
         return float(given.to(ruler.unit).magnitude) / ruler.pixel
-
-    def without_doubles(self, before: "Settings") -> "Settings":
-        """Take a key that was given to a command from the one that had it."""
-        now, old = self.keys, before.keys
-        given = {key for name, key in now.items() if key != old.get(name)} - {""}
-        lost = {name: "" for name, key in now.items() if key in given and old.get(name) == key}
-        return replace(self, keys={**now, **lost}) if lost else self
 
 
 POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}
@@ -188,25 +181,20 @@ FORM: dict[str, dict[str, Any]] = {
 
 def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
-    known = _groups()
-    keys = known.pop(KEYS).model_dump() if known else {}
-    values = {name: value for group in known.values() for name, value in group}
-    values["half_width"] = values.get("half_width") or None
+    groups = _groups()
+    keys = dict(groups.pop(KEYS, ()))
     try:
-        return Settings(**values, keys=keys)
+        return Settings(keys=keys, **{k: v for group in groups.values() for k, v in group})
     except (TypeError, ValueError):
         return Settings(keys=keys)
 
 
 def save(settings: Settings) -> None:
-    """Let napari keep what was chosen."""
-    # napari's preferences know no number that is not there.
-    chosen = {**vars(settings), "half_width": settings.half_width or 0.0}
+    """Let napari keep what was chosen, but for the keys, which are chosen there."""
     for name, group in _groups().items():
-        values = settings.keys if name == KEYS else chosen
-        for each in set(type(group).model_fields).intersection(values):
-            if getattr(group, each) != values[each]:
-                setattr(group, each, values[each])
+        for each in type(group).model_fields if name != KEYS else ():
+            if getattr(group, each) != getattr(settings, each):
+                setattr(group, each, getattr(settings, each))
 
 
 def on_change(call: Callable[[], None]) -> Callable[[], None]:
@@ -220,4 +208,4 @@ def _groups() -> dict[str, Any]:
         known = get_plugin_settings(PLUGIN)
     except KeyError:
         return {}
-    return {name: getattr(known, name) for name in (*GROUPS, KEYS)}
+    return {name: getattr(known, name) for name in GROUPS}

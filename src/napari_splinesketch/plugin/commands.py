@@ -261,6 +261,7 @@ class Commands:
     def __init__(self, controller: Controller, table: tuple[Command, ...] = COMMANDS):
         self._controller, self._viewer = controller, controller.viewer
         self._commands = {command.id: command for command in table}
+        self._table = dict(self._commands)
         self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
         self.rebind({})
 
@@ -306,23 +307,32 @@ class Commands:
         return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
-        """Give commands other keys, by their ids; with an empty one, none."""
+        """Give commands other keys, by their ids; with an empty one, none.
+
+        A key does one thing: what it was given to last in the table, of those that were changed.
+        """
         self.close()
-        for command in self._commands.values():
-            chosen = replace(command, key=keys.get(command.id, command.key))
-            self._commands[command.id] = chosen
-            key = coerce_keybinding(chosen.key) if chosen.key else None
-            taken = self._viewer.keymap.get(key) if key else None
-            # One that is ours is of a dock that was closed, or shown again: this one takes over.
-            if key and (taken is None or getattr(taken, "__module__", "") == __name__):
+        wanted = {name: keys.get(name, command.key) for name, command in self._table.items()}
+        changed = {name for name, key in wanted.items() if key != self._table[name].key}
+        owners = {wanted[name]: name for name in sorted(wanted, key=changed.__contains__)}
+        for name, command in self._table.items():
+            mine = owners[wanted[name]] == name
+            self._commands[name] = replace(command, key=wanted[name] if mine else "")
+            if mine and wanted[name]:
+                self._bind(self._commands[name])
 
-                def press(viewer: ViewerModel, name: str = chosen.id) -> None:
-                    if self._controller.is_meant():
-                        self.run(name)
+    def _bind(self, command: Command) -> None:
+        def press(viewer: ViewerModel) -> None:
+            if self._controller.is_meant():
+                self.run(command.id)
 
-                press.__name__, press.__doc__ = chosen.id, chosen.tip
-                self._bound[command.id] = key, press
-                self._viewer.bind_key(*self._bound[command.id], overwrite=True)
+        press.__name__, press.__doc__ = command.id, command.tip
+        key = coerce_keybinding(command.key)
+        taken = self._viewer.keymap.get(key)
+        # One that is ours is of a dock that was closed, or shown again: this one takes over.
+        if taken is None or getattr(taken, "__module__", "") == __name__:
+            self._bound[command.id] = key, press
+            self._viewer.bind_key(key, press, overwrite=True)
 
     def close(self) -> None:
         """Give all keys back."""

@@ -16,7 +16,7 @@ from superqt.utils import qdebounced
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import same_file
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.commands import Commands, pick, worst_first
+from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Suggestions
@@ -79,6 +79,8 @@ class Controller(Keeper):
         wanted = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
         if wanted.problem or self.progress or image is None or layer is None:
+            if scope != "new":
+                self.say(wanted.problem or RUNNING)
             return
         work = self.work_on(image, layer)
         if image.rgb and image not in self._told:
@@ -200,7 +202,7 @@ class Controller(Keeper):
         if self.choices.image is not None:
             drawn.new_sketch_layer(self.viewer, self.choices.image)
 
-    def export(self, path: str | Path, *, overwrite: bool = True, rejected: bool = False) -> None:
+    def export(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
         work = self.work
         if work is None or not work.records or self.progress:
@@ -212,7 +214,7 @@ class Controller(Keeper):
         if not Path(path).parent.is_dir():
             self.say(f"Not saved: there is no folder {Path(path).parent}; choose another one.")
             return
-        labels = labels_of(work, rejected=rejected)
+        labels = labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:
             self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")

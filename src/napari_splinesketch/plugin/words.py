@@ -22,15 +22,15 @@ from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.plan import Plan
+    from napari_splinesketch.plugin.plan import Plan, Scope
     from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
 NOTES_TIP = "Which parts of the model this image needed, and why"
+SETTINGS_TIP = "Options, kept for next time"
 REVIEW_TIP = "Show the table of curves and the plots of the selected one"
 EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
 SUMMARY_TIP = "Curves of this frame: good, to check (?) and failed (!)"
-SENSITIVITY_TIP = "to the left only what stands out,\nto the right also what is faint or short"
 LEGEND = " &nbsp; ".join(
     f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
     for status, word in STATUS_WORDS.items()
@@ -41,6 +41,7 @@ EYES: dict[str, tuple[str, str]] = {
     "outlines": ("Outlines", "Show or hide the edges of the bodies, at the fitted width"),
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
+SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
 NUMBERS_SHOWN = 6
 """Most bodies or frames that are named."""
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
@@ -69,8 +70,6 @@ def button(plan: "Plan") -> str:
         return "Refine"
     if plan.scope == "selected":
         return f"Refine {number} selected"
-    if plan.scope == "all":
-        return f"Refine all {number}" if number > 1 else "Refine it"
     if new == number:
         return f"Refine {count(number, 'new line')}"
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
@@ -93,9 +92,11 @@ def nothing(plan: "Plan", frame: Literal["all", "empty", "full"], layer: str) ->
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
 
-def left_alone(plan: "Plan") -> str:
-    """Say what a plan leaves out, and which shapes are no lines."""
-    said = [_decided(plan)] if plan.decided and plan.targets else []
+def to_do(plan: "Plan") -> str:
+    """Say why a plan is empty, what it leaves out, and which shapes are no lines."""
+    said = [plan.problem] if plan.problem else []
+    if plan.decided and plan.targets:
+        said.append(_decided(plan))
     if plan.drawn.strays:
         said.append(f"Skipped: {count(plan.drawn.strays, 'stray click')}.")
     if plan.drawn.unusable:
