@@ -28,6 +28,7 @@ from napari_splinesketch.plugin.widgets import (
     Button,
     CommandButton,
     CommandButtons,
+    Folded,
     LayerChoice,
     MenuButton,
     TextLabel,
@@ -44,11 +45,6 @@ LINES = 5
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
-RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
-IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
-LABELS_TIP = "Take these curves up as results, as they were judged"
-IMAGE_TIP = "The image that the bodies are in"
-SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 
@@ -80,11 +76,10 @@ class SplinesketchDock(QWidget):
 
     def _build(self) -> None:
         controller, actions = self.controller, self.controller.actions
-        choices = controller.choices
-        pick_image = partial(setattr, choices, "image")
-        self.image = LayerChoice("Image", partial(choices.layers, Image), pick_image, IMAGE_TIP)
-        lines = "Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP
-        self.sketches = LayerChoice(*lines, new="New layer")
+        choices, add = controller.choices, controller.new_sketches
+        self.image = LayerChoice(choices, Image, "Image", "The image that the bodies are in")
+        tip = "The Shapes layer with your rough lines; it is never changed"
+        self.sketches = LayerChoice(choices, Shapes, "Sketches", tip, add)
         self.draw = CommandButton(actions, "draw", controller.draw)
         self.suggest = CommandButton(actions, "suggest")
         self.sensitivity = widgets.SuggestSlider(controller.suggestions)
@@ -103,15 +98,17 @@ class SplinesketchDock(QWidget):
         self.steps = CommandButtons(actions, "steps", 2)
         self.undo, self.redo = self.steps.buttons.values()
         self.results, self.legend = TextLabel(), TextLabel()
+        self.results.setToolTip("Curves of this frame: good, to check (?) and failed (!)")
         self.legend.setWordWrap(False)  # or a scroll bar that comes would make itself necessary
-        self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
+        tip = "Show the table of curves and the plots of the selected one"
+        self.review = Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = widgets.EyeBox(controller)
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
-        self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
-        self.settings = widgets.Folded("Settings", words.SETTINGS_TIP, self.settings_form)
+        self.notes = Folded("Model", "What this image needed of the model, and why", self.said)
+        self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
         self.offer = OfferBox(controller, self.saver)
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = widgets.ProgressBox(controller.cancel)
@@ -139,7 +136,8 @@ class SplinesketchDock(QWidget):
         """Let each part listen to the kinds of changes that it shows, and to no others."""
         controller, c = self.controller, self.controller.changes
         listeners: dict[Callable[[], None], tuple[Any, ...]] = {
-            self._show_layers: (c.layers,),
+            self.image.show_state: (c.layers,),
+            self.sketches.show_state: (c.layers,),
             self._show_commands: (
                 *(c.layers, c.lines, c.curves, c.selection, c.mode, c.busy, c.settings),
             ),
@@ -215,11 +213,6 @@ class SplinesketchDock(QWidget):
         gc.unfreeze()
         self.saver.flush()
 
-    def _show_layers(self) -> None:
-        choices = self.controller.choices
-        self.image.show_layers(choices.image)
-        self.sketches.show_layers(choices.sketches)
-
     def _show_commands(self) -> None:
         """Show what can be done now, and what is doubtful about the selected curve, or to do."""
         controller, records = self.controller, self.controller.records()
@@ -234,7 +227,8 @@ class SplinesketchDock(QWidget):
         self.at_once.setToolTip(controller.actions.tip("at_once"))
         self.more.setEnabled(not running)
         nothing = "" if records else "Nothing to export yet: refine first"
-        self.export.allow("Something is running" if running else nothing, words.EXPORT_TIP)
+        tip = "Write the curves of all frames to a file: a table, or another format"
+        self.export.allow("Something is running" if running else nothing, tip)
         said = words.doubts(controller.selected_records()) or words.to_do(controller.request())
         self.hint.say("" if running or controller.knots else escape(said, quote=False))
 
@@ -242,7 +236,6 @@ class SplinesketchDock(QWidget):
         controller, work = self.controller, self.controller.work
         records, here = controller.records(), controller.records(controller.frame)
         self.results.say(words.summary(here))
-        self.results.setToolTip(words.SUMMARY_TIP)
         notes = work.state.notes.get(controller.frame, ()) if work and here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
@@ -267,13 +260,6 @@ class SplinesketchDock(QWidget):
         self.saved.setText(said)
         self.saved.setToolTip(f"{place or said}\nChange it under Settings")
 
-    def _pick_sketches(self, layer: Shapes | None) -> None:
-        """Choose a layer, or add one."""
-        if layer is None:
-            self.controller.new_sketches()
-        else:
-            self.controller.choices.sketches = layer
-
     def _ask_where(self) -> None:
         image = self.controller.choices.image
         if image is None:
@@ -292,9 +278,14 @@ class OfferBox(QFrame):
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
-        self.resume = Button("Resume", RESUME_TIP, saver.resume)
-        self.decline = Button("Ignore saved work", IGNORE_TIP, saver.decline)
-        self.labels = Button("", LABELS_TIP, saver.take_up)
+        tips = (
+            "Bring the saved lines and curves back, in a layer of their own",
+            "Do not ask again; the saved work stays on the disk",
+            "Take these curves up as results, as they were judged",
+        )
+        self.resume = Button("Resume", tips[0], saver.resume)
+        self.decline = Button("Ignore saved work", tips[1], saver.decline)
+        self.labels = Button("", tips[2], saver.take_up)
         rows = self.said, (self.resume, self.decline), self.labels, self.problem
         widgets.stack(self, *rows, margin=4)
 

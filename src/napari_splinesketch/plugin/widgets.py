@@ -13,7 +13,7 @@ from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.choices import FORM, Settings
+from napari_splinesketch.plugin.choices import FORM, Choices, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.films import Suggestions
@@ -204,37 +204,44 @@ class Column(qt.QScrollArea):
 
 
 class LayerChoice(qt.QComboBox):
-    """A choice of layers, which calls `pick` when the user makes it.
+    """A choice of layers of a kind; `add` makes one more.
 
-    `new` names an entry for one more layer, which picks None. Long names are shortened in the
-    middle, rather than widening the dock: those of an image and its sketches differ at the end.
+    Long names are shortened in the middle, rather than widening the dock: those of an image and its
+    sketches differ at the end.
     """
 
     def __init__(
         self,
+        choices: Choices,
+        kind: type[Layer],
         label: str,
-        layers: Callable[[], Sequence[Layer]],
-        pick: Callable[[Any], object],
         tip: str,
-        new: str = "",
+        add: Callable[[], object] | None = None,
     ):
         super().__init__()
         self.label, self.native = label, self
         self.choices: list[Layer | None] = []
-        self._layers, self._tip, self._new = layers, tip, new
+        self._made, self._kind, self._tip, self._add = choices, kind, tip, add
         self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(NARROW)
-        self.activated.connect(lambda index: pick(self.choices[index]))
+        self.activated.connect(self._pick)
 
-    def show_layers(self, chosen: Layer | None) -> None:
+    def show_state(self) -> None:
         """Offer the layers that there are now, and show the chosen one."""
-        found = self._layers()
-        self.choices = [*found, *([None] if self._new and found else [])]
+        found, chosen = self._made.layers(self._kind), self._made.chosen(self._kind)
+        self.choices = [*found, *([None] if self._add and found else [])]
         self.clear()
-        self.addItems([layer.name if layer else self._new for layer in self.choices])
+        self.addItems([layer.name if layer else "New layer" for layer in self.choices])
         self.setCurrentIndex(self.choices.index(chosen) if chosen in self.choices else -1)
         self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
         self.setEnabled(bool(found))
+
+    def _pick(self, index: int) -> None:
+        layer = self.choices[index]
+        if layer is None and self._add is not None:
+            self._add()
+        else:
+            self._made.choose(self._kind, layer)
 
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Show a name that has an end."""

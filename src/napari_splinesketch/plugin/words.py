@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
-NOTES_TIP = "Which parts of the model this image needed, and why"
-SETTINGS_TIP = "Options, kept for next time"
-REVIEW_TIP = "Show the table of curves and the plots of the selected one"
-EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
-SUMMARY_TIP = "Curves of this frame: good, to check (?) and failed (!)"
 LEGEND = " &nbsp; ".join(
     f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
     for status, word in STATUS_WORDS.items()
