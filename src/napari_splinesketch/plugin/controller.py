@@ -211,9 +211,6 @@ class Controller(Keeper):
         if any(same_file(path, i.source.path) for i in images if i.source.path):
             self.say(f"Not saved: {Path(path).name} is an image that is open; choose another name.")
             return
-        if not Path(path).parent.is_dir():
-            self.say(f"Not saved: there is no folder {Path(path).parent}; choose another one.")
-            return
         labels = labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:

@@ -205,6 +205,4 @@ def request(c: "Controller", scope: Scope = "new") -> Plan:
     plan = replace(plan, frame=frame, drawn=drawn)
     if plan.targets:
         return plan
-    full = any(record.frame == frame for record in c.state.records)
-    place = "full" if full else "empty" if image.ndim > 2 else "all"
-    return replace(plan, problem=words.nothing(plan, place, layer.name))
+    return replace(plan, problem=words.nothing(plan, bool(c.records(frame)), layer.name))
