@@ -146,20 +146,20 @@ class CurvesTable(qt.QTableView):
         self.setWordWrap(False)
         self.setShowGrid(False)
         self.setAccessibleName("Curves")
-        if (header := self.verticalHeader()) is not None:
-            header.hide()
-            header.setDefaultSectionSize(self.fontMetrics().height() + 6)
-        if (header := self.horizontalHeader()) is not None:
-            header.setStretchLastSection(True)
-            header.setHighlightSections(False)
-            self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
-            for i, column in enumerate(COLUMNS):
-                width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
-                self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
-        if (selection := self.selectionModel()) is not None:
-            selection.currentRowChanged.connect(
-                lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
-            )
+        rows: Any = self.verticalHeader()
+        header: Any = self.horizontalHeader()
+        selection: Any = self.selectionModel()
+        rows.hide()
+        rows.setDefaultSectionSize(self.fontMetrics().height() + 6)
+        header.setStretchLastSection(True)
+        header.setHighlightSections(False)
+        self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
+        for i, column in enumerate(COLUMNS):
+            width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
+            self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
+        selection.currentRowChanged.connect(
+            lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
+        )
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
@@ -257,25 +257,24 @@ class ReviewPanel(qt.QWidget):
         controller, ruler = self.controller, self.model.ruler
         self.table.show_selected(controller.selected)
         chosen, work = controller.selected_records(), controller.work
+        at = self.plotted.currentIndex()
         if work is None or len(chosen) != 1:
             self.plots.show_plots()
-            return
-        (record,), at = chosen, self.plotted.currentIndex()
-        made = pictures(self.model.body(record.id), ruler)[2 * at - 2 : 2 * at] if at else ()
-        if at:
-            self.plots.show_plots(*(made or (ONE_FRAME.format(record.id),)), frame=record.frame)
+        elif not at:
+            self.plots.show_plots(*profiles(work, chosen[0], ruler))
         else:
-            self.plots.show_plots(*profiles(work, record, ruler))
+            number, frame = key_of(chosen[0])[::-1]
+            made = pictures(self.model.body(number), ruler)[2 * at - 2 : 2 * at]
+            self.plots.show_plots(*(made or (ONE_FRAME.format(number),)), frame=frame)
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
         if (clipboard := qt.QApplication.clipboard()) is not None:
             clipboard.setText(self._as_text("\t"))
 
-    def _as_text(self, separator: str) -> str:
-        return as_text(
-            self.model.records, self.model.ruler, self.model.curve_at, separator=separator
-        )
+    def _as_text(self, mark: str) -> str:
+        model = self.model
+        return as_text(model.records, model.ruler, model.curve_at, separator=mark)
 
     def _ask_where(self) -> None:
         chosen, _ = qt.QFileDialog.getSaveFileName(
