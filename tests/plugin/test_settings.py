@@ -53,7 +53,7 @@ def test_the_manifest_has_every_key_and_default(
 ) -> None:
     assert replace(settings.load(), keys={}) == Settings()
     dock = add_dock(viewer)
-    assert {a.id: a.key for a in dock.controller.actions} == settings.load().keys
+    assert dock.controller.actions.keys == settings.load().keys
 
 
 @pytest.mark.window(shown=True)
@@ -90,7 +90,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert dock.controller.selected is None
     QTest.keyClick(canvas(viewer), Qt.Key.Key_H)
     until(lambda: dock.controller.selected == (0, 1), 5)
-    assert dock.controller.actions["draw"].key == "", "a key does one thing"
+    assert dock.controller.actions.keys["draw"] == "", "a key does one thing"
     # Another dock, another session, napari's preferences.
     kept = settings.load()
     assert (kept.preset, kept.polarity, kept.half_width) == ("paper", "bright", 1.5)
@@ -100,7 +100,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     again = add_dock(viewer)
     assert again.preset.native.currentText() == "Paper"
     assert again.settings_form.half_width.value() == 1.5
-    assert again.controller.actions["next"].key == "H"
+    assert again.controller.actions.keys["next"] == "H"
     kept_by_napari: Any = get_plugin_settings(PLUGIN)
     kept_by_napari.refining.preset = "balanced"
     assert again.preset.native.currentText() == "Balanced"
