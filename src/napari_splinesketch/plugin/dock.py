@@ -138,9 +138,8 @@ class SplinesketchDock(QWidget):
         listeners: dict[Callable[[], None], tuple[Any, ...]] = {
             self.image.show_state: (c.layers,),
             self.sketches.show_state: (c.layers,),
-            self._show_commands: (
-                *(c.layers, c.lines, c.curves, c.selection, c.mode, c.busy, c.settings),
-            ),
+            self._show_commands: (c.layers, c.lines, c.curves, c.mode, c.busy, c.settings),
+            self._show_selected: (c.selection,),
             self._show_results: (c.layers, c.lines, c.curves, c.shown, c.settings),
             self._show_running: (c.busy, c.progress, c.said),
             self._show_saved: (c.layers, c.settings, self.saver.found),
@@ -214,23 +213,31 @@ class SplinesketchDock(QWidget):
         self.saver.flush()
 
     def _show_commands(self) -> None:
-        """Show what can be done now, and what is doubtful about the selected curve, or to do."""
+        """Show what can be done now, and what there is to do."""
         controller, records = self.controller, self.controller.records()
         image, running, steps = controller.choices.image, controller.progress, controller.steps
         self.curve.setVisible(bool(records or controller.state.deleted))
         self.track.setVisible(image is not None and frame_count(image) > 1)
         self.steps.setVisible(bool(records or steps.done or steps.undone))
-        for each in (self.draw, self.suggest, self.refine, self.curve, self.track, self.steps):
+        for each in (self.draw, self.suggest, self.refine, self.steps):
             each.show_state()
-        self.curve.say(words.selected(controller.selected_records(), controller.frame))
         self.at_once.setChecked(controller.at_once)
         self.at_once.setToolTip(controller.actions.tip("at_once"))
         self.more.setEnabled(not running)
         nothing = "" if records else "Nothing to export yet: refine first"
         tip = "Write the curves of all frames to a file: a table, or another format"
         self.export.allow("Something is running" if running else nothing, tip)
-        said = words.doubts(controller.selected_records()) or words.to_do(controller.request())
-        self.hint.say("" if running or controller.knots else escape(said, quote=False))
+        self._to_do = words.to_do(controller.request())
+        self._show_selected()
+
+    def _show_selected(self) -> None:
+        """Show what can be done with the selected curves, and what is doubtful about one."""
+        controller, chosen = self.controller, self.controller.selected_records()
+        self.curve.say(words.selected(chosen, controller.frame))
+        for each in (self.curve, self.track):
+            each.show_state()
+        said = words.doubts(chosen) or self._to_do
+        self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
     def _show_results(self) -> None:
         controller, work = self.controller, self.controller.work

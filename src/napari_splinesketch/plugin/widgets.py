@@ -57,6 +57,7 @@ class MenuButton(Button):
 
     def __init__(self, text: str, tip: str, runs: Mapping[str, Callable[..., object]]):
         super().__init__(text, tip)
+        self.setAccessibleName(text or tip)
         menu: Any = qt.QMenu(self)
         menu.setToolTipsVisible(True)
         self.setMenu(menu)
