@@ -42,6 +42,8 @@ WARM_UP_AFTER_MS = 500
 """The window is shown first."""
 LINES = 5
 """Of text that there is always room for above Export, so that nothing moves."""
+MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
+"""A menu button as narrow as its text."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
@@ -91,7 +93,9 @@ class SplinesketchDock(QWidget):
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         scopes = {name: partial(controller.refine, scope) for scope, name in words.SCOPES.items()}
-        self.more = MenuButton("", "Refine the selected curves, or all again", scopes)
+        self.more = MenuButton("▾", "Refine the selected curves, or all again", scopes)
+        self.more.setStyleSheet(MORE_LOOK)
+        self.more.setMinimumWidth(20)
         self.curve = CommandButtons(actions, "curve", 4)
         self.curve.setStyleSheet("QPushButton { padding: 3px 1px; }")
         self.track = CommandButtons(actions, "film", 2)

@@ -74,7 +74,7 @@ def nothing(plan: "Plan", refined: bool, layer: str) -> str:
     if plan.decided:
         return f"{_decided(plan)} Reopen or unlock first."
     if plan.scope == "selected":
-        return NO_LINE if plan.drawn.lines else "No curve is selected."
+        return "Nothing is selected in this frame: click a curve, or select a line."
     if not plan.drawn.lines:
         if refined:
             return "No line in this frame. To correct a curve, draw a line over it and refine."
