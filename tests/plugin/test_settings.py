@@ -38,7 +38,8 @@ def test_half_width_in_px(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong"), [("preset", "x"), ("polarity", "up"), ("half_width", -1.0)]
+    ("name", "wrong"),
+    [("preset", "x"), ("polarity", "up"), ("half_width", -1.0), ("half_width", np.inf)],
 )
 def test_what_nobody_can_have_chosen_is_refused(
     name: str, wrong: Any, plugin_settings: None, npe2pm_installed: None

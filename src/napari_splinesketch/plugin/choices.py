@@ -132,7 +132,7 @@ class Choices:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Asked):
-    """What the user chose: what may be asked of a refinement, and what is told of it.
+    """What the user chose: how to refine, what to show of it, where to save.
 
     napari keeps them, by the manifest, and refuses what nobody can choose. The unit of the
     half-width is its name, or "px"; 0 measures it. Keys are those of commands, by their ids, as

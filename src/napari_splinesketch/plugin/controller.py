@@ -154,7 +154,7 @@ class Controller(Keeper):
         self.changes.busy.emit()
 
     def cancel(self) -> None:
-        """Forget the running refinement; everything stays as it was."""
+        """Stop what runs; everything stays as it was."""
         if self._job:
             self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
 
@@ -289,7 +289,7 @@ class Controller(Keeper):
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
 
     def _on_drawn(self) -> None:
-        """Refine what was drawn, if she wants it so; a click beside it all selects a curve."""
+        """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer = self.choices.image, self.choices.sketches
         if image and layer and drawn.clicked(self.viewer, layer, image):
             layer.remove([layer.nshapes - 1])
@@ -298,7 +298,7 @@ class Controller(Keeper):
             self._refine_at_once()
 
     def _refine_at_once(self) -> None:
-        """Refine what was drawn meanwhile, if she wants it so."""
+        """Refine what was drawn meanwhile, while the user wants that."""
         if self.at_once and not self.knots and self.request().scope == "new":
             self.refine()
 

@@ -52,7 +52,7 @@ _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 @atexit.register
 def _close_all() -> None:
-    """Save what is open when Python ends: a little later, Qt takes everything apart."""
+    """Save what is open when Python ends, before Qt takes everything apart."""
     for dock in tuple(_open):
         with suppress(RuntimeError):  # Qt has deleted it
             dock.close_work()
@@ -110,7 +110,7 @@ class SplinesketchDock(QWidget):
         self.eyes = widgets.EyeBox(controller)
         self.said = QLabel()
         self.said.setWordWrap(True)
-        self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
+        self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
         self.notes = Folded("Model", "What this image needed of the model, and why", self.said)
         self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
         self.offer = OfferBox(controller, self.saver)
@@ -317,7 +317,7 @@ class OfferBox(QFrame):
 def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
     """Let the user choose a file, and say whether it may be replaced; None if she does not.
 
-    The dialog asks for the name that was typed, not for one that it got an ending for.
+    The dialog asks about the name as it was typed, not about one that was given an ending.
     """
     chosen, kind = QFileDialog.getSaveFileName(
         parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)

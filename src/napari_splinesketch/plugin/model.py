@@ -52,7 +52,7 @@ class Changes(SignalGroup):
     mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
     busy = Signal(description="Whether something runs, and can be cancelled")
     progress = Signal(description="Where what runs stands")
-    said = Signal(description="What the user is told")
+    said = Signal(description="What the dock says came of something")
     settings = Signal(description="What the user chose")
 
 

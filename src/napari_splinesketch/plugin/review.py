@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from napari.utils.notifications import show_error
 from qtpy import QtCore
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
@@ -32,7 +31,7 @@ PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210
-"""That it asks for, px: leaves most of a laptop's window to the canvas."""
+"""Preferred, px: leaves most of a laptop's window to the canvas."""
 SHARES = [740, 530]
 """Of the width: table and plots."""
 SHOWN: dict[str, Callable[[Record, int], bool]] = {
@@ -237,7 +236,7 @@ class ReviewPanel(qt.QWidget):
             self.closed.emit()
 
     def sizeHint(self) -> QtCore.QSize:
-        """Ask for little height."""
+        """Prefer little height."""
         return QtCore.QSize(1000, HEIGHT)
 
     def show_state(self) -> None:
@@ -285,7 +284,7 @@ class ReviewPanel(qt.QWidget):
                 with atomic(chosen, overwrite=True) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
-            show_error(f"The table was not saved: {error}")
+            self.controller.say(f"The table was not saved: {error}")
 
     def _show_rows(self) -> None:
         """Show what the user wants to see, which may depend on the frame in view."""

@@ -1,4 +1,4 @@
-"""What the dock and its panel are made of; each shows what it is told to."""
+"""The parts of the dock and of its panel."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
