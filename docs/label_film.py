@@ -110,7 +110,7 @@ def label(path: Path, last: int | None) -> tuple[SplinesketchDock, Any, dict[str
     go_to_frame(viewer, image, 0)
     wait(0.5)
     controller = dock.controller
-    click(dock.suggest.button)
+    click(dock.suggest)
     live(lambda: controller.progress is None)
     layer = controller.choices.sketches
     assert layer is not None

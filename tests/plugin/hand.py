@@ -56,21 +56,15 @@ def rest(dock: SplinesketchDock) -> None:
 
 def refine_all(dock: SplinesketchDock) -> None:
     """Choose to refine all again, the last entry beside Refine, and wait for the end."""
-    menu: Any = dock.more.menu()
-    menu.aboutToShow.emit()
-    entry = menu.actions()[-1]
-    assert entry.isEnabled(), entry.toolTip()
-    entry.trigger()
+    assert dock.more.isEnabled()
+    dock.more.entries[-1].trigger()
     until(lambda: dock.controller.progress is None)
 
 
 def choose(dock: SplinesketchDock, text: str) -> None:
     """Choose an entry beside Refine, by how it begins."""
-    menu: Any = dock.more.menu()
-    menu.aboutToShow.emit()
-    entry = next(action for action in menu.actions() if action.text().startswith(text))
-    assert entry.isEnabled(), entry.toolTip()
-    entry.trigger()
+    assert dock.more.isEnabled()
+    next(entry for entry in dock.more.entries if entry.text().startswith(text)).trigger()
 
 
 def canvas(viewer: Any) -> Any:

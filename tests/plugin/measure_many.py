@@ -132,7 +132,7 @@ def ours(viewer: Any, dock: SplinesketchDock, count: int, act: Act) -> None:
             and (viewer.layers["cells curves"].nshapes == number)
         )
 
-    act("suggest", lambda: click(dock.suggest.button), idle)
+    act("suggest", lambda: click(dock.suggest), idle)
     sketches = viewer.layers["cells sketches"]
     assert sketches.nshapes == count
     act("draw a line", lambda: draw(viewer, sketches, [(4, 4), (4, 40)]))

@@ -62,7 +62,7 @@ def main(number: int) -> None:
         panel.show_selected()
         panel.plots.repaint()
 
-    ids = [record.id for record in panel.visible()]
+    ids = [record.id for record in panel.model.records]
     print(
         "selecting a curve:", milliseconds(lambda i: setattr(controller, "selected", (0, ids[i])))
     )

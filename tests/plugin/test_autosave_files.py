@@ -3,7 +3,7 @@
 import base64
 import json
 import random
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -236,11 +236,11 @@ def _head(i: int, saved: datetime) -> Head:
 
 
 def test_much_saved_work_is_told_in_one_sentence() -> None:
-    now = datetime.now(UTC)
-    heads = [_head(i, now) for i in range(3)]
-    told = "<b>Saved work</b> in 3 layers (just now): 6 sketches and 3 curves."
-    assert offered(heads) == told
-    assert offered(heads[:1]) == "<b>Saved work</b> (just now): 2 sketches and 1 curve."
+    noon = datetime(2026, 11, 24, 12).astimezone()
+    heads = [_head(i, noon) for i in range(3)]
+    told = "(24 November 2026, 12:00): 6 sketches and 3 curves."
+    assert offered(heads) == f"<b>Saved work</b> in 3 layers {told}"
+    assert offered(heads[:1]).endswith("(24 November 2026, 12:00): 2 sketches and 1 curve.")
 
 
 def unpacked_to(path: Path, **arrays: np.ndarray) -> None:

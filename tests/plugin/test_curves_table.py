@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.columns import (
 )
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
-from napari_splinesketch.plugin.review import CurvesModel, Shown
+from napari_splinesketch.plugin.review import CurvesModel
 
 from .fakes import as_drawn
 
@@ -96,7 +96,7 @@ def test_the_worst_come_first() -> None:
         ("this frame", "1"),
     ],
 )
-def test_filters(shown: Shown, ids: str) -> None:
+def test_filters(shown: str, ids: str) -> None:
     model = CurvesModel()
     model.show(MIXED, Ruler(), shown, 7)
     assert "".join(column(model, "Curve")) == ids

@@ -166,6 +166,6 @@ def test_each_part_of_the_dock_listens_to_what_it_shows(
     asked.clear()
     changes.curves.emit()
     assert asked.count("refine") == 1, "and each is asked once"
-    assert "(W)" in dock.suggest.button.toolTip()
+    assert "(W)" in dock.suggest.toolTip()
     dock.controller.choose(keys={"suggest": "Y"})
-    assert "(Y)" in dock.suggest.button.toolTip(), "tooltips follow the keys"
+    assert "(Y)" in dock.suggest.toolTip(), "tooltips follow the keys"

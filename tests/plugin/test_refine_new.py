@@ -44,11 +44,11 @@ def test_new_lines_join_the_finished_ones(
     assert not dock.refine.isEnabled()
     assert "an accepted or locked curve. Reopen" in dock.hint.text()
     layer.selected_data = set()
-    choose(dock, "Refine all 2")
+    choose(dock, "Refine all")
     until(lambda: not dock.controller.progress, 20)
     assert len(fake.calls[2]["fixed"]) == 1
     dock.controller.selected = (0, 3)
-    choose(dock, "Refine 1 selected")
+    choose(dock, "Refine selected")
     until(lambda: not dock.controller.progress, 20)
     assert [len(call["lines"]) for call in fake.calls] == [2, 1, 2, 1]
 

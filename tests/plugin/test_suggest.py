@@ -28,8 +28,8 @@ def film() -> np.ndarray:
 
 
 def press_suggest(dock: SplinesketchDock) -> None:
-    assert dock.suggest.button.isEnabled(), dock.suggest.button.toolTip()
-    click(dock.suggest.button)
+    assert dock.suggest.isEnabled(), dock.suggest.toolTip()
+    click(dock.suggest)
     until(lambda: dock.controller.progress is None, 60)
 
 
@@ -81,7 +81,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
 ) -> None:
     viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
     fit_view(viewer)
-    slider = dock.suggest.slider
+    slider = dock.sensitivity.slider
     QTest.keyClick(slider, Qt.Key.Key_Home)
     assert dock.controller.suggestions.sensitivity == 0
     press_suggest(dock)
@@ -105,8 +105,8 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
 def test_nothing_new_is_said_and_cancel_changes_nothing(
     viewer: Any, dock: SplinesketchDock, film: np.ndarray, fake: FakeEngine
 ) -> None:
-    assert not dock.suggest.button.isEnabled()
-    assert "Open an image" in dock.suggest.button.toolTip()
+    assert not dock.suggest.isEnabled()
+    assert "Open an image" in dock.suggest.toolTip()
     viewer.add_image(np.full((60, 70), 5, np.uint8), name="blank")
     press_suggest(dock)
     assert "No further body stands out" in dock.notice.text()
@@ -129,7 +129,7 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
         lambda *given, **how: looked.append(1) or prepare(*given, **how),
     )
     press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.suggest.slider
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
     usual = layer.nshapes
     QTest.keyClick(slider, Qt.Key.Key_Home)
     until(lambda: 0 < layer.nshapes < usual, 20)

@@ -35,7 +35,6 @@ def plan(scope: Scope, new: int, old: int) -> Plan:
         (plan("new", 0, 2), "Refine 2 changed"),
         (plan("new", 3, 2), "Refine 3 new, 2 changed"),
         (plan("selected", 1, 1), "Refine 2 selected"),
-        (plan("all", 2, 22), "Refine all 24"),
     ],
 )
 def test_button(made: Plan, text: str) -> None:

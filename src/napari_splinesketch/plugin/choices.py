@@ -7,19 +7,17 @@ latest: so the choice is made here, and its combo boxes show it.
 
 import gc
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
-from typing import Annotated, Any, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import pint
 from napari.components import ViewerModel
 from napari.layers import Image, Layer, Shapes
 from napari.layers.base import ActionType
 from napari.settings import get_plugin_settings
-from pydantic import AfterValidator, Field
-from pydantic.dataclasses import dataclass
 
-from napari_splinesketch.engine.settings import OFFERED, Asked, PresetName
-from napari_splinesketch.plugin.columns import COLOUR_BY, COLOURED
+from napari_splinesketch.engine.settings import OFFERED, Asked
+from napari_splinesketch.plugin.columns import COLOURED
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Changes
@@ -30,10 +28,10 @@ PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 LOOKED = ("point", "order", "ndisplay")
 """Events of the sliders after which something else is in view; their range says nothing of that."""
 PLUGIN = "napari-splinesketch"
-GROUPS = "refining", "looking", "saving"
-"""The groups of the manifest with settings that are one value each."""
 KEYS = "keys"
-"""The group with one key for each action."""
+"""The group of the manifest with one key for each command ..."""
+GROUPS = ("refining", "looking", "saving", KEYS)
+"""... and all of them."""
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
@@ -49,14 +47,8 @@ def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
 
 
 def _choice(kind: type[Layer]) -> Any:
-    """Make a property: the chosen layer of a kind, or None."""
-
-    def there(self: "Choices") -> Layer | None:
-        # napari tells of its sliders before it tells that a layer is gone.
-        layer = self._chosen[kind]
-        return layer if layer in self._viewer.layers else None
-
-    return property(there, lambda self, layer: self._set(kind, layer))
+    """Make a property: the chosen layer of a kind."""
+    return property(lambda self: self.chosen(kind), lambda self, new: self.choose(kind, new))
 
 
 class Choices:
@@ -72,6 +64,7 @@ class Choices:
     def __init__(self, viewer: ViewerModel, changes: Changes):
         self._viewer, self._changes = viewer, changes
         self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
+        self._ends: dict[type[Layer], Callable[[], None]] = {}
         active = viewer.layers.selection.active
         for layer in (*viewer.layers, *([active] if active else [])):
             self._choose(layer)
@@ -88,33 +81,38 @@ class Choices:
         """Follow the viewer no longer, and choose nothing."""
         self._end()
         for kind in self._chosen:
-            self._set(kind, None)
+            self.choose(kind, None)
+
+    def chosen(self, kind: type[L]) -> L | None:
+        """Give the chosen layer of a kind."""
+        # napari tells of its sliders before it tells that a layer is gone.
+        layer: Any = self._chosen[kind]
+        return layer if layer in self._viewer.layers else None
 
     def layers(self, kind: type[L]) -> list[L]:
         """Give the layers of a kind to choose from, topmost first."""
         layers = [layer for layer in self._viewer.layers if not is_result(layer)]
         return [layer for layer in reversed(layers) if isinstance(layer, kind)]
 
-    def _set(self, kind: type[Layer], new: Layer | None) -> None:
-        for layer, what in ((self._chosen[kind], "disconnect"), (new, "connect")):
-            if layer is None:
-                continue
-            for name in PLACED:
-                getattr(getattr(layer.events, name), what)(self._on_edited)
-            if isinstance(layer, Shapes):
-                getattr(layer.events.mode, what)(self._on_edited)
-                getattr(layer.selected_data.events.items_changed, what)(self._on_edited)
+    def choose(self, kind: type[Layer], new: Layer | None) -> None:
+        """Choose a layer of a kind, or none."""
+        self._ends.pop(kind, lambda: None)()
         self._chosen[kind] = new
+        if new is not None:
+            events = [getattr(new.events, name) for name in PLACED]
+            if isinstance(new, Shapes):
+                events += [new.events.mode, new.selected_data.events.items_changed]
+            self._ends[kind] = listen(*[(event, self._on_edited) for event in events])
         self._changes.layers.emit()
 
     def _choose(self, layer: Layer) -> None:
         for kind in self._chosen:
             if isinstance(layer, kind) and not is_result(layer):
-                self._set(kind, layer)
+                self.choose(kind, layer)
 
     def _on_inserted(self, event: Any) -> None:
+        self._choose(event.value)
         if not is_result(event.value):
-            self._choose(event.value)
             self._changes.layers.emit()
 
     def _on_removed(self, event: Any) -> None:
@@ -122,7 +120,7 @@ class Choices:
             gc.unfreeze()  # its pixels may be garbage among what the dock leaves out of the search
         for kind in self._chosen:
             if event.value is self._chosen[kind]:
-                self._set(kind, next(iter(self.layers(kind)), None))
+                self.choose(kind, next(iter(self.layers(kind)), None))
         self._changes.layers.emit()
 
     def _on_edited(self, event: Any) -> None:
@@ -134,16 +132,16 @@ class Choices:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Asked):
-    """What the user chose, or a ValueError: what may be asked of a refinement, what is told of it.
+    """What the user chose: how to refine, what to show of it, where to save.
 
-    The unit of the half-width is its name, or "px". Keys are those of commands, by their ids, as
-    napari writes them; an empty one takes the key away.
+    napari keeps them, by the manifest, and refuses what nobody can choose. The unit of the
+    half-width is its name, or "px"; 0 measures it. Keys are those of commands, by their ids, as
+    napari writes them; an empty one clears the shortcut.
     """
 
-    preset: Annotated[PresetName, AfterValidator(lambda p: OFFERED[OFFERED.index(p)])] = "balanced"
-    half_width: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    half_width: float | None = 0.0
     half_width_unit: str = "px"
-    colour_by: Annotated[str, Field(pattern=f"^({'|'.join(COLOUR_BY)})$")] = "status"
+    colour_by: str = "status"
     save_work: bool = True
     work_folder: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
@@ -153,19 +151,12 @@ class Settings(Asked):
 
         One in a unit that says nothing about pixels of this image is left out.
         """
-        if self.half_width is None or self.half_width_unit == "px":
-            return self.half_width
+        if not self.half_width or self.half_width_unit == "px":
+            return self.half_width or None
         given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
         if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
             return None
         return float(given.to(ruler.unit).magnitude) / ruler.pixel
-
-    def without_doubles(self, before: "Settings") -> "Settings":
-        """Take a key that was given to a command from the one that had it."""
-        now, old = self.keys, before.keys
-        given = {key for name, key in now.items() if key != old.get(name)} - {""}
-        lost = {name: "" for name, key in now.items() if key in given and old.get(name) == key}
-        return replace(self, keys={**now, **lost}) if lost else self
 
 
 POLARITIES = {"auto": "auto", "brighter than the rest": "bright", "darker than the rest": "dark"}
@@ -188,25 +179,17 @@ FORM: dict[str, dict[str, Any]] = {
 
 def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
-    known = _groups()
-    keys = known.pop(KEYS).model_dump() if known else {}
-    values = {name: value for group in known.values() for name, value in group}
-    values["half_width"] = values.get("half_width") or None
-    try:
-        return Settings(**values, keys=keys)
-    except (TypeError, ValueError):
-        return Settings(keys=keys)
+    groups = _groups()
+    keys = dict(groups.pop(KEYS, ()))
+    return Settings(keys=keys, **{k: v for group in groups.values() for k, v in group})
 
 
 def save(settings: Settings) -> None:
-    """Let napari keep what was chosen."""
-    # napari's preferences know no number that is not there.
-    chosen = {**vars(settings), "half_width": settings.half_width or 0.0}
+    """Let napari keep what was chosen, but for the keys, which are chosen there."""
     for name, group in _groups().items():
-        values = settings.keys if name == KEYS else chosen
-        for each in set(type(group).model_fields).intersection(values):
-            if getattr(group, each) != values[each]:
-                setattr(group, each, values[each])
+        for each in type(group).model_fields if name != KEYS else ():
+            if getattr(group, each) != getattr(settings, each):
+                setattr(group, each, getattr(settings, each))
 
 
 def on_change(call: Callable[[], None]) -> Callable[[], None]:
@@ -220,4 +203,4 @@ def _groups() -> dict[str, Any]:
         known = get_plugin_settings(PLUGIN)
     except KeyError:
         return {}
-    return {name: getattr(known, name) for name in (*GROUPS, KEYS)}
+    return {name: getattr(known, name) for name in GROUPS}

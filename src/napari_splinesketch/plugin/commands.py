@@ -252,7 +252,7 @@ COMMANDS = (
 
 
 class Commands:
-    """The commands that act on a controller, bound to keys of its viewer.
+    """The commands that act on a controller, bound to `keys` of its viewer, by their ids.
 
     The keys of napari's layers and of other plugins come first: these are only heard where
     nobody else wants them.
@@ -261,6 +261,7 @@ class Commands:
     def __init__(self, controller: Controller, table: tuple[Command, ...] = COMMANDS):
         self._controller, self._viewer = controller, controller.viewer
         self._commands = {command.id: command for command in table}
+        self.keys: dict[str, str] = {}
         self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
         self.rebind({})
 
@@ -282,7 +283,7 @@ class Commands:
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""
         command = self._commands[name]
-        key = f" ({command.key})" if command.key else ""
+        key = f" ({self.keys[name]})" if self.keys[name] else ""
         return f"{command.tip}{key}{command.about(self._controller)}"
 
     def problem(self, name: str) -> str:
@@ -301,28 +302,36 @@ class Commands:
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
         command = self._commands[name]
-        if command.place == "review" and command.key:  # where there is room for it
-            return f"{command.name} ({command.key})"
+        if command.place == "review" and self.keys[name]:  # where there is room for it
+            return f"{command.name} ({self.keys[name]})"
         return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
-        """Give commands other keys, by their ids; with an empty one, none."""
+        """Give commands other keys, by their ids; with an empty one, none.
+
+        A key does one thing: a command that was given it gets it before one that usually has it.
+        """
+        usual = {command.id: command.key for command in self}
+        wanted = {name: keys.get(name, key) for name, key in usual.items()}
+        last = sorted(wanted, key=lambda name: wanted[name] != usual[name])
+        owners = {wanted[name]: name for name in last}
+        self.keys = {name: key if owners[key] == name else "" for name, key in wanted.items()}
         self.close()
-        for command in self._commands.values():
-            chosen = replace(command, key=keys.get(command.id, command.key))
-            self._commands[command.id] = chosen
-            key = coerce_keybinding(chosen.key) if chosen.key else None
-            taken = self._viewer.keymap.get(key) if key else None
-            # One that is ours is of a dock that was closed, or shown again: this one takes over.
-            if key and (taken is None or getattr(taken, "__module__", "") == __name__):
+        for name, key in self.keys.items():
+            if key:
+                self._bind(name, coerce_keybinding(key))
 
-                def press(viewer: ViewerModel, name: str = chosen.id) -> None:
-                    if self._controller.is_meant():
-                        self.run(name)
+    def _bind(self, name: str, key: Any) -> None:
+        def press(viewer: ViewerModel) -> None:
+            if self._controller.is_meant():
+                self.run(name)
 
-                press.__name__, press.__doc__ = chosen.id, chosen.tip
-                self._bound[command.id] = key, press
-                self._viewer.bind_key(*self._bound[command.id], overwrite=True)
+        press.__name__, press.__doc__ = name, self._commands[name].tip
+        taken = self._viewer.keymap.get(key)
+        # One that is ours is of a dock that was closed, or shown again: this one takes over.
+        if taken is None or getattr(taken, "__module__", "") == __name__:
+            self._bound[name] = key, press
+            self._viewer.bind_key(key, press, overwrite=True)
 
     def close(self) -> None:
         """Give all keys back."""

@@ -16,7 +16,7 @@ from superqt.utils import qdebounced
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import same_file
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.commands import Commands, pick, worst_first
+from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Suggestions
@@ -79,6 +79,8 @@ class Controller(Keeper):
         wanted = self.request(scope)
         image, layer = self.choices.image, self.choices.sketches
         if wanted.problem or self.progress or image is None or layer is None:
+            if scope != "new":
+                self.say(wanted.problem or RUNNING)
             return
         work = self.work_on(image, layer)
         if image.rgb and image not in self._told:
@@ -152,7 +154,7 @@ class Controller(Keeper):
         self.changes.busy.emit()
 
     def cancel(self) -> None:
-        """Forget the running refinement; everything stays as it was."""
+        """Stop what runs; everything stays as it was."""
         if self._job:
             self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
 
@@ -200,7 +202,7 @@ class Controller(Keeper):
         if self.choices.image is not None:
             drawn.new_sketch_layer(self.viewer, self.choices.image)
 
-    def export(self, path: str | Path, *, overwrite: bool = True, rejected: bool = False) -> None:
+    def export(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
         work = self.work
         if work is None or not work.records or self.progress:
@@ -209,10 +211,7 @@ class Controller(Keeper):
         if any(same_file(path, i.source.path) for i in images if i.source.path):
             self.say(f"Not saved: {Path(path).name} is an image that is open; choose another name.")
             return
-        if not Path(path).parent.is_dir():
-            self.say(f"Not saved: there is no folder {Path(path).parent}; choose another one.")
-            return
-        labels = labels_of(work, rejected=rejected)
+        labels = labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:
             self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
@@ -290,7 +289,7 @@ class Controller(Keeper):
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
 
     def _on_drawn(self) -> None:
-        """Refine what was drawn, if she wants it so; a click beside it all selects a curve."""
+        """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer = self.choices.image, self.choices.sketches
         if image and layer and drawn.clicked(self.viewer, layer, image):
             layer.remove([layer.nshapes - 1])
@@ -299,7 +298,7 @@ class Controller(Keeper):
             self._refine_at_once()
 
     def _refine_at_once(self) -> None:
-        """Refine what was drawn meanwhile, if she wants it so."""
+        """Refine what was drawn meanwhile, while the user wants that."""
         if self.at_once and not self.knots and self.request().scope == "new":
             self.refine()
 

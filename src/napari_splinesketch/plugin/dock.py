@@ -7,15 +7,14 @@ from contextlib import suppress
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
 from napari.layers import Image, Shapes
 from napari.viewer import Viewer
-from psygnal import SignalInstance
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
-from qtpy.QtWidgets import QCheckBox, QDockWidget, QFileDialog, QFrame, QLabel, QSizePolicy, QWidget
+from qtpy.QtWidgets import QCheckBox, QFileDialog, QFrame, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from napari_splinesketch.labels.formats import WRITERS
@@ -25,7 +24,15 @@ from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count
 from napari_splinesketch.plugin.saver import Saver
-from napari_splinesketch.plugin.widgets import Button, CommandButton, LayerChoice, TextLabel
+from napari_splinesketch.plugin.widgets import (
+    Button,
+    CommandButton,
+    CommandButtons,
+    Folded,
+    LayerChoice,
+    MenuButton,
+    TextLabel,
+)
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.review import ReviewPanel
@@ -35,22 +42,17 @@ WARM_UP_AFTER_MS = 500
 """The window is shown first."""
 LINES = 5
 """Of text that there is always room for above Export, so that nothing moves."""
-EDGE = 12
-"""From a shortened text to the edge of the dock, px."""
+MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
+"""A menu button as narrow as its text."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
-RESUME_TIP = "Bring the saved lines and curves back, in a layer of their own"
-IGNORE_TIP = "Do not ask again; the saved work stays on the disk"
-LABELS_TIP = "Take these curves up as results, as they were judged"
-IMAGE_TIP = "The image that the bodies are in"
-SKETCHES_TIP = "The Shapes layer with your rough lines; it is never changed"
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 
 @atexit.register
 def _close_all() -> None:
-    """Save what is open when Python ends: a little later, Qt takes everything apart."""
+    """Save what is open when Python ends, before Qt takes everything apart."""
     for dock in tuple(_open):
         with suppress(RuntimeError):  # Qt has deleted it
             dock.close_work()
@@ -70,68 +72,59 @@ class SplinesketchDock(QWidget):
         self._build()
         self._lay_out()
         self._connect()
-        self._show_place()
         job = Job(engine.warm_up, parent=self)
         job.done.connect(self._settle)
         QTimer.singleShot(WARM_UP_AFTER_MS, job.start)
 
     def _build(self) -> None:
-        controller = self.controller
-        choices = controller.choices
-        pick_image = partial(setattr, choices, "image")
-        self.image = LayerChoice("Image", partial(choices.layers, Image), pick_image, IMAGE_TIP)
-        lines = "Sketches", partial(choices.layers, Shapes), self._pick_sketches, SKETCHES_TIP
-        self.sketches = LayerChoice(*lines, new="New layer")
-        self.draw = CommandButton(controller.actions, "draw", controller.draw)
-        self.offer = OfferBox(controller, self.saver)
-        self.suggest = widgets.SuggestBox(controller)
+        controller, actions = self.controller, self.controller.actions
+        choices, add = controller.choices, controller.new_sketches
+        self.image = LayerChoice(choices, Image, "Image", "The image that the bodies are in")
+        tip = "The Shapes layer with your rough lines; it is never changed"
+        self.sketches = LayerChoice(choices, Shapes, "Sketches", tip, add)
+        self.draw = CommandButton(actions, "draw", controller.draw)
+        self.suggest = CommandButton(actions, "suggest")
+        self.sensitivity = widgets.SuggestSlider(controller.suggestions)
         self.settings_form = widgets.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
-        self.at_once = QCheckBox(controller.actions["at_once"].name)
-        self.refine = CommandButton(controller.actions, "refine")
+        self.colour_by = self.settings_form.widgets["colour_by"]
+        self.at_once = QCheckBox(actions["at_once"].name)
+        self.refine = CommandButton(actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
-        self.more = widgets.RefineMenu(controller)
-        buttons, c = partial(widgets.CommandButtons, controller.actions), controller
-        self.curve = buttons(
-            *("curve", 4, lambda: bool(c.records() or c.state.deleted)),
-            lambda: words.selected(c.selected_records(), c.frame),
-        )
+        scopes = {name: partial(controller.refine, scope) for scope, name in words.SCOPES.items()}
+        self.more = MenuButton("▾", "Refine the selected curves, or all again", scopes)
+        self.more.setStyleSheet(MORE_LOOK)
+        self.more.setMinimumWidth(20)
+        self.curve = CommandButtons(actions, "curve", 4)
         self.curve.setStyleSheet("QPushButton { padding: 3px 1px; }")
-        self.track = buttons("film", 2, self._is_film)
-        self.steps = buttons(
-            "steps", 2, lambda: bool(c.records() or c.steps.done or c.steps.undone)
-        )
+        self.track = CommandButtons(actions, "film", 2)
+        self.steps = CommandButtons(actions, "steps", 2)
         self.undo, self.redo = self.steps.buttons.values()
-        self.results = TextLabel()
-        self.review = Button("Review", words.REVIEW_TIP, self._show_or_hide_panel)
+        self.results, self.legend = TextLabel(), TextLabel()
+        self.results.setToolTip("Curves of this frame: good, to check (?) and failed (!)")
+        self.legend.setWordWrap(False)  # or a scroll bar that comes would make itself necessary
+        tip = "Show the table of curves and the plots of the selected one"
+        self.review = Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = widgets.EyeBox(controller)
-        self.colour_by = self.settings_form.widgets["colour_by"]
-        self.legend = TextLabel()
-        # One that wraps when a scroll bar comes would itself make that necessary.
-        self.legend.setWordWrap(False)
         self.said = QLabel()
         self.said.setWordWrap(True)
-        self.said.setIndent(0)  # Qt reckons with it twice, and leaves a gap
-        self.notes = widgets.Folded("Model", words.NOTES_TIP, self.said)
-        kept = "Options, kept for next time"
-        self.settings = widgets.Folded("Settings", kept, self.settings_form)
+        self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
+        self.notes = Folded("Model", "What this image needed of the model, and why", self.said)
+        self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
+        self.offer = OfferBox(controller, self.saver)
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = widgets.ProgressBox(controller.cancel)
+        self.export = Button("Export…", "", self._ask_where)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
-        self.saved.setEllipsesWidth(EDGE)
-        self.export = Button("Export…", "", self._ask_where)
-        self.rejected = QCheckBox("Export rejected curves too")
-        self.rejected.setToolTip("Normally, rejected curves are left out of the file")
 
     def _lay_out(self) -> None:
-        texts, below = QWidget(), QWidget()
-        self.content = QWidget()
+        texts, below, self.content = QWidget(), QWidget(), QWidget()
         chosen = widgets.form(self.image, self.sketches, self.preset)
         rows = (
-            *(chosen, [self.draw, self.suggest.button], self.suggest, self.at_once),
+            *(chosen, [self.draw, self.suggest], self.sensitivity, self.at_once),
             *((self.refine, self.more), self.curve, self.track, (self.results, self.review)),
             *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
@@ -139,30 +132,23 @@ class SplinesketchDock(QWidget):
         widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        pinned = (self.offer, texts, self.progress, self.rejected, self.export, self.saved)
-        widgets.stack(below, *pinned, margin=4)
+        widgets.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
         widgets.stack(self, widgets.Column(self.content), below).setStretch(0, 1)
         self.setMinimumWidth(220)
 
     def _connect(self) -> None:
         """Let each part listen to the kinds of changes that it shows, and to no others."""
-        controller, changes = self.controller, self.controller.changes
-        frame = changes.layers, changes.lines
-        curves = changes.layers, changes.curves
-        command = changes.busy, changes.settings  # which has the keys that tooltips name
-        listeners: dict[Callable[[], None], tuple[SignalInstance, ...]] = {
-            self._show_layers: (changes.layers, changes.settings),
-            self._show_refine: (*frame, changes.curves, changes.mode, *command),
-            self._show_hint: (*frame, *curves, changes.selection, changes.mode, *command),
-            self._show_running: (changes.busy, changes.progress, changes.said),
-            self.suggest.button.show_state: (*frame, *command),
-            self.track.show_state: (*frame, changes.curves, changes.selection, *command),
-            self.curve.show_state: (*frame, *curves, changes.selection, changes.mode, *command),
-            self._show_results: (*frame, changes.curves, changes.settings),
-            self.eyes.show_state: (*curves, changes.shown),
-            self.settings_form.show_state: (*frame, changes.settings),
-            self.steps.show_state: (*curves, changes.mode, *command),
-            self._show_export: (*curves, changes.busy),
+        controller, c = self.controller, self.controller.changes
+        listeners: dict[Callable[[], None], tuple[Any, ...]] = {
+            self.image.show_state: (c.layers,),
+            self.sketches.show_state: (c.layers,),
+            self._show_commands: (c.layers, c.lines, c.curves, c.mode, c.busy, c.settings),
+            self._show_selected: (c.selection,),
+            self._show_results: (c.layers, c.lines, c.curves, c.shown, c.settings),
+            self._show_running: (c.busy, c.progress, c.said),
+            self._show_saved: (c.layers, c.settings, self.saver.found),
+            self.settings_form.show_state: (c.layers, c.settings),
+            self.offer.show_state: (c.layers, c.curves, c.busy, self.saver.found),
         }
         for show, signals in listeners.items():
             for signal in signals:
@@ -170,7 +156,6 @@ class SplinesketchDock(QWidget):
             show()
         _open.add(self)
         self.destroyed.connect(controller.close)
-        self.saver.found.connect(self._show_place)
         self.at_once.clicked.connect(controller.toggle_at_once)
 
     def _settle(self) -> None:
@@ -220,12 +205,9 @@ class SplinesketchDock(QWidget):
     def showEvent(self, a0: QShowEvent | None) -> None:
         """Take a title that fits: napari's has the plugin's name in brackets, and is cut off."""
         super().showEvent(a0)
-        around = self.parent()
-        while around is not None and not isinstance(around, QDockWidget):
-            around = around.parent()
-        bar = around.titleBarWidget() if around else None
-        for label in bar.findChildren(QLabel) if bar else ():
-            if label.text().startswith(TITLE):
+        window = self.window()
+        for label in window.findChildren(QLabel) if window else ():
+            if label.text().startswith(f"{TITLE} ("):
                 label.setText(TITLE)
 
     def hideEvent(self, a0: QHideEvent | None) -> None:
@@ -234,33 +216,46 @@ class SplinesketchDock(QWidget):
         gc.unfreeze()
         self.saver.flush()
 
-    def _show_layers(self) -> None:
-        choices = self.controller.choices
-        self.image.show_layers(choices.image)
-        self.sketches.show_layers(choices.sketches)
-        self.draw.show_state()
+    def _show_commands(self) -> None:
+        """Show what can be done now, and what there is to do."""
+        controller, records = self.controller, self.controller.records()
+        image, running, steps = controller.choices.image, controller.progress, controller.steps
+        self.curve.setVisible(bool(records or controller.state.deleted))
+        self.track.setVisible(image is not None and frame_count(image) > 1)
+        self.steps.setVisible(bool(records or steps.done or steps.undone))
+        for each in (self.draw, self.suggest, self.refine, self.steps):
+            each.show_state()
+        self.at_once.setChecked(controller.at_once)
+        self.at_once.setToolTip(controller.actions.tip("at_once"))
+        self.more.setEnabled(not running)
+        nothing = "" if records else "Nothing to export yet: refine first"
+        tip = "Write the curves of all frames to a file: a table, or another format"
+        self.export.allow("Something is running" if running else nothing, tip)
+        self._to_do = words.to_do(controller.request())
+        self._show_selected()
 
-    def _show_place(self) -> None:
-        """Say where work is saved: a folder appears beside the user's data."""
-        place, image = self.saver.place, self.controller.choices.image
-        source = image.source.path if image else None
-        said = words.saved(place, source, self.controller.settings.save_work)
-        self.saved.setText(said)
-        self.saved.setToolTip(f"{place or said}\nChange it under Settings")
+    def _show_selected(self) -> None:
+        """Show what can be done with the selected curves, and what is doubtful about one."""
+        controller, chosen = self.controller, self.controller.selected_records()
+        self.curve.say(words.selected(chosen, controller.frame))
+        for each in (self.curve, self.track):
+            each.show_state()
+        said = words.doubts(chosen) or self._to_do
+        self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
-    def _show_refine(self) -> None:
-        actions, plan = self.controller.actions, self.controller.request()
-        self.refine.show_state()
-        self.at_once.setChecked(self.controller.at_once)
-        self.at_once.setToolTip(actions.tip("at_once"))
-        self._to_do = f"{plan.problem} {words.left_alone(plan)}".strip()
-
-    def _show_hint(self) -> None:
-        """Say what is doubtful about the selected curve, or else what there is to refine."""
-        controller = self.controller
-        said = words.doubts(controller.selected_records()) or self._to_do
-        busy = controller.progress or controller.knots
-        self.hint.say("" if busy else escape(said, quote=False))
+    def _show_results(self) -> None:
+        controller, work = self.controller, self.controller.work
+        records, here = controller.records(), controller.records(controller.frame)
+        self.results.say(words.summary(here))
+        notes = work.state.notes.get(controller.frame, ()) if work and here else ()
+        self.notes.setVisible(bool(notes))
+        self.said.setText(words.notes(notes))
+        for each in (self.eyes, self.colour_by.native):
+            each.setVisible(bool(records))
+        self.eyes.show_state()
+        self.review.setVisible(bool(records) or self.panel is not None)
+        look = controller.settings.colour_by, controller.ruler
+        self.legend.say(words.legend(records, look) if records else "")
 
     def _show_running(self) -> None:
         controller = self.controller
@@ -268,38 +263,13 @@ class SplinesketchDock(QWidget):
         self.progress.show_progress(controller.progress, controller.cancellable)
         self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
 
-    def _is_film(self) -> bool:
-        image = self.controller.choices.image
-        return image is not None and frame_count(image) > 1
-
-    def _show_results(self) -> None:
-        controller, work = self.controller, self.controller.work
-        records = controller.records()
-        here = controller.records(controller.frame)
-        self.results.say(words.summary(here))
-        self.results.setToolTip(words.SUMMARY_TIP)
-        notes = work.state.notes.get(controller.frame, ()) if work and here else ()
-        self.notes.setVisible(bool(notes))
-        self.said.setText(words.notes(notes))
-        self.eyes.setVisible(bool(records))
-        self.colour_by.native.setVisible(bool(records))
-        self.review.setVisible(bool(records) or self.panel is not None)
-        look = controller.settings.colour_by, controller.ruler
-        self.legend.say(words.legend(records, look) if records else "")
-
-    def _show_export(self) -> None:
-        records = self.controller.records()
-        nothing = "" if records else "Nothing to export yet: refine first"
-        running = "Something is running" if self.controller.progress else ""
-        self.export.allow(nothing or running, words.EXPORT_TIP)
-        self.rejected.setVisible("rejected" in [record.review for record in records])
-
-    def _pick_sketches(self, layer: Shapes | None) -> None:
-        """Choose a layer, or add one."""
-        if layer is None:
-            self.controller.new_sketches()
-        else:
-            self.controller.choices.sketches = layer
+    def _show_saved(self) -> None:
+        """Say where work is saved: a folder appears beside the user's data."""
+        place, image = self.saver.place, self.controller.choices.image
+        source = image.source.path if image else None
+        said = words.saved(place, source, self.controller.settings.save_work)
+        self.saved.setText(said)
+        self.saved.setToolTip(f"{place or said}\nChange it under Settings")
 
     def _ask_where(self) -> None:
         image = self.controller.choices.image
@@ -308,8 +278,7 @@ class SplinesketchDock(QWidget):
         folder = Path(image.source.path).parent if image.source.path else Path.home()
         if answer := ask_where(self, folder, f"{image.name}_labels"):
             path, overwrite = answer
-            also = self.rejected.isChecked()
-            self.controller.export(path, overwrite=overwrite, rejected=also)
+            self.controller.export(path, overwrite=overwrite)
 
 
 class OfferBox(QFrame):
@@ -320,16 +289,16 @@ class OfferBox(QFrame):
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
-        self.resume = Button("Resume", RESUME_TIP, saver.resume)
-        self.decline = Button("Ignore saved work", IGNORE_TIP, saver.decline)
-        self.labels = Button("", LABELS_TIP, saver.take_up)
+        tips = (
+            "Bring the saved lines and curves back, in a layer of their own",
+            "Do not ask again; the saved work stays on the disk",
+            "Take these curves up as results, as they were judged",
+        )
+        self.resume = Button("Resume", tips[0], saver.resume)
+        self.decline = Button("Ignore saved work", tips[1], saver.decline)
+        self.labels = Button("", tips[2], saver.take_up)
         rows = self.said, (self.resume, self.decline), self.labels, self.problem
         widgets.stack(self, *rows, margin=4)
-        changes = controller.changes
-        for signal in (saver.found, changes.layers, changes.curves, changes.busy):
-            signal.connect(self.show_state)
-        self.destroyed.connect(lambda: saver.found.disconnect(self.show_state, missing_ok=True))
-        self.show_state()
 
     def show_state(self) -> None:
         """Show what is offered now."""
@@ -348,7 +317,7 @@ class OfferBox(QFrame):
 def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
     """Let the user choose a file, and say whether it may be replaced; None if she does not.
 
-    The dialog asks for the name that was typed, not for one that it got an ending for.
+    The dialog asks about the name as it was typed, not about one that was given an ending.
     """
     chosen, kind = QFileDialog.getSaveFileName(
         parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)

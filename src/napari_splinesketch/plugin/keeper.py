@@ -229,10 +229,7 @@ class Keeper:
     def _take(self, chosen: Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
-            self.settings = chosen.without_doubles(before)
-            if self.settings is not chosen:
-                choices.save(self.settings)
-            self.actions.rebind(self.settings.keys)
+            self.actions.rebind(chosen.keys)
         for work in self.works:
             self._colour(work)
         self.changes.settings.emit()

@@ -47,7 +47,7 @@ class KnotEditing:
         viewer, layers = controller.viewer, controller.viewer.layers
         self.number, self._key = record.id, key_of(record)
         self._controller, self._work, self._before = controller, work, work.state
-        self._active, self._dropped, self._moved = layers.selection.active, False, False
+        self._active, self._dropped = layers.selection.active, False
         maker = Maker(Points, f"knots of curve {record.id}", lambda work: [object()], self._made)
         self._slot = Slot("knots", maker, work)
         next(self._slot.update())
@@ -97,7 +97,7 @@ class KnotEditing:
         history, self._dropped = self._work.history, False
         while history.done == self._step and history.value is not self._before:
             history.undo()
-        if self._moved:
+        if history.undone == self._step:
             history.forget_undone()
         self.close()
         self._controller.show(self._work)
@@ -153,6 +153,5 @@ class KnotEditing:
             self._show()
             return
         fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
-        state, self._moved = self._work.state.with_records(fresh), True
-        self._controller.apply(self._step, state, work=self._work)
+        self._controller.apply(self._step, self._work.state.with_records(fresh), work=self._work)
         self._controller.tell(Notice("none", HELP))

@@ -52,7 +52,7 @@ class Changes(SignalGroup):
     mode = Signal(description="Whether knots are shown, and where; Refine while drawing")
     busy = Signal(description="Whether something runs, and can be cancelled")
     progress = Signal(description="Where what runs stands")
-    said = Signal(description="What the user is told")
+    said = Signal(description="What the dock says came of something")
     settings = Signal(description="What the user chose")
 
 
@@ -161,7 +161,7 @@ def print_of_sketch(record: Record) -> bytes:
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
     """Give each sketch of a frame, px, the number it had before, or one that nobody has.
 
-    A sketch that was moved or mended is known again while it lies, on average, within half of its
+    A sketch that was moved or edited is recognised while it lies, on average, within half of its
     length of where it was.
     """
     ids = [0] * len(lines)
@@ -236,13 +236,10 @@ class State:
         return replace(self, records=kept, deleted=(*self.deleted, *gone))
 
     def restored(self, keys: Collection[Key]) -> "State":
-        """Bring deleted curves back."""
-        state = self
-        for key in keys:
-            back = [record for record in state.deleted if key_of(record) == key][-1:]
-            left = tuple(record for record in state.deleted if key_of(record) != key)
-            state = replace(state.with_records(*back), deleted=left)
-        return state
+        """Bring deleted curves back, of several with the same frame and id the last."""
+        back = {key_of(r): r for r in self.deleted if key_of(r) in keys}
+        left = tuple([r for r in self.deleted if key_of(r) not in back])
+        return replace(self.with_records(*back.values()), deleted=left)
 
     def set_aside(self, keys: Collection[Key]) -> "State":
         """Delete curves that are drawn again: under other numbers, as theirs go on."""
@@ -312,14 +309,12 @@ class History(Generic[T]):
 
     def apply(self, what: str, value: T) -> None:
         """Put a value in the place of the present one; `what` says why."""
-        self._steps[self._at + 1 :] = [(what, value)]
         self._at += 1
-        self._forget()
+        self._put(what, value)
 
     def amend(self, value: T) -> None:
         """Put a value in the place of the present one, as part of the last step."""
-        self._steps[self._at :] = [(self.done, value)]
-        self._forget()
+        self._put(self.done, value)
 
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
@@ -337,8 +332,9 @@ class History(Generic[T]):
         """Let nothing be done again."""
         del self._steps[self._at + 1 :]
 
-    def _forget(self) -> None:
-        """Drop the oldest values where there are too many, or too heavy ones."""
+    def _put(self, what: str, value: T) -> None:
+        """Make a value the last; drop the oldest where there are too many, or too heavy ones."""
+        self._steps[self._at :] = [(what, value)]
         values = [value for _, value in self._steps[::-1]]
         weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
         kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)

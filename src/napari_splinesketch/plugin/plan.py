@@ -86,38 +86,30 @@ def make_plan(
     gone = [record for record in state.deleted if record.frame == frame]
     by_id = {record.id: record for record in (*gone, *here)}
     deleted = {record.id for record in gone} - {record.id for record in here}
-    selection = set(selection)
     ids, same = _matched(lines, here, gone, state)
-    again = _drawn_again(lines, ids, here)
+    again, lined, selection = _drawn_again(lines, ids, here), set(ids), set(selection)
+    replaced = set(again.values())
+    found = [(i, again.get(i, n)) for i, n in enumerate(ids) if i in again or n not in replaced]
+    alone = [] if chosen else [(-1, record.id) for record in here if record.id not in lined]
     targets, decided = [], 0
-    for i, (line, number) in enumerate(zip(lines, ids, strict=True)):
-        if i not in again and number in again.values():
-            continue
-        number = again.get(i, number)
-        known = by_id.get(number)
+    for i, number in (*found, *alone):
+        known, kept = by_id.get(number), i < 0 or same[i]
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
-        if not (asked or (not chosen and _wanted(scope, known, same[i], number in deleted))):
+        if not (asked or (not chosen and _wanted(scope, known, kept, number in deleted))):
             continue
         if known is not None and number not in deleted and known.decided:
-            decided += 1
-        elif known is not None and known.edited and same[i]:
-            targets.append(Target(number, line, known.curve.points, new=False))
+            decided += asked or i >= 0
+        elif known is not None and i < 0:
+            targets.append(Target(number, known.sketch, known.curve.points, False, known.drawn))
+        elif known is not None and known.edited and kept:
+            targets.append(Target(number, lines[i], known.curve.points, new=False))
         else:
-            start = _as_known(line, known) if same[i] else line
-            targets.append(Target(number, line, start, known is None, again=i in again))
-    lined = set(ids)
-    alone = [] if chosen else [record for record in here if record.id not in lined]
-    for record in alone:
-        asked = scope == "selected" and model.key_of(record) in selection
-        if (asked or _wanted(scope, record, True, False)) and not record.decided:
-            start = record.curve.points
-            targets.append(Target(record.id, record.sketch, start, False, record.drawn))
-        decided += asked and record.decided
+            start = _as_known(lines[i], known) if kept else lines[i]
+            targets.append(Target(number, lines[i], start, known is None, again=i in again))
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
-    left = len(lined & deleted - moving)
     fixed = tuple([r.curve for r in here if r.usable and r.id not in moving])
-    return Plan(scope, tuple(targets), fixed, decided, orphans, left)
+    return Plan(scope, tuple(targets), fixed, decided, orphans, len(lined & deleted - moving))
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -213,6 +205,4 @@ def request(c: "Controller", scope: Scope = "new") -> Plan:
     plan = replace(plan, frame=frame, drawn=drawn)
     if plan.targets:
         return plan
-    full = any(record.frame == frame for record in c.state.records)
-    place = "full" if full else "empty" if image.ndim > 2 else "all"
-    return replace(plan, problem=words.nothing(plan, place, layer.name))
+    return replace(plan, problem=words.nothing(plan, bool(c.records(frame)), layer.name))

@@ -4,11 +4,10 @@ napari has a table of a layer's features; it knows neither units, nor filters, n
 much a curve needs review, and asks Python for every comparison.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
-from napari.utils.notifications import show_error
 from qtpy import QtCore
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
@@ -18,30 +17,30 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
-from napari_splinesketch.plugin.columns import STATUS, as_text
+from napari_splinesketch.plugin.columns import STATUS, CurveAt, alone, as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.space import Ruler, view_of
+from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
-from napari_splinesketch.plugin.widgets import NARROW, RIGHT, Button, CommandButtons, stack
+from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
 NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210
-"""That it asks for, px: leaves most of a laptop's window to the canvas."""
+"""Preferred, px: leaves most of a laptop's window to the canvas."""
 SHARES = [740, 530]
 """Of the width: table and plots."""
-Shown = Literal["all", "to check", "not reviewed", "this frame"]
-SHOWN: dict[Shown, str] = {
-    "all": "All curves",
-    "to check": "To check",
-    "not reviewed": "Not reviewed",
-    "this frame": "In this frame",
+SHOWN: dict[str, Callable[[Record, int], bool]] = {
+    "all": lambda record, frame: True,
+    "to check": lambda record, frame: record.review == "open" and record.curve.status != "good",
+    "not reviewed": lambda record, frame: record.review == "open",
+    "this frame": lambda record, frame: record.frame == frame,
 }
+"""Which curves the table may show, by what that is called; the frame is the one in view."""
 NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
 PADDING = 16
@@ -49,41 +48,37 @@ MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
-    """Shows records, all or some, the worst first until the user wants another order."""
+    """Shows records, all or some, the worst first until the user wants another order.
+
+    Its `records` are row by row; `curve_at` gives any curve by frame and id, shown or not.
+    """
 
     def __init__(self, parent: QtCore.QObject | None = None):
         super().__init__(parent)
         self.ruler = Ruler()
         self.records: list[Record] = []
-        """Row by row."""
-        self._asked: tuple[Sequence[Record], Shown, int] = (), "all", 0
-        self._known: dict[Key, Record] = {}
+        self.curve_at: CurveAt = alone
+        self._asked: tuple[Sequence[Record], str, int] = (), "all", 0
         self._by = STATUS, Qt.SortOrder.DescendingOrder
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
-    def curve_at(self, key: Key) -> Curve | None:
-        """Give a curve by frame and id, whether it is shown or not."""
-        return self._known[key].curve if key in self._known else None
-
     def body(self, number: int) -> dict[int, Curve]:
         """Curves of one body, by frame."""
         return {r.frame: r.curve for r in self._asked[0] if r.id == number}
 
     def show(
-        self, records: Sequence[Record], ruler: Ruler, shown: Shown = "all", frame: int = 0
+        self, records: Sequence[Record], ruler: Ruler, shown: str = "all", frame: int = 0
     ) -> None:
         """Show records, all or some, in the order that was chosen; the frame is the one in view."""
         asked = records, shown, frame if shown == "this frame" else 0
-        if (ruler, asked) == (self.ruler, self._asked):
-            return
-        if ruler != self.ruler:
-            self.ruler = ruler
+        if (ruler, asked) != (self.ruler, self._asked):
+            self.ruler, self._asked = ruler, asked
+            self.curve_at = {key_of(r): r.curve for r in records}.get
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
-        self._asked, self._known = asked, {key_of(r): r for r in records}
-        self._arrange()
+            self._arrange()
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
         """Choose the order."""
@@ -118,17 +113,12 @@ class CurvesModel(QtCore.QAbstractTableModel):
         return None
 
     def _arrange(self) -> None:
-        """Bring the rows in order; shows all anew where others are shown."""
+        """Bring the rows in order; resets the model only where other curves are shown."""
         (column, order), (records, shown, frame) = self._by, self._asked
-        rows, before = list(records), list(map(key_of, self.records))
-        if shown == "this frame":
-            rows = [r for r in rows if r.frame == frame]
-        elif shown != "all":
-            every = shown == "not reviewed"
-            rows = [r for r in rows if r.review == "open" and (every or r.curve.status != "good")]
+        rows = [record for record in records if SHOWN[shown](record, frame)]
         key = COLUMNS[column].key(self.ruler, self.curve_at)
         rows.sort(key=key, reverse=order == Qt.SortOrder.DescendingOrder)
-        if list(map(key_of, rows)) == before:
+        if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
         else:
@@ -155,20 +145,20 @@ class CurvesTable(qt.QTableView):
         self.setWordWrap(False)
         self.setShowGrid(False)
         self.setAccessibleName("Curves")
-        if (header := self.verticalHeader()) is not None:
-            header.hide()
-            header.setDefaultSectionSize(self.fontMetrics().height() + 6)
-        if (header := self.horizontalHeader()) is not None:
-            header.setStretchLastSection(True)
-            header.setHighlightSections(False)
-            self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
-            for i, column in enumerate(COLUMNS):
-                width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
-                self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
-        if (selection := self.selectionModel()) is not None:
-            selection.currentRowChanged.connect(
-                lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
-            )
+        rows: Any = self.verticalHeader()
+        header: Any = self.horizontalHeader()
+        selection: Any = self.selectionModel()
+        rows.hide()
+        rows.setDefaultSectionSize(self.fontMetrics().height() + 6)
+        header.setStretchLastSection(True)
+        header.setHighlightSections(False)
+        self.sortByColumn(STATUS, Qt.SortOrder.DescendingOrder)
+        for i, column in enumerate(COLUMNS):
+            width = self.fontMetrics().horizontalAdvance(column.width) + PADDING
+            self.setColumnWidth(i, max(width, header.sectionSizeHint(i)))
+        selection.currentRowChanged.connect(
+            lambda now, _: now.isValid() and self.picked.emit(key_of(model.records[now.row()]))
+        )
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
@@ -202,7 +192,7 @@ class ReviewPanel(qt.QWidget):
         self.table = CurvesTable(self.model)
         self.plots = CurvePlots(self.controller.viewer.theme)
         self.shown = qt.QComboBox()
-        self.shown.addItems(list(SHOWN.values()))
+        self.shown.addItems([name.capitalize() for name in SHOWN])
         self.shown.setToolTip("Which curves the table shows")
         self.shown.setMinimumWidth(NARROW)
         self.plotted = qt.QComboBox()
@@ -210,11 +200,8 @@ class ReviewPanel(qt.QWidget):
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
         self.judges = CommandButtons(self.controller.actions, "review", 3)
-        self.more = Button("Table", "Copy or save the table as it is sorted and filtered")
-        menu = qt.QMenu(self.more)
-        menu.addAction("Copy to the clipboard", self.copy)
-        menu.addAction("Save as CSV…", self._ask_where)
-        self.more.setMenu(menu)
+        table = {"Copy to the clipboard": self.copy, "Save as CSV…": self._ask_where}
+        self.more = MenuButton("Table", "Copy or save the table as sorted and filtered", table)
         self.more.setMinimumWidth(self.more.sizeHint().width())
         left, right = qt.QWidget(), qt.QWidget()
         stack(left, (self.count, self.judges, self.shown, self.more), self.table)
@@ -235,7 +222,7 @@ class ReviewPanel(qt.QWidget):
             (changes.selection, self.show_selected),
             (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
         )
-        controller.order = lambda records: self.visible()
+        controller.order = lambda records: self.model.records
         self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._show_rows)
         self.plotted.activated.connect(self.show_selected)
@@ -249,12 +236,8 @@ class ReviewPanel(qt.QWidget):
             self.closed.emit()
 
     def sizeHint(self) -> QtCore.QSize:
-        """Ask for little height."""
+        """Prefer little height."""
         return QtCore.QSize(1000, HEIGHT)
-
-    def visible(self) -> list[Record]:
-        """Give the curves as the table shows them."""
-        return list(self.model.records)
 
     def show_state(self) -> None:
         """Show what is known by now."""
@@ -273,23 +256,24 @@ class ReviewPanel(qt.QWidget):
         controller, ruler = self.controller, self.model.ruler
         self.table.show_selected(controller.selected)
         chosen, work = controller.selected_records(), controller.work
+        at = self.plotted.currentIndex()
         if work is None or len(chosen) != 1:
             self.plots.show_plots()
-            return
-        (record,), at = chosen, self.plotted.currentIndex()
-        made = pictures(self.model.body(record.id), ruler)[2 * at - 2 : 2 * at] if at else ()
-        if at:
-            self.plots.show_plots(*(made or (ONE_FRAME.format(record.id),)), frame=record.frame)
+        elif not at:
+            self.plots.show_plots(*profiles(work, chosen[0], ruler))
         else:
-            self.plots.show_plots(*profiles(work, record, ruler))
+            number, frame = key_of(chosen[0])[::-1]
+            made = pictures(self.model.body(number), ruler)[2 * at - 2 : 2 * at]
+            self.plots.show_plots(*(made or (ONE_FRAME.format(number),)), frame=frame)
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
         if (clipboard := qt.QApplication.clipboard()) is not None:
             clipboard.setText(self._as_text("\t"))
 
-    def _as_text(self, separator: str) -> str:
-        return as_text(self.visible(), self.model.ruler, self.model.curve_at, separator=separator)
+    def _as_text(self, mark: str) -> str:
+        model = self.model
+        return as_text(model.records, model.ruler, model.curve_at, separator=mark)
 
     def _ask_where(self) -> None:
         chosen, _ = qt.QFileDialog.getSaveFileName(
@@ -300,11 +284,11 @@ class ReviewPanel(qt.QWidget):
                 with atomic(chosen, overwrite=True) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
-            show_error(f"The table was not saved: {error}")
+            self.controller.say(f"The table was not saved: {error}")
 
     def _show_rows(self) -> None:
         """Show what the user wants to see, which may depend on the frame in view."""
-        c, shown = self.controller, list(SHOWN)[self.shown.currentIndex()]
+        c, shown = self.controller, self.shown.currentText().lower()
         self.model.show(c.records(), c.ruler, shown, c.frame)
 
 
@@ -317,16 +301,4 @@ def open_panel(controller: Controller) -> ReviewPanel:
     corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
     window._qt_window.setCorner(corner, area)
     window.add_dock_widget(panel, name=NAME, area="bottom")
-    resized = controller.viewer.canvas.events.size
-
-    def keep_in_view() -> None:
-        """Bring the selected curve back where the canvas has become too low for it."""
-        resized.disconnect(keep_in_view)
-        work, chosen = controller.work, controller.selected_records()
-        if work and len(chosen) == 1 and chosen[0].frame == controller.frame:
-            view, points = view_of(controller.viewer, work.image), chosen[0].curve.points
-            if ((points < view.low) | (points > view.high)).any():
-                go_to(controller, key_of(chosen[0]))
-
-    resized.connect(keep_in_view)
     return panel

@@ -1,7 +1,6 @@
-"""What the dock and its panel are made of; each shows what it is told to."""
+"""The parts of the dock and of its panel."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,12 +13,12 @@ from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.choices import FORM, Settings
+from napari_splinesketch.plugin.choices import FORM, Choices, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
+from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
-from napari_splinesketch.plugin.plan import Scope
 
 NARROW = 60
 """Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
@@ -29,8 +28,11 @@ KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch
 APART = ("preset", "colour_by")
 DECIMALS = 3
 """Of half-widths."""
+SENSITIVITY_TIP = (
+    "Sensitivity of Suggest: to the left only what stands out,\n"
+    "to the right also what is faint or short"
+)
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-SCOPES: dict[Scope, str] = {"selected": "Refine the selected", "all": "Refine all that are open"}
 
 
 class Button(qt.QPushButton):
@@ -48,6 +50,20 @@ class Button(qt.QPushButton):
         """Enable it, or let its tooltip say why not."""
         self.setEnabled(not problem)
         self.setToolTip(problem or tip)
+
+
+class MenuButton(Button):
+    """A button that opens a menu: its `entries` by what they are called, and what each does."""
+
+    def __init__(self, text: str, tip: str, runs: Mapping[str, Callable[..., object]]):
+        super().__init__(text, tip)
+        self.setAccessibleName(text or tip)
+        menu: Any = qt.QMenu(self)
+        menu.setToolTipsVisible(True)
+        self.setMenu(menu)
+        self.entries: list[Any] = [menu.addAction(name) for name in runs]
+        for entry, run in zip(self.entries, runs.values(), strict=True):
+            entry.triggered.connect(run)
 
 
 def stack(
@@ -101,20 +117,13 @@ class CommandButton(Button):
 
 
 class CommandButtons(qt.QWidget):
-    """A button for each command of a place, below a `title`; there `when` something holds."""
+    """A button for each command of a place, in so many columns, below a title."""
 
-    def __init__(
-        self,
-        actions: Commands,
-        place: Place,
-        columns: int,
-        when: Callable[[], bool] = lambda: True,
-        title: Callable[[], str] = lambda: "",
-    ):
+    def __init__(self, actions: Commands, place: Place, columns: int):
         super().__init__()
-        self._when, self._said = when, title
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
+        self.title.hide()
         self.buttons = {c.id: CommandButton(actions, c.id) for c in actions if c.place == place}
         grid = qt.QWidget()
         layout = _tight(qt.QGridLayout(grid))
@@ -127,15 +136,14 @@ class CommandButtons(qt.QWidget):
 
     def show_state(self) -> None:
         """Show what can be done now."""
-        self.setVisible(self._when())
-        if self.isHidden():
-            return
-        said = self._said()
-        self.title.setVisible(bool(said))
-        self.title.setText(said)
-        self.title.setToolTip(said)
-        for made in self.buttons.values():
+        for made in () if self.isHidden() else self.buttons.values():
             made.show_state()
+
+    def say(self, title: str) -> None:
+        """Show a title."""
+        self.title.setText(title)
+        self.title.setToolTip(title)
+        self.title.setVisible(bool(title))
 
 
 class TextLabel(qt.QLabel):
@@ -197,37 +205,44 @@ class Column(qt.QScrollArea):
 
 
 class LayerChoice(qt.QComboBox):
-    """A choice of layers, which calls `pick` when the user makes it.
+    """A choice of layers of a kind; `add` makes one more.
 
-    `new` names an entry for one more layer, which picks None. Long names are shortened in the
-    middle, rather than widening the dock: those of an image and its sketches differ at the end.
+    Long names are shortened in the middle, rather than widening the dock: those of an image and its
+    sketches differ at the end.
     """
 
     def __init__(
         self,
+        choices: Choices,
+        kind: type[Layer],
         label: str,
-        layers: Callable[[], Sequence[Layer]],
-        pick: Callable[[Any], object],
         tip: str,
-        new: str = "",
+        add: Callable[[], object] | None = None,
     ):
         super().__init__()
         self.label, self.native = label, self
         self.choices: list[Layer | None] = []
-        self._layers, self._tip, self._new = layers, tip, new
+        self._made, self._kind, self._tip, self._add = choices, kind, tip, add
         self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(NARROW)
-        self.activated.connect(lambda index: pick(self.choices[index]))
+        self.activated.connect(self._pick)
 
-    def show_layers(self, chosen: Layer | None) -> None:
+    def show_state(self) -> None:
         """Offer the layers that there are now, and show the chosen one."""
-        found = self._layers()
-        self.choices = [*found, *([None] if self._new and found else [])]
+        found, chosen = self._made.layers(self._kind), self._made.chosen(self._kind)
+        self.choices = [*found, *([None] if self._add and found else [])]
         self.clear()
-        self.addItems([layer.name if layer else self._new for layer in self.choices])
+        self.addItems([layer.name if layer else "New layer" for layer in self.choices])
         self.setCurrentIndex(self.choices.index(chosen) if chosen in self.choices else -1)
         self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
         self.setEnabled(bool(found))
+
+    def _pick(self, index: int) -> None:
+        layer = self.choices[index]
+        if layer is None and self._add is not None:
+            self._add()
+        else:
+            self._made.choose(self._kind, layer)
 
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Show a name that has an end."""
@@ -270,24 +285,23 @@ class EyeBox(qt.QWidget):
         super().__init__()
         self._controller = controller
         self.buttons = {role: Button(name, tip) for role, (name, tip) in words.EYES.items()}
-        more = Button("More", "Show more: residual, background, uncertainty, masks")
-        menu: Any = qt.QMenu(more)
-        menu.setToolTipsVisible(True)
-        more.setMenu(menu)
-        self.entries: dict[str, Any] = {r: menu.addAction(MAKERS[r].title) for r in ASKED}
+        asked = {MAKERS[role].title: partial(self._ask, role) for role in ASKED}
+        more = MenuButton("More", "Show more: residual, background, uncertainty, masks", asked)
+        self.entries = dict(zip(ASKED, more.entries, strict=True))
         for role, entry in self.entries.items():
             entry.setToolTip(MAKERS[role].tip)
-        for role, eye in (self.buttons | self.entries).items():
+        for role, button in self.buttons.items():
+            button.clicked.connect(partial(self._ask, role))
+        self._eyes: dict[str, Any] = {**self.buttons, **self.entries}
+        for eye in self._eyes.values():
             eye.setCheckable(True)
-            done: Any = getattr(eye, "triggered" if role in ASKED else "clicked")
-            done.connect(partial(self._ask, role))
         made = [*self.buttons.values(), more]
         stack(self, made[:3], made[3:])
 
     def show_state(self) -> None:
         """Show which layers are visible."""
         work = self._controller.work
-        for role, eye in (self.buttons | self.entries).items():
+        for role, eye in self._eyes.items():
             layer = work.layer(role) if work else None
             eye.setEnabled(layer is not None or role in ASKED)
             eye.setChecked(layer is not None and layer.visible)
@@ -299,54 +313,22 @@ class EyeBox(qt.QWidget):
             self._controller.say(MAKERS[role].nothing)
 
 
-class RefineMenu(qt.QToolButton):
-    """An arrow beside the Refine button; its menu says what each choice would do now."""
-
-    def __init__(self, controller: Controller):
-        super().__init__()
-        self._controller = controller
-        self.setText("▾")
-        self.setToolTip("Refine the selected curves, or all again")
-        self.setPopupMode(qt.QToolButton.ToolButtonPopupMode.InstantPopup)
-        # napari's theme would draw an arrow of its own over the text.
-        self.setStyleSheet("QToolButton::menu-indicator { image: none; }")
-        self._menu = qt.QMenu(self)
-        self._menu.setToolTipsVisible(True)
-        self._menu.aboutToShow.connect(self._fill)
-        self.setMenu(self._menu)
-
-    def _fill(self) -> None:
-        self._menu.clear()
-        for scope, name in SCOPES.items():
-            plan = self._controller.request(scope)
-            possible = not plan.problem and not self._controller.progress
-            action: Any = self._menu.addAction(words.button(plan) if possible else name)
-            action.setEnabled(possible)
-            action.setToolTip(plan.problem)
-            action.triggered.connect(partial(self._controller.refine, scope))
-
-
-class SuggestBox(qt.QWidget):
+class SuggestSlider(qt.QWidget):
     """How much Suggest takes for a body: the lines follow the slider."""
 
-    def __init__(self, controller: Controller):
+    def __init__(self, suggestions: Suggestions):
         super().__init__()
-        self._suggestions = controller.suggestions
-        self.button = CommandButton(controller.actions, "suggest")
         self.slider = qt.QSlider(Qt.Orientation.Horizontal)
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
+        self.slider.setToolTip(SENSITIVITY_TIP)
         self.slider.setRange(0, 100)
-        self.slider.valueChanged.connect(self._on_slider)
-        self.slider.setValue(round(100 * controller.suggestions.sensitivity))
+        self.slider.setValue(round(100 * suggestions.sensitivity))
+        self.slider.valueChanged.connect(lambda v: suggestions.change_sensitivity(v / 100))
         ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
         ends[1].setAlignment(Qt.AlignmentFlag.AlignCenter)
         ends[2].setAlignment(RIGHT)
         stack(self, ends, self.slider)
-
-    def _on_slider(self, value: int) -> None:
-        self.slider.setToolTip(f"Sensitivity of Suggest, {value} %: {words.SENSITIVITY_TIP}")
-        self._suggestions.change_sensitivity(value / 100)
 
 
 class SettingsForm(qt.QWidget):
@@ -356,8 +338,7 @@ class SettingsForm(qt.QWidget):
         super().__init__()
         self._controller, self.widgets = controller, dict[str, Any]()
         for name, options in FORM.items():
-            value = getattr(Settings, name)
-            made: Any = create_widget(0.0 if value is None else value, name=name, options=options)
+            made: Any = create_widget(getattr(Settings, name), name=name, options=options)
             made.native.setMinimumWidth(NARROW)
             made.changed.connect(partial(self._take, name))
             self.widgets[name] = made
@@ -379,20 +360,16 @@ class SettingsForm(qt.QWidget):
         """Show what is chosen, silently; lengths in the unit of the image."""
         settings, ruler = self._controller.settings, ruler_of(self._controller.choices.image)
         self.half_width.setSuffix(f" {ruler.unit}")
-        width = (settings.half_width_in(ruler) or 0.0) * ruler.pixel
+        width = round((settings.half_width_in(ruler) or 0.0) * ruler.pixel, DECIMALS)
         for name, made in self.widgets.items():
-            value = round(width, DECIMALS) if name == "half_width" else getattr(settings, name)
-            if made.value != value:
-                with made.changed.blocked():
-                    made.value = value
+            with made.changed.blocked():
+                made.value = width if name == "half_width" else getattr(settings, name)
 
     def _take(self, name: str, value: Any) -> None:
-        controller, changes = self._controller, {name: value}
+        chosen = {name: value}
         if name == "half_width":
-            unit = ruler_of(controller.choices.image).unit
-            changes = {"half_width": value or None, "half_width_unit": unit}
-        if replace(controller.settings, **changes) != controller.settings:
-            controller.choose(**changes)
+            chosen["half_width_unit"] = ruler_of(self._controller.choices.image).unit
+        self._controller.choose(**chosen)
 
     def _ask_for_folder(self) -> None:
         before = self._controller.settings.work_folder

@@ -3,10 +3,9 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin.columns import (
@@ -22,15 +21,10 @@ from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 
 if TYPE_CHECKING:
-    from napari_splinesketch.plugin.plan import Plan
+    from napari_splinesketch.plugin.plan import Plan, Scope
     from napari_splinesketch.plugin.sessions import Head
     from napari_splinesketch.tracking import Tracked
 
-NOTES_TIP = "Which parts of the model this image needed, and why"
-REVIEW_TIP = "Show the table of curves and the plots of the selected one"
-EXPORT_TIP = "Write the curves of all frames to a file: a table, or another format"
-SUMMARY_TIP = "Curves of this frame: good, to check (?) and failed (!)"
-SENSITIVITY_TIP = "to the left only what stands out,\nto the right also what is faint or short"
 LEGEND = " &nbsp; ".join(
     f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
     for status, word in STATUS_WORDS.items()
@@ -41,6 +35,7 @@ EYES: dict[str, tuple[str, str]] = {
     "outlines": ("Outlines", "Show or hide the edges of the bodies, at the fitted width"),
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
+SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
 NUMBERS_SHOWN = 6
 """Most bodies or frames that are named."""
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
@@ -51,8 +46,8 @@ NO_LINE = "None of the selected shapes is a line in this frame."
 
 def count(number: int, thing: str) -> str:
     """Say how many: "1 sketch", "7 sketches"."""
-    plural = thing + ("es" if thing.endswith(("ch", "sh", "s", "x")) else "s")
-    return f"{number} {thing if number == 1 else plural}"
+    plural = f"{thing}es" if thing.endswith(("ch", "sh", "s", "x")) else f"{thing}s"
+    return f"{number} {thing if number == 1 else plural.replace('ys', 'ies')}"
 
 
 def curves(keys: Sequence[Key]) -> str:
@@ -69,33 +64,32 @@ def button(plan: "Plan") -> str:
         return "Refine"
     if plan.scope == "selected":
         return f"Refine {number} selected"
-    if plan.scope == "all":
-        return f"Refine all {number}" if number > 1 else "Refine it"
     if new == number:
         return f"Refine {count(number, 'new line')}"
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
 
 
-def nothing(plan: "Plan", frame: Literal["all", "empty", "full"], layer: str) -> str:
-    """Say why a plan is empty: for all frames, or for one that has no curves, or has some."""
+def nothing(plan: "Plan", refined: bool, layer: str) -> str:
+    """Say why a plan for a frame is empty, which has been `refined` or not."""
     if plan.decided:
         return f"{_decided(plan)} Reopen or unlock first."
     if plan.scope == "selected":
-        return NO_LINE if plan.drawn.lines else "No curve is selected."
+        return "Nothing is selected in this frame: click a curve, or select a line."
     if not plan.drawn.lines:
-        if frame == "full":
+        if refined:
             return "No line in this frame. To correct a curve, draw a line over it and refine."
-        where = "in this frame " if frame == "empty" else ""
-        return f"Nothing to refine {where}yet: draw a line over each body in {layer!r}."
+        return f"Nothing to refine yet: draw a line over each body in {layer!r}."
     if plan.deleted:
         left_out = f"Left out: {count(plan.deleted, 'line')} with a deleted curve."
         return f"{left_out} Select a line to refine it all the same."
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
 
-def left_alone(plan: "Plan") -> str:
-    """Say what a plan leaves out, and which shapes are no lines."""
-    said = [_decided(plan)] if plan.decided and plan.targets else []
+def to_do(plan: "Plan") -> str:
+    """Say why a plan is empty, what it leaves out, and which shapes are no lines."""
+    said = [plan.problem] if plan.problem else []
+    if plan.decided and plan.targets:
+        said.append(_decided(plan))
     if plan.drawn.strays:
         said.append(f"Skipped: {count(plan.drawn.strays, 'stray click')}.")
     if plan.drawn.unusable:
@@ -180,10 +174,8 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
     text = [f"Tracked to frame {last.frame}: {arrived} there."]
     text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
     if entered := [str(one.frame) for one in taken for _ in one.entered]:
-        bodies = "1 body" if len(entered) == 1 else f"{len(entered)} bodies"
-        text.append(
-            f"{bodies} came into view, without a curve: frame {_some([*dict.fromkeys(entered)])}."
-        )
+        bodies, frames = count(len(entered), "body"), _some([*dict.fromkeys(entered)])
+        text.append(f"{bodies} came into view, without a curve: frame {frames}.")
     if drifting := sum(len(one.drifting) for one in taken):
         text.append(f"{count(drifting, 'curve')} to check for drift.")
     bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
@@ -222,14 +214,7 @@ def offered(heads: Sequence["Head"]) -> str:
     frames = max(held.frames for held in heads)
     where = f" in {frames} frames" if frames > 1 else ""
     said = f"{count(sketches, 'sketch')} and {count(curves, 'curve')}{where}"
-    return f"<b>Saved work</b>{layers} ({_when(heads[0].saved)}): {said}."
-
-
-def _when(saved: datetime) -> str:
-    minutes = int((datetime.now(UTC) - saved).total_seconds() / 60)
-    if 0 <= minutes < 90:
-        return "just now" if minutes < 2 else f"{minutes} minutes ago"
-    return saved.astimezone().strftime("%d %B %Y, %H:%M")
+    return f"<b>Saved work</b>{layers} ({heads[0].saved.astimezone():%d %B %Y, %H:%M}): {said}."
 
 
 def together(sentences: Sequence[str]) -> str:
