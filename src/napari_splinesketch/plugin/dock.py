@@ -119,6 +119,7 @@ class SplinesketchDock(QWidget):
         self.export = Button("Export…", "", self._ask_where)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
+        self.saved.setEllipsesWidth(8)  # napari's style pads labels, which superqt does not know
 
     def _lay_out(self) -> None:
         texts, below, self.content = QWidget(), QWidget(), QWidget()
