@@ -2,7 +2,6 @@
 
 import threading
 from importlib import import_module
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from qtpy.QtCore import Qt
 
 from napari_splinesketch import suggest
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.engine.find.suggest import Suggestions
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
@@ -151,7 +151,7 @@ def test_lines_go_into_the_layer_that_they_were_suggested_for(
 
     def held(*task: Any) -> Any:
         assert go.wait(SOON)
-        return SimpleNamespace(choose=lambda sensitivity: tuple(LINES))
+        return Suggestions(tuple(LINES), np.ones(len(LINES)))
 
     monkeypatch.setattr(engine, "suggest", held)
     with bench() as made:
@@ -165,3 +165,21 @@ def test_lines_go_into_the_layer_that_they_were_suggested_for(
         made.controller.choices.sketches = mine
         made.controller.undo()
         until(lambda: mine.nshapes == 0, SOON)
+
+
+def test_no_line_is_suggested_that_would_replace_a_curve(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    image = np.random.default_rng(0).normal(0, 0.05, (60, 120))
+    image[29:32, 20:61] += 1
+    image[9:12, 40:101] += 1
+    viewer.add_image(image, name="worms")
+    fit_view(viewer)
+    longer = np.array([[30.0, 20.0], [30.0, 82.0]])
+    viewer.add_shapes([longer], shape_type="path", name="worms sketches")
+    refine(dock)
+    assert len(dock.controller.records()) == 1
+    press_suggest(dock)
+    assert "Suggested 1 line" in dock.notice.text()
+    refine(dock)
+    assert len(dock.controller.records()) == 2

@@ -9,7 +9,7 @@ from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
 from napari_splinesketch.tracking.drift import ShownPlaces, doubts
-from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
@@ -29,14 +29,14 @@ BODY = Body(1, tuple((t, curve(at(t), HALF_WIDTH)) for t in range(6)))
 def held(
     line: np.ndarray, first: float = 0, last: float = LENGTH, places: ShownPlaces | None = None
 ) -> Curve:
-    """The body where it is foretold so, in an image of a part of it."""
+    """The body where it is predicted so, in an image of a part of it."""
     shown = at(6, first + CAP, last - CAP)
     rng = np.random.default_rng(0)
     rows, columns = np.indices((50, 100))
     apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
     pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
-    foretold = {1: Foretold(line, 0.7)}
-    search = Search(View(pixels), foretold, {}, refine, "fast", lambda told: None, shown=places)
+    predicted = {1: Predicted(line, 0.7)}
+    search = Search(View(pixels), predicted, {}, refine, "fast", lambda told: None, shown=places)
     return search.held([BODY])[1].curve
 
 
@@ -48,7 +48,7 @@ def test_what_something_hides_is_added_at_the_end_that_is_not_seen(part) -> None
 
 
 def test_nothing_hides_a_body_where_one_was_seen_before() -> None:
-    """Its tail lags in what is foretold, and nothing but the film before says that it does."""
+    """Its tail lags in what is predicted, and nothing but the film before says that it does."""
     lagging, shown = moved(at(6), 0, -4), ShownPlaces()
     for frame in range(6):
         shown.add(at(frame, 0, 34 + 12 - 2 * frame), HALF_WIDTH)
@@ -82,15 +82,15 @@ def test_a_body_that_was_out_of_sight_is_known_again_by_most_of_it() -> None:
         pixels[:, :shown] = 1.0
         line, fake = np.array([[25.0, 20], [25, 90]]), FakeRefine((0, 0))
         body = Body(1, tuple((t, curve(line)) for t in range(5)), misses=3)
-        foretold = {1: Foretold(body.seen[-1][1].points, 1.0)}
-        search = Search(View(pixels), foretold, {}, fake, "fast", lambda told: None)
+        predicted = {1: Predicted(body.seen[-1][1].points, 1.0)}
+        search = Search(View(pixels), predicted, {}, fake, "fast", lambda told: None)
         assert search([body])[1].trusted == back
-        search = Search(View(pixels), foretold, {}, fake, "fast", lambda told: None)
+        search = Search(View(pixels), predicted, {}, fake, "fast", lambda told: None)
         assert search([replace(body, misses=0)])[1].trusted
 
 
 @pytest.mark.parametrize("by", [-1.5, 1.5])
-def test_ends_that_are_seen_are_believed_where_others_are_foretold(by) -> None:
+def test_ends_that_are_seen_are_believed_where_others_are_predicted(by) -> None:
     found = held(moved(at(6), 0, by))
     np.testing.assert_allclose(found.points[[0, -1]], at(6)[[0, -1]], atol=0.7)
     assert not curve_inferred(found)
@@ -109,6 +109,6 @@ def test_a_body_of_unknown_width_is_held_as_others_are() -> None:
     unknown = replace(curve(LINE), half_width=np.full(100, np.nan))
     body = Body(7, ((0, unknown), (1, unknown)))
     refine = FakeRefine((0, 0))
-    foretold = {7: Foretold(unknown.points, 0.5)}
-    search = Search(View(BRIGHT), foretold, {}, refine, "balanced", lambda told: None)
+    predicted = {7: Predicted(unknown.points, 0.5)}
+    search = Search(View(BRIGHT), predicted, {}, refine, "balanced", lambda told: None)
     assert search.held([body])[7].trusted

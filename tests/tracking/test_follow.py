@@ -103,7 +103,7 @@ def test_a_body_that_is_known_well_is_left_room_to_move_as_a_whole() -> None:
     body = Body(7, tuple((t, curve(moved(LINE, 0, t))) for t in range(5)))
     list(follow([5], [body], bright, refine=refine))
     knots = 10  # that go together: each tells the less of where the whole is
-    assert held[0] > 0.8 * np.sqrt(knots) * body.foretold(5)[1]
+    assert held[0] > 0.8 * np.sqrt(knots) * body.predicted(5)[1]
 
 
 def test_what_is_given_stays_and_leads_on() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.identity import kept, place
-from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.motion import Predicted
 
 from .test_follow import LINE, OTHER, curve, moved
 
@@ -36,13 +36,13 @@ def test_the_sum_counts_not_the_first_come() -> None:
     np.testing.assert_allclose(found[2], between)
 
 
-def test_a_curve_that_no_other_body_explains_stays_where_nobody_foretold_it() -> None:
+def test_a_curve_that_no_other_body_explains_stays_where_nobody_predicted_it() -> None:
     bodies = {1: FIRST, 2: SECOND}
-    foretold = {1: Foretold(curve(LINE).points, 0.5), 2: Foretold(curve(OTHER).points, 0.5)}
+    predicted = {1: Predicted(curve(LINE).points, 0.5), 2: Predicted(curve(OTHER).points, 0.5)}
     far, there = curve(moved(LINE, 12, 0)), curve(OTHER)
-    assert kept(foretold, {1: far, 2: there}, bodies, []) == {1: far, 2: there}
-    assert kept(foretold, {1: there}, bodies, [far]) == {2: there}, "it is the other's"
+    assert kept(predicted, {1: far, 2: there}, bodies, []) == {1: far, 2: there}
+    assert kept(predicted, {1: there}, bodies, [far]) == {2: there}, "it is the other's"
     across = curve(moved(LINE, 12.5, 3))
-    assert kept(foretold, {1: far, 2: there}, bodies, [across]) == {2: there}, "it shows another"
-    swapped = kept(foretold, {1: there, 2: curve(LINE)}, bodies, [])
+    assert kept(predicted, {1: far, 2: there}, bodies, [across]) == {2: there}, "it shows another"
+    swapped = kept(predicted, {1: there, 2: curve(LINE)}, bodies, [])
     assert swapped[2] is there and set(swapped) == {1, 2}

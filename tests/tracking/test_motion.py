@@ -1,4 +1,4 @@
-"""What is foretold of a body: ahead and in between."""
+"""What is predicted of a body: ahead and in between."""
 
 import numpy as np
 

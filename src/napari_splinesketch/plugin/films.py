@@ -17,7 +17,7 @@ from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.plugin.plan import OPEN
+from napari_splinesketch.plugin.plan import OPEN, lying_over
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -76,7 +76,11 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last = work, frame, found
+        # Refine would take them for lines drawn again over bodies that have a curve.
+        here = [record for record in work.state.records if record.frame == frame]
+        fresh = [not over for over in lying_over(found.lines, here)]
+        lines = tuple(line for line, new in zip(found.lines, fresh, strict=True) if new)
+        self._last = work, frame, replace(found, lines=lines, strength=found.strength[fresh])
         self._put(SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:

@@ -158,16 +158,25 @@ def _drawn_again(
     known = {record.id for record in here}
     fresh = [i for i, number in enumerate(ids) if number not in known]
     found: dict[int, int] = {}
-    if not (fresh and here):
-        return found
+    for i, over in zip(fresh, lying_over([lines[i] for i in fresh], here), strict=True):
+        apart = {far: number for number, far in over.items() if number not in found.values()}
+        if apart:
+            found[i] = apart[min(apart)]
+    return found
+
+
+def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, float]]:
+    """Say over which curves each line lies: their numbers, and how far from it, half-widths."""
+    if not here:
+        return [{} for _ in lines]
     points = np.stack([record.curve.points for record in here])
     low, high = points.min(axis=1), points.max(axis=1)
-    for i in fresh:
-        beside = (lines[i].min(axis=0) <= high) & (lines[i].max(axis=0) >= low)
+    found = []
+    for line in lines:
+        beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
         near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
-        apart = {_apart(lines[i], r): r.id for r in near if r.id not in found.values()}
-        if min(apart, default=np.inf) < WITHIN:
-            found[i] = apart[min(apart)]
+        apart = {record.id: _apart(line, record) for record in near}
+        found.append({number: far for number, far in apart.items() if far < WITHIN})
     return found
 
 

@@ -84,7 +84,7 @@ class Body:
         """Usual half-width, px; not a number where nothing is known."""
         return median(float(np.median(curve.half_width)) for _, curve in self.seen)
 
-    def foretold(self, frame: int) -> motion.Foretold:
+    def predicted(self, frame: int) -> motion.Predicted:
         """Where it is in a frame."""
         found = motion.ahead(lines_of(self.seen), frame)
         return found._replace(line=motion.of_length(found.line, self.length))

@@ -148,12 +148,12 @@ class _Step:
         if given.whole or not wanted:
             missing = {body.id: "the frame stays as it is" for body in wanted}
             return Tracked(frame, given=kept, missing=missing)
-        foretold = {body.id: body.foretold(frame) for body in wanted}
+        predicted = {body.id: body.predicted(frame) for body in wanted}
         try:
-            view = self._read(frame, [there.line for there in foretold.values()])
-            inside = [body for body in wanted if _inside(view, foretold[body.id].line)]
+            view = self._read(frame, [there.line for there in predicted.values()])
+            inside = [body for body in wanted if _inside(view, predicted[body.id].line)]
             search = Search(
-                view, foretold, given.curves, self._refine, self._preset, report,
+                view, predicted, given.curves, self._refine, self._preset, report,
                 self.contrast, self._smooth, self.shown,
             )  # fmt: skip
             found = search(inside) if inside else {}

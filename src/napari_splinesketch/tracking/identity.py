@@ -1,4 +1,4 @@
-"""Which curve, or which suggestion, is which body: by what the frames around foretell."""
+"""Which curve, or which suggestion, is which body: by what the frames around predict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import distance, mostly_on, on_others
-from napari_splinesketch.tracking.motion import Foretold, Points
+from napari_splinesketch.tracking.motion import Points, Predicted
 from napari_splinesketch.tracking.types import Line
 
 AGREE = 3.0
@@ -35,45 +35,45 @@ def run_like(curve: Curve, like: Points) -> Curve:
     return replace(curve, **turned)
 
 
-def agrees(line: Points, foretold: Foretold, half_width: float) -> bool:
+def agrees(line: Points, predicted: Predicted, half_width: float) -> bool:
     """Whether a line is where a body of such a half-width is expected."""
-    return _apart(line, foretold) < AGREE + 0.5 * half_width / foretold.sd
+    return _apart(line, predicted) < AGREE + 0.5 * half_width / predicted.sd
 
 
-def _apart(line: Points, foretold: Foretold) -> float:
-    return float(np.sqrt(((line - foretold.line) ** 2).sum(1).mean() / 2)) / foretold.sd
+def _apart(line: Points, predicted: Predicted) -> float:
+    return float(np.sqrt(((line - predicted.line) ** 2).sum(1).mean() / 2)) / predicted.sd
 
 
 def kept(
-    foretold: Mapping[int, Foretold],
+    predicted: Mapping[int, Predicted],
     there: Mapping[int, Curve],
     bodies: Mapping[int, Body],
     others: Sequence[Curve],
 ) -> dict[int, Curve]:
     """The curves of a frame by body: where that is expected, or its own if that is on no other."""
-    pairs = list(product(foretold, there))
-    lines = {(i, j): run_like(there[j], foretold[i].line).points for i, j in pairs}
-    cost = np.array([min(_apart(lines[i, j], foretold[i]), 1e3) for i, j in pairs])
-    rows, columns = linear_sum_assignment(cost.reshape(len(foretold), len(there)))
+    pairs = list(product(predicted, there))
+    lines = {(i, j): run_like(there[j], predicted[i].line).points for i, j in pairs}
+    cost = np.array([min(_apart(lines[i, j], predicted[i]), 1e3) for i, j in pairs])
+    rows, columns = linear_sum_assignment(cost.reshape(len(predicted), len(there)))
     found = [pairs[k] for k in (rows * len(there) + columns).tolist()]
-    taken = {i: j for i, j in found if agrees(lines[i, j], foretold[i], bodies[i].half_width)}
+    taken = {i: j for i, j in found if agrees(lines[i, j], predicted[i], bodies[i].half_width)}
     rest = [*others, *(there[j] for j in taken.values())]
     for i in sorted(set(there) - set(taken) - set(taken.values())):
         if not on_others(there[i].points, rest):
             taken[i] = i
-    return {i: run_like(there[j], foretold[i].line) for i, j in taken.items()}
+    return {i: run_like(there[j], predicted[i].line) for i, j in taken.items()}
 
 
-def cost_of(curve: Curve, foretold: Foretold, noise: float) -> float:
+def cost_of(curve: Curve, predicted: Predicted, noise: float) -> float:
     """-2 log likelihood of a curve: what it leaves of the image, and that it is where it is.
 
-    What foretells it may be wrong altogether, and counts no more than `AGREE`.
+    What predicts it may be wrong altogether, and counts no more than `AGREE`.
     """
     width = float(np.median(curve.half_width))
     pixels = curve.length * 2 * (width + BAND)
     return (
         pixels * (curve.residual / max(noise, 1e-6)) ** 2
-        + FREE * min(_apart(curve.points, foretold), AGREE) ** 2
+        + FREE * min(_apart(curve.points, predicted), AGREE) ** 2
     )
 
 

@@ -1,6 +1,6 @@
 """Where a body is when the image does not say: ahead of what is known of it, or in between.
 
-How well each way of moving foretells a body is measured on its own last frames, so that nothing is
+How well each way of moving predicts a body is measured on its own last frames, so that nothing is
 assumed of how it moves: a worm crawls along its path or swims by waves, a filament glides.
 """
 
@@ -22,7 +22,7 @@ COUNTED = 1.0
 GROWTH = 1.2
 """Power of the number of frames by which errors of predictions grow."""
 BASE = 3
-"""Frames whose movement together foretells: that of one would be twice as uncertain as a curve's
+"""Frames whose movement together predicts: that of one would be twice as uncertain as a curve's
 ends are."""
 END = 12
 """Points at either end whose direction a body goes on in."""
@@ -38,14 +38,14 @@ Mover = Callable[[Points, Points, float], Points]
 """Takes the points before, the last ones and how many such steps to go."""
 
 
-class Foretold(NamedTuple):
+class Predicted(NamedTuple):
     """Where a body is expected, and the standard error, px: infinite where nothing tells it."""
 
     line: Points
     sd: float
 
 
-def ahead(known: Sequence[Known], frame: float) -> Foretold:
+def ahead(known: Sequence[Known], frame: float) -> Predicted:
     """Where a body is expected in a frame beyond those known, and how far off that may be.
 
     Parameters
@@ -58,25 +58,25 @@ def ahead(known: Sequence[Known], frame: float) -> Foretold:
     return _going(known)(frame)
 
 
-def _going(known: Sequence[Known]) -> Callable[[float], Foretold]:
-    """What foretells a body in any frame beyond those known."""
+def _going(known: Sequence[Known]) -> Callable[[float], Predicted]:
+    """What predicts a body in any frame beyond those known."""
     if len(known) < 2:
-        return lambda frame: Foretold(known[-1][1], np.inf)
+        return lambda frame: Predicted(known[-1][1], np.inf)
     base = min(BASE, max((len(known) - 1) // 2, 1))
     mover, error = _best(known, base)
     older, newer = known[-1 - base], known[-1]
 
-    def there(frame: float) -> Foretold:
+    def there(frame: float) -> Predicted:
         line = mover(older[1], newer[1], steps_to(older, newer, frame))
-        return Foretold(line, error * max(abs(frame - newer[0]), 1.0) ** GROWTH)
+        return Predicted(line, error * max(abs(frame - newer[0]), 1.0) ** GROWTH)
 
     return there
 
 
-def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Foretold:
+def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Predicted:
     """Where a body is in a frame of a gap, and how far off that may be.
 
-    Each side foretells it; where they agree it is between the two, nearer to the nearer one.
+    Each side predicts it; where they agree it is between the two, nearer to the nearer one.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Fo
     sds = [side.sd for side in sides if np.isfinite(side.sd)]
     sd = float(np.sqrt(1 / sum(e**-2.0 for e in sds))) if sds else BEFORE
     apart = float(np.sqrt(((forth - back) ** 2).sum(1).mean()))
-    return Foretold((1 - blend) * forth + blend * back, max(sd, apart / 2))
+    return Predicted((1 - blend) * forth + blend * back, max(sd, apart / 2))
 
 
 def of_length(line: Points, length: float) -> Points:
@@ -107,7 +107,7 @@ def of_length(line: Points, length: float) -> Points:
 
 
 def _best(known: Sequence[Known], base: int) -> tuple[Mover, float]:
-    """The mover that would have foretold the last frames best, and its error.
+    """The mover that would have predicted the last frames best, and its error.
 
     A movement is that of so many frames together.
     """

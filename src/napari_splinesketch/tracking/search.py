@@ -31,7 +31,7 @@ from napari_splinesketch.tracking.drift import (
 )
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.identity import agrees, place
-from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.types import Line, Refine, View
 
 LOCAL = Settings(traced=False)
@@ -89,7 +89,7 @@ class Found:
 class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
-    Where each body is foretold, and the curves that stay as they are, are given by number; the
+    Where each body is predicted, and the curves that stay as they are, are given by number; the
     usual contrast, and where bodies have been shown, are those of the frames before. With `smooth`,
     a body whose place is known well is fitted there without a search, and parts of bodies that
     divide are looked for.
@@ -98,7 +98,7 @@ class Search:
     def __init__(
         self,
         view: View,
-        foretold: Mapping[int, Foretold],
+        predicted: Mapping[int, Predicted],
         given: Mapping[int, Curve],
         refine: Refine,
         preset: PresetName,
@@ -113,8 +113,8 @@ class Search:
         """Of bodies that may have divided, by number."""
         self.refinement: Refinement | None = None
         """What the engine said."""
-        self._view, self._foretold, self._given = view, foretold, given
-        self._expected = {i: resample(f.line, POINTS) for i, f in foretold.items()}
+        self._view, self._predicted, self._given = view, predicted, given
+        self._expected = {i: resample(f.line, POINTS) for i, f in predicted.items()}
         self._refine, self._report = refine, report
         self._preset: PresetName = preset
         self._unit = 1 / view.place.size  # px of the view in one of the image
@@ -142,17 +142,17 @@ class Search:
     def _known(self, body: Body) -> bool:
         """Whether it is known where a body is, or a part of it that is not hidden."""
         near = PARTLY if curve_inferred(body.seen[-1][1]) else SURE
-        return self._foretold[body.id].sd < near * body.half_width
+        return self._predicted[body.id].sd < near * body.half_width
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
-        """Fit bodies to where they are foretold, with how surely, without any search."""
+        """Fit bodies to where they are predicted, with how surely, without any search."""
         found: dict[int, Found] = {}
-        lines = {b.id: self._foretold[b.id].line for b in bodies}
+        lines = {b.id: self._predicted[b.id].line for b in bodies}
         if self._preset == "paper":
             return found
 
         def hold(body: Body, across: float) -> Hold:
-            sd = self._foretold[body.id].sd
+            sd = self._predicted[body.id].sd
             return Hold(*(self._unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
         loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
@@ -260,7 +260,7 @@ class Search:
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
-            near = agrees(curve.points, self._foretold[body.id], body.half_width)
+            near = agrees(curve.points, self._predicted[body.id], body.half_width)
             if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")
             failed = curve.status == "failed"

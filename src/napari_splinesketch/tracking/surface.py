@@ -27,7 +27,7 @@ FEWEST = 5
 """Frames that must be known to tell how smooth the surface is."""
 LOOSENESS = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
 """Variances that second differences may have, in units of a curve's own: the one is taken by which
-each frame is likeliest where the others foretell it."""
+each frame is likeliest where the others predict it."""
 SMOOTH = 8
 """Points of a curve over which likelihoods are averaged (standard deviation)."""
 LASTING = 0.1

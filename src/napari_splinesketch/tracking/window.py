@@ -2,7 +2,7 @@
 
 Where bodies lie on each other and the fit is unsure, or where one is out of sight, frames are held
 back until all of them are clear again. Then each frame in between is gone through again, backwards,
-by what the frames before and after foretell, and what it does not show is inferred.
+by what the frames before and after predict, and what it does not show is inferred.
 A film in which nothing of the kind happens passes through frame by frame.
 """
 
@@ -18,7 +18,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import identity, motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
 from napari_splinesketch.tracking.drift import ShownPlaces, distance, folds, near_others
-from napari_splinesketch.tracking.motion import Foretold
+from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
 from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
@@ -30,11 +30,11 @@ ALONG = 0.3
 CLEAR = 2
 """Frames in which a body must be clear of others and of doubts before a stretch is over."""
 SIDE = 5
-"""Frames after one that foretell a body there."""
+"""Frames after one that predict a body there."""
 FEWEST_SEEN = 4
 """Frames of a body that must be known before others tell anything."""
 SURE = 1.0
-"""Half-widths from where it is foretold within which a curve is not fitted again."""
+"""Half-widths from where it is predicted within which a curve is not fitted again."""
 FEWEST = 8
 """Knots of an inferred curve."""
 
@@ -93,7 +93,7 @@ class Window:
         if view := result.view:
             for i in self._open:
                 lines = [curves[i].points] if i in curves else []
-                lines += [before[i].foretold(result.frame).line] if i in before else []
+                lines += [before[i].predicted(result.frame).line] if i in before else []
                 kept[i] = view if self._pictures else view.around(lines).copied()
         self._views.append(kept)
         if not self._pictures:
@@ -199,14 +199,14 @@ class Window:
         for k in range(end - 1, first - 1, -1):
             result = self._held[k]
             here = {i: b for i, b in anchors.items() if stretches[i].first <= self._begin + k}
-            foretold = {
+            predicted = {
                 i: motion.between(
                     lines_of(body.seen), lines_of(found[i][:SIDE][::-1]), result.frame
                 )
                 for i, body in here.items()
             }
             views = [self._views[k][i] for i in here if i in self._views[k]]
-            self._held[k] = self._again(result, views, here, foretold)
+            self._held[k] = self._again(result, views, here, predicted)
             for i in here:
                 if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
                     found[i].insert(0, (result.frame, curve))
@@ -220,57 +220,59 @@ class Window:
         result: Tracked,
         views: Sequence[View],
         bodies: Mapping[int, Body],
-        foretold: Mapping[int, Foretold],
+        predicted: Mapping[int, Predicted],
     ) -> Tracked:
         """One frame in the light of those around it: its own curves stay if none is better."""
         there = {i: c for i, c in result.by_id.items() if i in bodies and i not in result.drifting}
         others = {i: c for i, c in result.by_id.items() if i not in bodies}
-        chosen = identity.kept(foretold, there, bodies, list(others.values()))
+        chosen = identity.kept(predicted, there, bodies, list(others.values()))
         sure = {
             i: c
             for i, c in chosen.items()
-            if distance(c.points, foretold[i].line) < SURE * bodies[i].half_width
+            if distance(c.points, predicted[i].line) < SURE * bodies[i].half_width
             and not bodies[i].lacks(c)
         }
         rest = [body for i, body in bodies.items() if i not in sure]
         if rest and views and result.refinement:
             contrast = abs(result.refinement.model.contrast)
             noise = result.refinement.model.noise / max(contrast, 1e-30)
-            near = joined(views).around([foretold[body.id].line for body in rest])
+            near = joined(views).around([predicted[body.id].line for body in rest])
             search = Search(
-                near, foretold, others | sure, self._refine, self._preset, lambda p: None,
+                near, predicted, others | sure, self._refine, self._preset, lambda p: None,
                 contrast, shown=self._shown,
             )  # fmt: skip
             for i, one in search.held(rest).items():
-                likely = identity.agrees(one.curve.points, foretold[i], bodies[i].half_width)
+                likely = identity.agrees(one.curve.points, predicted[i], bodies[i].half_width)
                 if one.empty or not likely or folds(bodies[i], one.curve):
                     continue
                 costs = [
-                    identity.cost_of(c, foretold[i], noise) for c in (one.curve, chosen.get(i)) if c
+                    identity.cost_of(c, predicted[i], noise)
+                    for c in (one.curve, chosen.get(i))
+                    if c
                 ]
                 if costs[0] < min(costs[1:], default=np.inf):
                     chosen[i] = one.curve
         for i in set(bodies) - set(chosen):
-            chosen[i] = inferred(bodies[i].seen[-1][1], foretold[i])
-        lines = {i: f.line for i, f in foretold.items()}
+            chosen[i] = inferred(bodies[i].seen[-1][1], predicted[i])
+        lines = {i: f.line for i, f in predicted.items()}
         decided = result.with_curves({**others, **chosen}, lines)
-        missing = {i: why for i, why in result.missing.items() if i not in foretold}
-        return replace(decided, drifting=result.drifting - set(foretold), missing=missing)
+        missing = {i: why for i, why in result.missing.items() if i not in predicted}
+        return replace(decided, drifting=result.drifting - set(predicted), missing=missing)
 
 
-def inferred(like: Curve, foretold: Foretold) -> Curve:
+def inferred(like: Curve, predicted: Predicted) -> Curve:
     """A curve that no image shows."""
     knots = np.column_stack(
         [
-            fit_knots(foretold.line, FEWEST),
+            fit_knots(predicted.line, FEWEST),
             np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width),
         ]
     )
     return replace(
         like,
         knots=knots,
-        points=foretold.line,
-        sd=np.full(len(foretold.line), foretold.sd),
+        points=predicted.line,
+        sd=np.full(len(predicted.line), predicted.sd),
         status="check",
         reasons=(INFERRED,),
         residual=float("nan"),
