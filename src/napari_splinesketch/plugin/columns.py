@@ -136,7 +136,6 @@ COLUMNS = (
     Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
 )  # fmt: skip
 COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
-COLOUR_BY = tuple(COLOURED)
 """What the colour of a curve may say."""
 Look = tuple[str, Ruler]
 """What it says, and in which unit."""

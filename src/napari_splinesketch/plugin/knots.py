@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 from napari.layers import Points
 from napari.layers.base import ActionType
 from qtpy.QtCore import QTimer
@@ -33,8 +32,6 @@ LOOK = {"border_width": 0.15, "border_color": "black", "visible": True}
 SIZE = 11.0
 """Of a knot, px of the screen: napari's own limits would draw nothing but its border."""
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
-
-Knots = Float[np.ndarray, "K 2"]
 
 
 class KnotEditing:
