@@ -24,7 +24,7 @@ GRID_PX = 2.0**-10
 WIDTH_RATIO = 1.35  # ratio of one half-width of the ladder to the next
 RIDGE_BLUR_HW = 0.45  # blur before a ridge is measured; more joins neighbouring bodies
 RIDGE_BLUR_PX = 0.6  # least blur before a ridge is measured
-# distance from a ridge's middle to its sides, beyond the body's edge (geometry) ...:
+# distance from a ridge's middle to its sides, beyond the body's edge (geometry) ...
 RIDGE_SIDE_HW = 1.7
 RIDGE_SIDE_PX = 0.5  # ... and what is added to it in pixels (geometry)
 # wide ridges are measured on an image reduced until they have this half-width (speed):
@@ -194,8 +194,8 @@ JOIN_MOST = 6.0  # joins that cost more are not made
 JOIN_SEEN = 0.6  # evidence from which a join is surely on a body
 
 # === Fit: the model
-WIDTH_MODES = 4  # legendre polynomials of the half-width along a body
-LIGHT_MODES = 2  # legendre polynomials of the brightness along a body, beside the constant
+WIDTH_MODES = 4  # Legendre polynomials of the half-width along a body
+LIGHT_MODES = 2  # Legendre polynomials of the brightness along a body, beside the constant
 # unit of the background's slopes, so that all parameters are about 1 (scaling):
 SLOPE_UNIT_PX = 50.0
 FINER = 16  # samples of a curve for each one that the nearest is first looked for among (speed)
@@ -211,7 +211,7 @@ FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
 PIN_PX = 0.003  # standard deviation of knots that do not move (numerics)
 MARGIN_HW = 0.5  # background on either side of a body in its band ...
 MARGIN_PX = 3.5  # ... and its least value
-# knots may miss a path by this (rms): more knots follow neighbours and texture,:
+# knots may miss a path by this (rms): more knots follow neighbours and texture,
 KNOT_MISS_HW = 0.15
 KNOT_MISS_PX = (0.2, 1.0)  # but by no less and no more than these
 KNOTS_MANY = 24  # more knots than this only where they are far apart,
@@ -222,7 +222,7 @@ THINNEST_FIXED_PX = 0.5
 # === Fit: the solver
 HUBER = 4.0  # residuals beyond this many noise standard deviations count linearly (Huber 1964)
 SETTLED = 1.0  # a curve has arrived where a step gains or promises less χ² than this
-# damping falls by this factor after a good step and rises after a bad one (Marquardt 1963),:
+# damping falls by this factor after a good step and rises after a bad one (Marquardt 1963),
 DAMPING = 10.0
 DAMPING_LEAST = 1e-3  # but not below this: the model is not linear over longer steps
 MOVE_HW = 0.8  # longest move of a knot in one step ...
@@ -244,7 +244,7 @@ FOLD_RAD = 1.0  # a curve that turns by this within its half-width has folded ov
 STRAYED_HW = 1.0  # a curve may have strayed where it is farther than this from its path ...
 STRAYED_COST = 2.0  # ... and costs this much more for what is unseen of it and how it bends
 HELD_NEAR_HW = 0.25  # it is then fitted again with its knots held to the path within this
-# an end may grow beyond its path by this: skeletons end before bodies do (geometry) ...:
+# an end may grow beyond its path by this: skeletons end before bodies do (geometry) ...
 GROWTH_HW = 0.5
 GROWTH_PX = 0.5  # ... plus this (geometry)
 HELD_END_PX = 0.05  # ends that grew too far are held within this of where they belong (numerics),

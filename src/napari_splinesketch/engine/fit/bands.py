@@ -109,7 +109,7 @@ def band_pixels(
 ) -> Int[Array, " M"]:
     """Flat indices of the valid pixels of a band.
 
-    Of a band of more pixels than the largest of `PIXELS`, every second, third, … pixel.
+    Of a band of more pixels than the largest of `PIXEL_SIZES`, every second, third, … pixel.
     """
     rows, columns, mask = band(points, radius, valid.shape)
     r, c = np.nonzero(mask & valid[rows, columns])

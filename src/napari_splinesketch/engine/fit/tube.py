@@ -134,7 +134,7 @@ def brightness(distance, u, g):
 
 
 def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
-    """Half-width at u, px: the body's width times a rise from FLOOR at the ends to 1.
+    """Half-width at u, px: the body's width times a rise from TAPER_FLOOR at the ends to 1.
 
     It is ∝ (distance from the end / extent)^power, with the extent as a share of the length.
     `xp` is the array library to compute with.
