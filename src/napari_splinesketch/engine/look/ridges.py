@@ -56,10 +56,10 @@ class Ridges:
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
         """Evidence of a body's middle at every pixel, 0 to 1.
 
-        A ridge is higher than *both* its sides, so that edges, rims and blobs are none; its height
-        is measured in units of what is usual around it, and cut at RIDGE_CERTAIN of them: a ridge is a
-        ridge, however strong. The next narrower and wider ridges count too. What was asked for is
-        kept; do not change it.
+        A ridge is higher than *both* its sides, so edges, rims and blobs are none. Its height is
+        measured in units of what is usual around it and cut at RIDGE_CERTAIN of them: a ridge is a
+        ridge, however strong. The next narrower and wider ridges count too. Results are kept; do
+        not change them.
 
         Parameters
         ----------
