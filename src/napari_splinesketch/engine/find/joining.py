@@ -107,9 +107,7 @@ def _end(line: Line, half_width: float) -> tuple[Line, Line]:
     first = _crooked(line, half_width)
     inner = line[
         min(
-            np.searchsorted(
-                arc_length(line), (const.CROOKED_HW + const.JOIN_HEADING_HW) * half_width
-            ),
+            np.searchsorted(arc_length(line), (const.CROOKED_HW + const.HEADING_HW) * half_width),
             len(line) - 1,
         )
     ]

@@ -183,7 +183,7 @@ def _traced(
         heights = [_median(ridges, k, side, points) for k in near]
         own = near[int(np.argmax(np.array(heights) >= const.SUGGEST_WIDTH * max(heights)))]
         seen = evidence[tuple(np.rint(points).astype(int).T)]
-        sure = np.minimum(seen / const.SUGGEST_SURE, 1).mean()
+        sure = np.minimum(seen / const.SURE_EVIDENCE, 1).mean()
         strength = np.sqrt(max(heights)) * sure**3 * np.log(length / width)
         strength = float(strength) if abs(own - rung) <= const.SUGGEST_OFF else 0.0
         found.append(Traced(line, WIDTHS[own], strength))
