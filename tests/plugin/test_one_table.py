@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from napari_splinesketch.plugin.columns import COLOUR_BY, COLUMNS
+from napari_splinesketch.plugin.columns import COLOURED, COLUMNS
 from napari_splinesketch.plugin.commands import COMMANDS
 
 COLUMN = """
@@ -90,7 +90,7 @@ def test_a_column_and_a_button_are_added_in_one_file_each(tmp_path: Path) -> Non
 def test_the_manifest_agrees_with_both_tables() -> None:
     text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")
     groups = yaml.safe_load(text)["contributions"]["configurations"]
-    assert groups["looking"]["properties"]["colour_by"]["enum"] == list(COLOUR_BY)
+    assert groups["looking"]["properties"]["colour_by"]["enum"] == list(COLOURED)
     offered = groups["keys"]["properties"]
     assert {c.id: (c.name, c.key) for c in COMMANDS if c.id in offered or c.key} == {
         name: (entry["title"], entry["default"]) for name, entry in offered.items()
