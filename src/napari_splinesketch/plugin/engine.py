@@ -15,7 +15,14 @@ from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.plugin.layers.space import Block
-from napari_splinesketch.plugin.model import Line, Refined, lengths_of, new_among
+from napari_splinesketch.plugin.model import (
+    Line,
+    Record,
+    Refined,
+    lengths_of,
+    lying_over,
+    new_among,
+)
 from napari_splinesketch.tracking import Tracked, View
 
 if TYPE_CHECKING:
@@ -78,11 +85,16 @@ def refine(
 
 
 def suggest(
-    block: Block, known: Sequence[Line], how: Asked, on_progress: OnProgress
+    block: Block,
+    drawn: Sequence[Line],
+    here: Sequence[Record],
+    how: Asked,
+    on_progress: OnProgress,
 ) -> "Suggestions":
-    """Read the pixels and find lines over bodies that are not `known`, px of the image.
+    """Read the pixels and find lines over bodies without a line or a curve, px of the image.
 
-    To be called in a thread. To choose among them takes milliseconds.
+    Nor is there one that Refine would take for a curve `here` drawn again. To be called in a
+    thread. To choose among the lines takes milliseconds.
     """
     from napari_splinesketch.engine.find.suggest import prepare
 
@@ -91,7 +103,8 @@ def suggest(
     on_progress(Progress("looking for bodies", 0.2))
     found = prepare(pixels, **_options(how, grid.size))
     lines = [grid.to_image(line) for line in found.lines]
-    new = new_among(lines, known)
+    new = new_among(lines, [*drawn, *(record.curve.points for record in here)])
+    new &= np.array([not over for over in lying_over(lines, here)], dtype=bool)
     fresh = tuple([line for line, chosen in zip(lines, new, strict=True) if chosen])
     return replace(found, lines=fresh, strength=found.strength[new])
 

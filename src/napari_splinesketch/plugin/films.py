@@ -17,7 +17,7 @@ from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.plugin.plan import OPEN, lying_over
+from napari_splinesketch.plugin.plan import OPEN
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -62,11 +62,10 @@ class Suggestions:
         left = work.state.suggested(frame, ()).suggestions
         old = work.positions(set(work.state.suggestions).difference(left))
         pairs = zip(c.drawn.lines, c.drawn.numbers, strict=True)
-        known = [line for line, position in pairs if position not in old]
-        known += [record.curve.points for record in c.records(frame)]
+        mine = [line for line, position in pairs if position not in old]
         corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
-        look = partial(engine.suggest, space.block_around(image, frame, [corners]), known)
-        look = partial(look, c.how(image))
+        look = partial(engine.suggest, space.block_around(image, frame, [corners]), mine)
+        look = partial(look, c.records(frame), c.how(image))
         c.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
@@ -76,11 +75,7 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        # Refine would take them for lines drawn again over bodies that have a curve.
-        here = [record for record in work.state.records if record.frame == frame]
-        fresh = [not over for over in lying_over(found.lines, here)]
-        lines = tuple(line for line, new in zip(found.lines, fresh, strict=True) if new)
-        self._last = work, frame, replace(found, lines=lines, strength=found.strength[fresh])
+        self._last = work, frame, found
         self._put(SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:

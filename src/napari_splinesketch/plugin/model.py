@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
-from napari_splinesketch.engine.spline import resample
+from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
@@ -29,6 +29,13 @@ SAME = 2
 """Decimals of a pixel to which a line is the same as before."""
 SAMPLES = 16
 """Points at which two lines are compared."""
+WITHIN = 1.25
+"""A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
+bodies that touch are two apart."""
+LIKE = 0.6
+"""Such a line is as long as the curve but for this factor, either way."""
+LEAST = 1.5
+"""Half-width that counts at least, px: a hand is no steadier."""
 SAME_BODY = 0.25
 """Lines that lie so near to each other, in lengths of the shorter one, mean the same body."""
 STEPS = 200
@@ -192,6 +199,33 @@ def new_among(lines: Sequence[Line], known: Sequence[Line]) -> Bool[np.ndarray, 
         return np.ones(len(lines), dtype=bool)
     sizes = np.minimum.outer(lengths_of(lines), lengths_of(known))
     return np.all(_distances(lines, known) >= SAME_BODY * sizes, axis=1)
+
+
+def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, float]]:
+    """Say over which curves each line lies: their numbers, and how far from it, half-widths."""
+    if not here:
+        return [{} for _ in lines]
+    points = np.stack([record.curve.points for record in here])
+    low, high = points.min(axis=1), points.max(axis=1)
+    found = []
+    for line in lines:
+        beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
+        near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
+        apart = {record.id: _apart(line, record) for record in near}
+        found.append({number: far for number, far in apart.items() if far < WITHIN})
+    return found
+
+
+def _apart(line: Line, record: Record) -> float:
+    """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
+    curve = record.curve
+    share = arc_length(line)[-1] / max(curve.length, 1e-9)
+    if curve.status == "failed" or not LIKE < share < 1 / LIKE:
+        return np.inf
+    some = resample(line, SAMPLES)
+    far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
+    width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
+    return float(far / max(width, LEAST))
 
 
 @dataclass(frozen=True, eq=False)

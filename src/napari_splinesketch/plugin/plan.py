@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import model, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
@@ -17,13 +16,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 Scope = Literal["new", "selected", "all"]
-WITHIN = 1.25
-"""A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
-bodies that touch are two apart."""
-LIKE = 0.6
-"""Such a line is as long as the curve but for this factor, either way."""
-LEAST = 1.5
-"""Half-width that counts at least, px: a hand is no steadier."""
 BEGIN = "Press Draw lines, then draw a line over each body."
 OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 
@@ -158,38 +150,11 @@ def _drawn_again(
     known = {record.id for record in here}
     fresh = [i for i, number in enumerate(ids) if number not in known]
     found: dict[int, int] = {}
-    for i, over in zip(fresh, lying_over([lines[i] for i in fresh], here), strict=True):
+    for i, over in zip(fresh, model.lying_over([lines[i] for i in fresh], here), strict=True):
         apart = {far: number for number, far in over.items() if number not in found.values()}
         if apart:
             found[i] = apart[min(apart)]
     return found
-
-
-def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, float]]:
-    """Say over which curves each line lies: their numbers, and how far from it, half-widths."""
-    if not here:
-        return [{} for _ in lines]
-    points = np.stack([record.curve.points for record in here])
-    low, high = points.min(axis=1), points.max(axis=1)
-    found = []
-    for line in lines:
-        beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
-        near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
-        apart = {record.id: _apart(line, record) for record in near}
-        found.append({number: far for number, far in apart.items() if far < WITHIN})
-    return found
-
-
-def _apart(line: Line, record: Record) -> float:
-    """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
-    curve = record.curve
-    share = arc_length(line)[-1] / max(curve.length, 1e-9)
-    if curve.status == "failed" or not LIKE < share < 1 / LIKE:
-        return np.inf
-    some = resample(line, model.SAMPLES)
-    far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
-    width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
-    return float(far / max(width, LEAST))
 
 
 def request(c: "Controller", scope: Scope = "new") -> Plan:
