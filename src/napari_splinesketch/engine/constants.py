@@ -262,6 +262,8 @@ TWIN_HW = 0.6  # ... is closer than this to the other
 GRAIN_HW = 0.35  # residuals are averaged over this: noise averages out, misfit does not
 MISFIT_ACROSS_HW = 1.5  # misfit of a point is read this far on either side of the centreline ...
 MISFIT_ALONG_HW = 2.0  # ... with a Gaussian of this width along it
+# a curve whose knots move less than this is not drawn again (speed):
+STAYS_PX = 0.1
 # factor of all standard errors: bodies are not exactly tubes (measured: uncertainty.py):
 SD_EVERYWHERE = 1.1
 SD_BESIDE = 1.6  # further factor beside another curve (measured: uncertainty.py),

@@ -7,13 +7,15 @@ from functools import cached_property
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import special
 from scipy.linalg import block_diag
+from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit import bands as pad
 from napari_splinesketch.engine.fit import solver
-from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend
+from napari_splinesketch.engine.fit.tube import GLOBALS, INDEX, blend, brightness
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import Array
 
@@ -166,6 +168,20 @@ def fit_curves(
         if not pending.any():
             break
     return bodies()
+
+
+def moved(seen: Scene, body: Body, knots: Float[Array, "K 2"]) -> Body:
+    """A body with its knots elsewhere, as it is drawn there."""
+    there = replace(body, theta=np.concatenate([knots.T.ravel(), body.parameters]))
+    if np.abs(knots - body.knots).max() < const.STAYS_PX:
+        return there
+    pixels = around(seen, there.points(), float(np.exp(body["log_width_0"])))
+    count = const.FINER * len(knots)
+    line = spline.even_basis(len(knots), count) @ knots
+    at = np.column_stack(np.divmod(pixels, seen.valid.shape[1]))
+    distance, nearest = KDTree(line).query(at)
+    own = brightness(distance, nearest / (count - 1), body.parameters, np, special.erf)
+    return replace(there, pixels=pixels, own=own)
 
 
 def around(seen: Scene, line: Float[Array, "P 2"], half_width: float) -> Int[Array, " m"]:

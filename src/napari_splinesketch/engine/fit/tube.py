@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import erf
 from jaxtyping import Float, Int
 
@@ -114,22 +115,22 @@ def _newton(apart, tangent, bend, index, last: int, reach: int) -> Float[Array, 
     return jnp.clip((apart * tangent).sum(0) / curvature, low, high)
 
 
-def brightness(distance, u, g):
+def brightness(distance, u, g, xp=jnp, erf=erf):
     """A body's brightness at a distance from the point u of its centreline.
 
     Along a straight stretch a row of radially symmetric blobs integrates to such a tube
     (paper, section 2.1): its coverage is about 1 inside and 0 outside, its edge is blurred, and
-    is darker than its middle.
+    is darker than its middle. `xp` and `erf` are of the array library to compute with.
     """
     shape = modes(u)
     log_width = sum(g[i] * shape[i] for i in range(const.WIDTH_MODES))
     light = 1 + sum(
         g[const.WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + const.LIGHT_MODES)
     )
-    blur = jnp.exp(g[INDEX["log_blur"]]) * jnp.sqrt(2.0)
-    width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]])
+    blur = xp.exp(g[INDEX["log_blur"]]) * np.sqrt(2.0)
+    width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], xp)
     edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
-    across = jnp.minimum((distance / width) ** 2, 1.0)
+    across = xp.minimum((distance / width) ** 2, 1.0)
     return g[INDEX["contrast"]] * light * edge * (1 - const.EDGE_SHADE * across)
 
 

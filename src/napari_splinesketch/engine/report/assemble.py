@@ -1,7 +1,7 @@
 """From fitted islands to the result that the user gets."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +9,12 @@ from jaxtyping import Bool, Float, Real
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import SceneFit
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.islands import Island
-from napari_splinesketch.engine.judge import assess, doubt
-from napari_splinesketch.engine.judge.standard_error import standard_error, unexplained
+from napari_splinesketch.engine.judge import assess, doubt, position
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
@@ -47,13 +47,11 @@ class Part:
 
 def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     """The curves of an island with their status, and what they are drawn as."""
-    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
-    residual = seen.normal - drawn
-    rests = [_rest(body, residual) for body in fit.bodies]
-    curves = _curves(seen, fit, island.sketches, island.members, residual, rests)
-    return part_of(
-        island, list(curves), drawn * seen.contrast, needed.model(seen, fit.bodies, rests)
-    )
+    bodies, known = _placed(seen, fit, island.sketches)
+    drawn = _draw(seen.valid, [*bodies, *fit.fixed])
+    rests = [_rest(body, seen.normal - drawn) for body in bodies]
+    curves = _curves(seen, fit, bodies, known, island, rests)
+    return part_of(island, list(curves), drawn * seen.contrast, needed.model(seen, bodies, rests))
 
 
 def part_of(
@@ -95,39 +93,55 @@ def assemble(
     return Refinement.lazy(curves, pictures, model, time.perf_counter() - began)
 
 
+def _placed(
+    seen: Scene, fit: SceneFit, sketches: list[Float[Array, "N 2"]]
+) -> tuple[list[Body], list[Float[Array, "2K 2K"]]]:
+    """Bodies where image and clicked sketches put them together, and the knots' covariances."""
+    everything = [body.points() for body in (*fit.bodies, *fit.fixed)]
+    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
+    misfit = position.unexplained(seen, seen.normal - drawn)
+    widest = max(float(np.exp(body["log_width_0"])) for body in fit.bodies)
+    beside = assess.neighbours(everything, const.BESIDE_HW * widest)
+    bodies, known = [], []
+    for body, start, sketch, near in zip(fit.bodies, fit.starts, sketches, beside, strict=False):
+        others = np.concatenate([everything[k] for k in near]) if near else None
+        sure = position.covariance(body, misfit, others)
+        if start.found and scoring.clicked(sketch) and len(body.pixels):
+            knots, sure = position.with_sketch(body.knots, sure, sketch, start.half_width)
+            body = fitting.moved(seen, body, knots)
+        bodies.append(body)
+        known.append(sure)
+    return bodies, known
+
+
 def _curves(
     seen: Scene,
     fit: SceneFit,
-    sketches: list[Float[Array, "N 2"]],
-    numbers: Sequence[int],
-    residual: Float[Array, "H W"],
+    bodies: list[Body],
+    known: list[Float[Array, "2K 2K"]],
+    island: Island,
     rests: list[Float[Array, " m"]],
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
-    centres = [spline.sample(b.knots, 100) for b in fit.bodies]
-    everything = [*centres, *(b.points() for b in fit.fixed)]
-    twins = assess.doubles(centres, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
-    misfit = unexplained(seen, residual)
-    widths = [float(np.exp(b["log_width_0"])) for b in fit.bodies]
-    beside = assess.neighbours(everything, const.BESIDE_HW * max(widths))
-    for i, (body, sketch, others) in enumerate(zip(fit.bodies, sketches, beside, strict=False)):
-        reasons = []
-        start = fit.starts[i]
+    lines = [spline.sample(b.knots, 100) for b in bodies]
+    twins = assess.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
+    for i, (body, sketch, start) in enumerate(
+        zip(bodies, island.sketches, fit.starts, strict=True)
+    ):
+        reasons, half_width = [], float(np.exp(body["log_width_0"]))
         if not start.found:
             reasons.append("no body was seen along its sketch")
         if all(start.goes_on):
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
-            reasons.append(f"it lies on the same body as curve {numbers[twins[i]]}")
+            reasons.append(f"it lies on the same body as curve {island.members[twins[i]]}")
         outline = assess.outline(body, sketch, start.tips, seen.valid.shape)
-        near = np.zeros(len(outline.points), dtype=bool)
-        if others:
-            lines = np.concatenate([everything[k] for k in others])
-            near = np.isfinite(spline.apart(outline.points, lines, const.BESIDE_HW * widths[i]))
-        sd = standard_error(body, outline.u, misfit, near)
+        sd = position.normal_sd(known[i], body.knots, outline.u)
+        if not len(body.pixels):
+            sd[:] = np.inf
         if i in fit.held:
-            sd = np.maximum(sd, widths[i])
-        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, widths[i], start))
+            sd = np.maximum(sd, half_width)
+        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, half_width, start))
         yield Curve(
             outline.knots,
             outline.points,
