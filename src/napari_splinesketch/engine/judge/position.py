@@ -63,7 +63,8 @@ def with_sketch(
 
     Each vertex measures where the curve is along the normal beside it, the first and the last also
     where it ends (Kalman's update). Where the image shows a body well they change nothing; where
-    it shows nothing, the curve passes through them.
+    it shows nothing, the curve passes through them. A sketch that misses the curve at most of its
+    vertices was not clicked with care, or means another body, and says nothing.
     """
     count, length = len(knots), float(spline.arc_length(sketch)[-1])
     line = spline.even_basis(count, 8 * POINTS) @ knots
@@ -74,10 +75,13 @@ def with_sketch(
     basis, way = spline.basis(count, at), spline.basis(count, at, 1) @ knots
     way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
     way[:-2] = way[:-2, ::-1] * [-1.0, 1.0]
-    sd = np.full(len(at), scoring.hit(half_width, length))
-    sd[-2:] += const.CLICKED_END * length
     rows = np.concatenate([way[:, :1] * basis, way[:, 1:] * basis], axis=1)
     off = ((drawn - basis @ knots) * way).sum(1)
+    near = scoring.hit(half_width, length)
+    if np.median(np.abs(off)) > near:
+        return knots, covariance
+    sd = np.full(len(at), near)
+    sd[-2:] += const.CLICKED_END * length
     known = rows @ covariance
     gain = np.linalg.solve(known @ rows.T + np.diag(sd**2), known).T
     return knots + (gain @ off).reshape(2, -1).T, covariance - gain @ known
