@@ -35,7 +35,7 @@ from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.find import finding, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
-from napari_splinesketch.engine.judge import doubt
+from napari_splinesketch.engine.judge import doubt, position
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.metrics import average_dtw
 
@@ -129,6 +129,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
     "clicked vertices are believed": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
+    "clicks are measurements": _set(position, with_sketch=lambda knots, known, *_: (knots, known)),
     "a clicked sketch without a body stays": _set(constants, KEPT_SKETCH=np.inf),
     "clicked ends are followed to their tips": _set(constants, CAP_AHEAD=2.0),
     "hollow bodies": _set(finding, _between_rims=lambda *_: False),
