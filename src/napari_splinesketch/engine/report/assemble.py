@@ -47,9 +47,12 @@ class Part:
 
 def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     """The curves of an island with their status, and what they are drawn as."""
-    bodies, known = _placed(seen, fit, island.sketches)
-    drawn = _draw(seen.valid, [*bodies, *fit.fixed])
-    rests = [_rest(body, seen.normal - drawn) for body in bodies]
+    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
+    bodies, known = _placed(seen, fit, island.sketches, seen.normal - drawn)
+    if any(new.own is not old.own for new, old in zip(bodies, fit.bodies, strict=True)):
+        drawn = _draw(seen.valid, [*bodies, *fit.fixed])
+    residual = seen.normal - drawn
+    rests = [_rest(body, residual) for body in bodies]
     curves = _curves(seen, fit, bodies, known, island, rests)
     return part_of(island, list(curves), drawn * seen.contrast, needed.model(seen, bodies, rests))
 
@@ -94,12 +97,14 @@ def assemble(
 
 
 def _placed(
-    seen: Scene, fit: SceneFit, sketches: list[Float[Array, "N 2"]]
+    seen: Scene,
+    fit: SceneFit,
+    sketches: list[Float[Array, "N 2"]],
+    residual: Float[Array, "H W"],
 ) -> tuple[list[Body], list[Float[Array, "2K 2K"]]]:
     """Bodies where image and clicked sketches put them together, and the knots' covariances."""
     everything = [body.points() for body in (*fit.bodies, *fit.fixed)]
-    drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
-    misfit = position.unexplained(seen, seen.normal - drawn)
+    misfit = position.unexplained(seen, residual)
     widest = max(float(np.exp(body["log_width_0"])) for body in fit.bodies)
     beside = assess.neighbours(everything, const.BESIDE_HW * widest)
     bodies, known = [], []
