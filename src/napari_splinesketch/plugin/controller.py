@@ -291,7 +291,7 @@ class Controller(Keeper):
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer = self.choices.image, self.choices.sketches
-        if image and layer and drawn.clicked(self.viewer, layer, image):
+        if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)
         else:
