@@ -114,6 +114,8 @@ class Controller(Keeper):
         """
         if self.progress:
             return
+        if self.knots:
+            self.knots.close()
 
         def show(outcome: Any) -> None:
             self._job = None  # it can no longer be cancelled
@@ -147,7 +149,7 @@ class Controller(Keeper):
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
-        if self._on and not self.knots:
+        if self._on:
             self._on.move()
         self._job = self.progress = self._on = None
         self.tell(notice)

@@ -173,8 +173,9 @@ class Tracking:
             what = f"Refit around frame {self.corrected}"
             if self.corrected is None:
                 what = f"Track to frame {self.frames[-1]}"
+            again = self._taken and work.history.done == what  # nothing was done in between
             state = reduce(taken_in, done, work.state)
-            controller.apply("" if self._taken else what, state, work=work)
+            controller.apply("" if again else what, state, work=work)
         # The pictures of a long film would fill the memory.
         self._taken += [replace(one, view=None, refinement=None) for one in done]
 
