@@ -5,6 +5,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
@@ -141,6 +142,10 @@ class Saver(QObject):
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
         self._choice = controller.settings.save_work, controller.settings.work_folder
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
+        # Also layers without results, which a dock before this one has looked after.
+        for image in set(controller.viewer.layers).intersection(_folders):
+            for sketches in set(controller.viewer.layers).intersection(_folders[image]):
+                controller.work_on(image, sketches)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._soon),
@@ -314,6 +319,11 @@ class Saver(QObject):
         layer = self._controller.viewer.layers[event.index]
         if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
+        for work in going:
+            path = self.folder(work).path
+            with suppress(OSError, LabelsError):
+                if path and (head := sessions.summary(path)):
+                    self._home_of(work.image).found[path] = head
 
     def _save(self) -> None:
         """Look at images that are not known yet, and write what has changed, in threads."""
