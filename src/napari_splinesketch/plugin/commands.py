@@ -12,6 +12,7 @@ from napari.utils.key_bindings import coerce_keybinding
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.looks import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -148,7 +149,7 @@ def go_to(controller: Controller, key: Key) -> None:
 
 
 def _go_on(controller: Controller, order: Sequence[Record]) -> None:
-    """Go to the first open curve after the selected one, or to the first of all."""
+    """Go to the first open curve after the selected one, or to the first of all; or say so."""
     now = controller.state.by_key
     keys = [key for key in map(key_of, order) if key in now]
     chosen = set(controller.selection)
@@ -156,6 +157,8 @@ def _go_on(controller: Controller, order: Sequence[Record]) -> None:
     ahead = (key for key in (*keys[at + 1 :], *keys[: at + 1]) if now[key].review == "open")
     if key := next(ahead, None):
         go_to(controller, key)
+    else:
+        controller.tell(Notice("done", "No curve is left to review here."))
 
 
 def _pointed(controller: Controller) -> Record | None:
