@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 from napari.components import ViewerModel
-from napari.layers import Image
+from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
@@ -259,9 +259,9 @@ class Controller(Keeper):
             self._soon()
 
     def is_meant(self) -> bool:
-        """Whether a key is meant for us: a layer that we have to do with is active, or none."""
+        """Whether a key is meant for us: an image, lines or results are active, or no layer."""
         layer = self.viewer.layers.selection.active
-        return layer in (None, self.choices.image, self.choices.sketches) or is_result(layer)
+        return layer is None or isinstance(layer, Image | Shapes) or is_result(layer)
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
