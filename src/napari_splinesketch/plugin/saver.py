@@ -160,7 +160,7 @@ class Saver(QObject):
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        home, work = self._home, self._controller.work
+        home, work = self._home if self._choice[0] else None, self._controller.work
         path = self.folder(work).path if work else None
         return home and home.place and (path.parent if path else home.place)
 
@@ -308,10 +308,11 @@ class Saver(QObject):
         if self._choice != choice:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self._leave(self._controller.works)
-            self._choice = choice
-            self._homes.clear()
-            for work in self._controller.works:
-                _folders.pop(work.image, None)
+            before, self._choice = self._choice, choice
+            if before[1] != choice[1]:
+                self._homes.clear()
+                for work in self._controller.works:
+                    _folders.pop(work.image, None)
             self._soon()
             self.found.emit()
 
