@@ -69,18 +69,18 @@ def test_a_second_table_takes_the_keys_over(table: Commands, heard: list[str]) -
 
 
 def test_keys_are_heard_while_another_image_or_other_lines_are_active() -> None:
-    with bench() as made:
-        made.image()
+    viewer: Any = ViewerModel()
+    with bench(viewer) as made:
+        first, other = made.image(), made.image(seed=1)
         made.sketches()
-        image = made.image(seed=1)
-        made.controller.choices.image = made.viewer.layers[0]
+        made.controller.choices.image = first
         for layer, meant in (
-            (image, True),
-            (made.viewer.add_shapes(ndim=2), True),
-            (made.viewer.add_points(ndim=2), False),
-            (made.viewer.add_labels(np.zeros((9, 9), int)), False),
+            (other, True),
+            (viewer.add_shapes(ndim=2), True),
+            (viewer.add_points(ndim=2), False),
+            (viewer.add_labels(np.zeros((9, 9), int)), False),
         ):
-            made.viewer.layers.selection.active = layer
+            viewer.layers.selection.active = layer
             assert made.controller.is_meant() == meant
 
 

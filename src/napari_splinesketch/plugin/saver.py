@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count
+from itertools import chain, count, product
 from pathlib import Path
 from typing import Any, Self
 from weakref import WeakKeyDictionary
@@ -143,8 +143,9 @@ class Saver(QObject):
         self._choice = controller.settings.save_work, controller.settings.work_folder
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
         # Also layers without results, which a dock before this one has looked after.
-        for image in set(controller.viewer.layers).intersection(_folders):
-            for sketches in set(controller.viewer.layers).intersection(_folders[image]):
+        there = controller.choices.layers
+        for image, sketches in product(there(Image), there(Shapes)):
+            if sketches in _folders.get(image, ()):
                 controller.work_on(image, sketches)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
