@@ -168,6 +168,24 @@ def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
     assert np.round(gone, 2).tobytes() in {np.round(line, 2).tobytes() for line in drawn(layer)}
 
 
+def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(film, name="worms")
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    usual = layer.nshapes
+    viewer.dims.set_point(0, 1)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    QTest.qWait(300)
+    assert layer.nshapes == usual
+    assert dock.controller.suggestions.sensitivity == 1, "for the next time"
+    viewer.dims.set_point(0, 0)
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > usual, 20)
+
+
 def test_lines_go_into_the_layer_that_they_were_suggested_for(
     qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

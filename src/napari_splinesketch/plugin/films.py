@@ -79,12 +79,12 @@ class Suggestions:
         self._put(work.state.suggested(frame, ()), SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:
-        """Choose lines for another sensitivity, from what was found before."""
-        controller = self._controller
-        if self._last and self._last[0] is controller.work and not controller.progress:
+        """Choose lines for another sensitivity, from what was found before in what is in view."""
+        c = self._controller
+        if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
             history = self._last[0].history
             again = history.done == SUGGEST
-            self._put(history.value, "" if again else SUGGEST, controller.tell)
+            self._put(history.value, "" if again else SUGGEST, c.tell)
 
     def _put(self, before: State, what: str, tell: Callable[[Notice], None]) -> None:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
