@@ -113,6 +113,12 @@ def test_a_full_disk_names_the_file_and_the_remedy(error: Exception, inside: Pat
         assert caught.value.filename == os.path.realpath("a.csv")
 
 
+def test_a_folder_that_is_not_there_names_the_file(inside: Path) -> None:
+    with pytest.raises(FileNotFoundError) as caught:
+        write("nowhere/out.csv")
+    assert caught.value.filename == str(inside / "nowhere" / "out.csv"), "not a temporary one"
+
+
 def test_other_errors_are_as_they_were() -> None:
     with pytest.raises(RuntimeError, match=r"^something else$"), atomic("a.csv"):
         raise RuntimeError("something else")

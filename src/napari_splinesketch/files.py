@@ -207,7 +207,10 @@ def printable(text: str) -> str:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    folder = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=target.parent))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=target.parent))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(target)) from error
     try:
         yield folder
     finally:

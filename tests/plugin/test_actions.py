@@ -15,6 +15,7 @@ from qtpy.QtWidgets import QLineEdit
 from napari_splinesketch.plugin.commands import COMMANDS, Command, Commands
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
+from .bench import bench
 from .hand import QTest, canvas
 
 
@@ -65,6 +66,22 @@ def test_a_second_table_takes_the_keys_over(table: Commands, heard: list[str]) -
     press(viewer, "J")
     assert heard == ["again"]
     assert "a" in again._bound
+
+
+def test_keys_are_heard_while_another_image_or_other_lines_are_active() -> None:
+    viewer: Any = ViewerModel()
+    with bench(viewer) as made:
+        first, other = made.image(), made.image(seed=1)
+        made.sketches()
+        made.controller.choices.image = first
+        for layer, meant in (
+            (other, True),
+            (viewer.add_shapes(ndim=2), True),
+            (viewer.add_points(ndim=2), False),
+            (viewer.add_labels(np.zeros((9, 9), int)), False),
+        ):
+            viewer.layers.selection.active = layer
+            assert made.controller.is_meant() == meant
 
 
 @pytest.mark.window

@@ -7,6 +7,7 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.knots import SIZE
 
 from .fakes import FakeEngine
@@ -68,6 +69,32 @@ def settled(dock: SplinesketchDock, number: int) -> None:
     shapes: Any = dock.controller.viewer.layers["film curves"]
     until(lambda: shapes.nshapes == number, 20)
     until(lambda: not dock.controller.progress, 20)
+
+
+@pytest.mark.window(shown=True)
+def test_keys_act_on_the_curve_under_the_mouse(dock: SplinesketchDock, hand: Hand) -> None:
+    controller = dock.controller
+    for key, modifiers, done in (
+        ("K", SHIFT, "Lock curve 2"),
+        ("K", SHIFT, "Unlock curve 2"),
+        ("H", SHIFT, "Flip curve 2"),
+        ("Q", SHIFT, "Delete curve 2"),
+        ("W", SHIFT, "Restore curve 2"),
+    ):
+        controller.select([])
+        hand.point(60, 50)
+        hand.press(key, modifiers)
+        assert controller.steps.done == done
+    controller.select([])
+    hand.press("U")
+    assert controller.knots
+    hand.press("U")
+    hand.point(90, 120)
+    for key in "KQHU":
+        controller.select([])
+        hand.press(key, SHIFT)
+        assert "or point at it" in dock.notice.text()
+        controller.tell(Notice())
 
 
 @pytest.mark.window

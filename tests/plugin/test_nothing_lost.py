@@ -216,6 +216,37 @@ def test_lines_removed_while_the_dock_is_closed_are_offered_again(home: Path) ->
     assert counts(home) == [(2, 2)]
 
 
+def test_lines_removed_while_the_dock_is_open_are_offered_as_they_were(home: Path) -> None:
+    with bench() as made:
+        made.image()
+        layer = made.sketches(LINES[:1])
+        made.refine()
+        made.saver.flush()
+        layer.add(LINES[1], shape_type="path")
+        made.refine()
+        made.viewer.layers.remove(layer)
+        (head,) = made.saver.offers().values()
+        assert (head.sketches, head.curves) == (2, 2)
+        made.resume()
+        assert len(made.controller.records()) == 2
+        assert not made.saver.offers()
+    assert counts(home) == [(2, 2)]
+
+
+def test_lines_without_curves_are_known_when_the_dock_is_opened_again(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        layer = first.sketches(LINES[:1], name="not chosen")
+        first.sketches()
+        first.saver.flush()
+    with bench(viewer) as again:
+        until(lambda: again.saver.place, SOON)
+        assert not again.saver.offers(), "they are in the window"
+        layer.add(LINES[1], shape_type="path")
+    assert counts(home) == [(2, 0), (2, 0)]
+
+
 def test_two_windows_never_write_into_one_folder(home: Path) -> None:
     with bench() as first:
         first.image()

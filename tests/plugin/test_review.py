@@ -132,6 +132,9 @@ def test_one_hand_reviews_the_worst_first(
     QTest.keyClick(canvas(viewer), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     until(lambda: panel.count.text() == "3 of 5 reviewed", 5)
     assert len(ids(panel)) == 2
+    dock.controller.review("accepted", *dock.controller.state.by_key)
+    press(viewer, "N")
+    assert "No curve is left to review" in dock.notice.text()
 
 
 @pytest.mark.window

@@ -47,6 +47,30 @@ def test_saved_work_is_announced_moved_and_switched_off(
     until(lambda: dock.saver.place == first, 20)
 
 
+def test_saving_that_is_switched_on_again_goes_on_in_its_folder(
+    qapp: Any, fake: FakeEngine, plugin_settings: None
+) -> None:
+    home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
+    with bench() as made:
+        made.image()
+        layer = made.sketches()
+        made.refine()
+        made.saver.flush()
+        made.controller.choose(save_work=False)
+        assert made.saver.place is None
+        layer.add([[5, 10], [5, 60]], shape_type="line")
+        made.saver.flush()
+        made.controller.choose(save_work=True)
+        made.saver.flush()
+        assert made.saver.place is not None
+        assert not made.saver.offers(), "what was saved before is in the window"
+    assert len(sessions(home)) == 1
+    with bench() as again:
+        again.image()
+        again.resume()
+        assert len(again.controller.drawn.lines) == 3
+
+
 def test_the_folder_of_an_image_without_a_file_has_its_name(
     viewer: Any, dock: SplinesketchDock
 ) -> None:

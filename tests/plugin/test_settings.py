@@ -70,8 +70,7 @@ def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_install
     assert box.isVisible()
     box.widgets["polarity"].native.setFocus()
     QTest.keyClick(box.widgets["polarity"].native, Qt.Key.Key_Down)
-    box.half_width.setFocus()
-    box.half_width.selectAll()
+    click(box.half_width.lineEdit())
     QTest.keyClicks(box.half_width, "1.5")
     QTest.keyClick(box.half_width, Qt.Key.Key_Return)
     assert box.half_width.suffix() == " µm"

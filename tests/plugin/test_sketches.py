@@ -7,6 +7,7 @@ import pytest
 from napari.components import ViewerModel
 
 from napari_splinesketch.plugin.layers.drawn import (
+    clicked,
     drawn_in,
     new_sketch_layer,
     selected_in,
@@ -89,3 +90,20 @@ def test_a_new_layer_lies_on_the_image() -> None:
         np.testing.assert_allclose(layer.data_to_world(point), image.data_to_world(point))
     layer.add([[2, 0, 0], [2, 5, 5]], shape_type="line")
     assert drawn_in(viewer, layer, image, 2).numbers == (0,)
+
+
+@pytest.mark.parametrize("sizes", [(1, 1), (2, 1), (1, 3), (0.1, 0.5)])
+def test_a_click_is_told_from_a_line_whatever_the_size_of_a_pixel(
+    sizes: tuple[float, float],
+) -> None:
+    viewer: Any = ViewerModel()
+    viewer.add_image(np.zeros((64, 96)), scale=sizes)
+    layer = viewer.add_shapes(ndim=2, scale=sizes)
+    layer.mode = "add_line"
+    viewer.scene.camera.zoom = 3.0
+    # napari's line of a click: 2.5 px of the screen, measured along the last axis.
+    apart = 2.5 / (3.0 * sizes[1])
+    layer.add([[30, 40], [30 + apart, 40 + apart]], shape_type="line")
+    assert clicked(viewer, layer)
+    layer.add([[30, 40], [30 + 4 * apart, 40 + 4 * apart]], shape_type="line")
+    assert not clicked(viewer, layer), "a line of 10 px of the screen"

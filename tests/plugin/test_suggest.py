@@ -144,6 +144,48 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
     assert not dock.undo.isEnabled(), "however far it was moved, it is one step"
 
 
+def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
+    layer.data = [moved + 4, *drawn(layer)[2:]]
+    viewer.layers.selection.active, layer.mode, layer.selected_data = layer, "select", {2, 3}
+    refine(dock)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > usual, 20)
+    until(lambda: not dock.controller.drawing.busy, 20)
+    lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
+    assert len(set(lines)) == len(lines), "no line is there twice"
+    assert not {np.round(line, 2).tobytes() for line in (gone, moved)} & {*lines}
+    click(dock.undo)
+    until(lambda: layer.nshapes == usual - 1, 20)
+    assert len(dock.controller.records()) == 2
+    assert not dock.controller.request().orphans, "lines of curves stay"
+    press_suggest(dock)
+    assert np.round(gone, 2).tobytes() in {np.round(line, 2).tobytes() for line in drawn(layer)}
+
+
+def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(film, name="worms")
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    usual = layer.nshapes
+    viewer.dims.set_point(0, 1)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    QTest.qWait(300)
+    assert layer.nshapes == usual
+    assert dock.controller.suggestions.sensitivity == 1, "for the next time"
+    viewer.dims.set_point(0, 0)
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > usual, 20)
+
+
 def test_lines_go_into_the_layer_that_they_were_suggested_for(
     qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,11 +4,13 @@ import weakref
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from threading import Semaphore
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from napari.layers.base import ActionType
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
@@ -146,6 +148,41 @@ def test_cancelling_keeps_what_is_done(
     fake.go.set()
     QTest.qWait(300)
     assert keys(film)[-1] == (3, 2)
+
+
+def test_what_is_decided_while_tracking_is_a_step_of_its_own(film: SplinesketchDock) -> None:
+    controller, whole, turns = film.controller, engine.refine, Semaphore(1)
+
+    def slow(*arguments: Any, **options: Any) -> Refinement:
+        turns.acquire(timeout=20)
+        return whole(*arguments, **options)
+
+    engine.refine = slow
+    click(film.track.buttons["track"])
+    until(lambda: (2, 2) in keys(film), 20)
+    controller.review("accepted", (1, 1))
+    turns.release(3)
+    over(film)
+    assert keys(film)[-1] == (5, 2)
+    click(film.undo)
+    click(film.undo)
+    assert keys(film)[-1] == (2, 2), "what came after the verdict is taken back first"
+    assert controller.records()[0].review == "open"
+
+
+def test_knots_are_done_when_tracking_begins(viewer: Any, film: SplinesketchDock) -> None:
+    controller = film.controller
+    controller.selected = (1, 1)
+    controller.toggle_knots()
+    knots = viewer.layers["film knots of curve 1"]
+    moved = knots.data + np.eye(10, 3)[:, [1, 0, 2]]
+    knots.data = moved
+    knots.events.data(value=moved, action=ActionType.CHANGED, data_indices=(0,), vertex_indices=())
+    click(film.track.buttons["track"])
+    assert controller.knots is None, "Esc would take back the frames that come"
+    assert controller.steps.done == "Move knots of curve 1"
+    over(film)
+    assert keys(film)[-1] == (5, 2)
 
 
 def test_drift_is_flagged_and_lost_bodies_are_named(

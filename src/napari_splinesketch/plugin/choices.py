@@ -70,7 +70,7 @@ class Choices:
             self._choose(layer)
         layers = viewer.layers.events
         self._end = listen(
-            (layers.inserted, self._on_inserted),
+            (layers.inserted, lambda event: self._choose(event.value)),
             (layers.removed, self._on_removed),
             (layers.reordered, lambda event: changes.layers.emit()),
             (layers.renamed, lambda event: changes.layers.emit()),
@@ -109,11 +109,6 @@ class Choices:
         for kind in self._chosen:
             if isinstance(layer, kind) and not is_result(layer):
                 self.choose(kind, layer)
-
-    def _on_inserted(self, event: Any) -> None:
-        self._choose(event.value)
-        if not is_result(event.value):
-            self._changes.layers.emit()
 
     def _on_removed(self, event: Any) -> None:
         if not is_result(event.value):

@@ -12,6 +12,7 @@ from napari.utils.key_bindings import coerce_keybinding
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
+from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.looks import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
@@ -78,25 +79,18 @@ def _extend(c: Controller, record: Record) -> list[Record]:
     return [_edited(record, longer)]
 
 
-def _shape(
-    verb: str, number: range, change: Callable[..., list[Record]]
-) -> Callable[[Controller], bool]:
-    """Make a command that changes the selected curves, or else the one pointed at, or says why not.
+def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controller], bool]:
+    """Make a command that changes the selected curves, or says why not.
 
     `change` gives what they become; those that it does not give are deleted.
     """
 
     def run(c: Controller) -> bool:
-        pointed = None if c.selection else _pointed(c)
-        chosen = c.selected_records() or ((pointed,) if pointed else ())
+        chosen = c.selected_records()
         locked = [str(record.id) for record in chosen if record.locked]
-        said = f"Curve {', '.join(locked)} is locked." if locked else ""
-        if len(chosen) not in number:
-            one = ", or point at it" if 1 in number else ": click one, Shift-click the other"
-            said = f"Select {words.wanted(number)}{one}."
         try:
-            if said:
-                raise ValueError(said)
+            if locked:
+                raise ValueError(f"Curve {', '.join(locked)} is locked.")
             made = change(c, *chosen)
         except ValueError as error:
             c.say(str(error))
@@ -148,7 +142,7 @@ def go_to(controller: Controller, key: Key) -> None:
 
 
 def _go_on(controller: Controller, order: Sequence[Record]) -> None:
-    """Go to the first open curve after the selected one, or to the first of all."""
+    """Go to the first open curve after the selected one, or to the first of all; or say so."""
     now = controller.state.by_key
     keys = [key for key in map(key_of, order) if key in now]
     chosen = set(controller.selection)
@@ -156,6 +150,8 @@ def _go_on(controller: Controller, order: Sequence[Record]) -> None:
     ahead = (key for key in (*keys[at + 1 :], *keys[: at + 1]) if now[key].review == "open")
     if key := next(ahead, None):
         go_to(controller, key)
+    else:
+        controller.tell(Notice("done", "No curve is left to review here."))
 
 
 def _pointed(controller: Controller) -> Record | None:
@@ -195,14 +191,14 @@ COMMANDS = (
             "Drag the knots of the selected curve", "curve", ONE,
             problem=lambda c: RUNNING if c.progress and not c.knots else "",
             label=lambda c: "Done" if c.knots else "Knots", meanwhile=True),
-    Command("flip", "Flip", "Shift+H", _shape("Flip", ANY, _flip),
+    Command("flip", "Flip", "Shift+H", _shape("Flip", _flip),
             "Swap head and tail of the selected curves", "curve", ANY),
-    Command("split", "Split", "Shift+U", _shape("Split", ONE, _split),
+    Command("split", "Split", "Shift+U", _shape("Split", _split),
             "Cut the curve where you point", "curve", ONE),
-    Command("join", "Join", "Shift+J", _shape("Join", TWO, _join),
+    Command("join", "Join", "Shift+J", _shape("Join", _join),
             "Make one curve of the two that are selected", "curve", TWO),
     Command("extend", "Extend", "Shift+N",
-            lambda c: _shape("Extend", ONE, _extend)(c) and c.refine("selected"),
+            lambda c: _shape("Extend", _extend)(c) and c.refine("selected"),
             "Lengthen the end you point at, and refine", "curve", ONE),
     Command("lock", "Lock", "Shift+K", lambda c: c.lock(not _all_locked(c)),
             "Keep the selected curves as they are", "curve", ANY,
@@ -272,13 +268,23 @@ class Commands:
         return self._commands[name]
 
     def run(self, name: str) -> None:
-        """Do it, if it can be done; says why not where no text in the dock does so already."""
-        command = self._commands[name]
+        """Do it, if it can be done; says why not where no text in the dock does so already.
+
+        What is for curves is for the one that is pointed at, where none is selected.
+        """
+        command, c = self._commands[name], self._controller
         problem = self._problem(command)
+        if not problem and command.curves:
+            if not c.selection:
+                pick(c)
+            if len(c.selection) not in command.curves:
+                one = 1 in command.curves
+                way = ", or point at it" if one else ": click one, Shift-click the other"
+                problem = f"Select {words.wanted(command.curves)}{way}."
         if not problem:
-            command.run(self._controller)
+            command.run(c)
         elif command.place:
-            self._controller.say(problem)
+            c.say(problem)
 
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""

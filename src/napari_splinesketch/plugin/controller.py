@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 from napari.components import ViewerModel
-from napari.layers import Image
+from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
 from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
@@ -114,6 +114,8 @@ class Controller(Keeper):
         """
         if self.progress:
             return
+        if self.knots:
+            self.knots.close()
 
         def show(outcome: Any) -> None:
             self._job = None  # it can no longer be cancelled
@@ -147,7 +149,7 @@ class Controller(Keeper):
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
-        if self._on and not self.knots:
+        if self._on:
             self._on.move()
         self._job = self.progress = self._on = None
         self.tell(notice)
@@ -257,9 +259,9 @@ class Controller(Keeper):
             self._soon()
 
     def is_meant(self) -> bool:
-        """Whether a key is meant for us: a layer that we have to do with is active, or none."""
+        """Whether a key is meant for us: an image, lines or results are active, or no layer."""
         layer = self.viewer.layers.selection.active
-        return layer in (None, self.choices.image, self.choices.sketches) or is_result(layer)
+        return layer is None or isinstance(layer, Image | Shapes) or is_result(layer)
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
@@ -291,7 +293,7 @@ class Controller(Keeper):
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer = self.choices.image, self.choices.sketches
-        if image and layer and drawn.clicked(self.viewer, layer, image):
+        if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)
         else:

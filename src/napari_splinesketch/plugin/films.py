@@ -76,22 +76,23 @@ class Suggestions:
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last = work, frame, found
-        self._put(SUGGEST, self._controller.finish)
+        self._put(work.state.suggested(frame, ()), SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:
-        """Choose lines for another sensitivity, from what was found before."""
-        controller = self._controller
-        if self._last and self._last[0] is controller.work and not controller.progress:
-            again = self._last[0].history.done == SUGGEST
-            self._put("" if again else SUGGEST, controller.tell)
+        """Choose lines for another sensitivity, from what was found before in what is in view."""
+        c = self._controller
+        if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
+            history = self._last[0].history
+            again = history.done == SUGGEST
+            self._put(history.value, "" if again else SUGGEST, c.tell)
 
-    def _put(self, what: str, tell: Callable[[Notice], None]) -> None:
+    def _put(self, before: State, what: str, tell: Callable[[Notice], None]) -> None:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
         assert self._last is not None
         work, frame, found = self._last
         lines = found.choose(self.sensitivity)
         over = partial(tell, Notice("done", words.suggested(len(lines))))
-        state = work.state.suggested(frame, lines)
+        state = before.suggested(frame, lines)
         if state.suggestions != work.state.suggestions:
             self._controller.apply(what, state, over, work)
         else:
@@ -173,8 +174,9 @@ class Tracking:
             what = f"Refit around frame {self.corrected}"
             if self.corrected is None:
                 what = f"Track to frame {self.frames[-1]}"
+            again = self._taken and work.history.done == what  # nothing was done in between
             state = reduce(taken_in, done, work.state)
-            controller.apply("" if self._taken else what, state, work=work)
+            controller.apply("" if again else what, state, work=work)
         # The pictures of a long film would fill the memory.
         self._taken += [replace(one, view=None, refinement=None) for one in done]
 

@@ -258,9 +258,9 @@ class Keeper:
             if work.records:
                 left = State(suggestions=work.state.suggestions)
                 work.history.apply("Remove the curves", left)
+                self.show(work)  # and put away its knots, which says nothing
                 said = "The curves are gone with their layer. Undo brings them back."
                 self.tell(Notice("done", said))
-                self.show(work)
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
         if self.work and not self.progress:

@@ -283,15 +283,22 @@ class State:
     def _among(self, keys: Collection[Key]) -> list[Record]:
         return [record for key in sorted(set(keys)) if (record := self.by_key.get(key)) is not None]
 
-    def suggested(self, frame: int, lines: Collection[Line]) -> "State":
-        """Suggest lines in a frame, in the place of those that have not become curves."""
+    def suggested(self, frame: int, lines: Sequence[Line]) -> "State":
+        """Suggest lines in a frame, in the place of those that have not become curves.
+
+        A line that was suggested before is the same suggestion still.
+        """
         there = [record for record in (*self.records, *self.deleted) if record.frame == frame]
         refined = set(map(print_of_sketch, there))
         prints = prints_of([one.line for one in self.suggestions])
-        every = zip(self.suggestions, prints, strict=True)
-        kept = [one for one, known in every if one.frame != frame or known in refined]
-        fresh = [Suggestion(frame, line) for line in lines]
-        return replace(self, suggestions=(*kept, *fresh))
+        known = {(one.frame, p): one for one, p in zip(self.suggestions, prints, strict=True)}
+        kept = {key: one for key, one in known.items() if key[0] != frame or key[1] in refined}
+        keys = [(frame, printed) for printed in prints_of(lines)]
+        wanted = {
+            key: known.get(key) or Suggestion(frame, line)
+            for key, line in zip(keys, lines, strict=True)
+        }
+        return replace(self, suggestions=tuple((kept | wanted).values()))
 
     def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
         """Take in the refinement of some curves of a frame."""

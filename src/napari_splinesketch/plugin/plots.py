@@ -107,7 +107,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         cast(Any, self.sceneObj).contextMenu.clear()  # Export: as SVG it fails with Qt 6.11
         self._font = self.font()
         self._font.setPointSize(8)
-        self.setMinimumSize(320, 130)
+        self.setMinimumSize(280, 130)  # a window of 1000 px has room for it
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # a click leaves the keys to the canvas
         self.setAccessibleName("Plots of the selected curve")
         self._soon = qdebounced(self._draw, AFTER_MS)

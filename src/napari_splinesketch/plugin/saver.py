@@ -5,9 +5,10 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count
+from itertools import chain, count, product
 from pathlib import Path
 from typing import Any, Self
 from weakref import WeakKeyDictionary
@@ -141,6 +142,11 @@ class Saver(QObject):
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
         self._choice = controller.settings.save_work, controller.settings.work_folder
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
+        # Also layers without results, which a dock before this one has looked after.
+        there = controller.choices.layers
+        for image, sketches in product(there(Image), there(Shapes)):
+            if sketches in _folders.get(image, ()):
+                controller.work_on(image, sketches)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._soon),
@@ -155,7 +161,7 @@ class Saver(QObject):
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        home, work = self._home, self._controller.work
+        home, work = self._home if self._choice[0] else None, self._controller.work
         path = self.folder(work).path if work else None
         return home and home.place and (path.parent if path else home.place)
 
@@ -303,10 +309,11 @@ class Saver(QObject):
         if self._choice != choice:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self._leave(self._controller.works)
-            self._choice = choice
-            self._homes.clear()
-            for work in self._controller.works:
-                _folders.pop(work.image, None)
+            before, self._choice = self._choice, choice
+            if before[1] != choice[1]:
+                self._homes.clear()
+                for work in self._controller.works:
+                    _folders.pop(work.image, None)
             self._soon()
             self.found.emit()
 
@@ -314,6 +321,11 @@ class Saver(QObject):
         layer = self._controller.viewer.layers[event.index]
         if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
+        for work in going:
+            path = self.folder(work).path
+            with suppress(OSError, LabelsError):
+                if path and (head := sessions.summary(path)):
+                    self._home_of(work.image).found[path] = head
 
     def _save(self) -> None:
         """Look at images that are not known yet, and write what has changed, in threads."""

@@ -8,7 +8,7 @@ from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
 from napari.layers import Layer
 from qtpy import QtWidgets as qt
-from qtpy.QtCore import Qt  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
 
 from napari_splinesketch.engine.types import Progress
@@ -346,6 +346,7 @@ class SettingsForm(qt.QWidget):
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
+        self.half_width.lineEdit().installEventFilter(self)
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
         beside = partial(self._take, "work_folder", "")
         stack(
@@ -364,6 +365,14 @@ class SettingsForm(qt.QWidget):
         for name, made in self.widgets.items():
             with made.changed.blocked():
                 made.value = width if name == "half_width" else getattr(settings, name)
+
+    def eventFilter(self, a0: QObject | None, a1: QEvent | None) -> bool:
+        """Let a number that is typed after a click replace "auto": Qt would refuse to add it."""
+        box = self.half_width
+        released = a1 is not None and a1.type() == QEvent.Type.MouseButtonRelease
+        if released and box.text() == box.specialValueText():
+            box.selectAll()
+        return super().eventFilter(a0, a1)
 
     def _take(self, name: str, value: Any) -> None:
         chosen = {name: value}

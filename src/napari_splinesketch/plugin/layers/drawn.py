@@ -134,13 +134,15 @@ def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
     return viewer.layers.selection.active is layer and layer.mode.startswith("add")
 
 
-def clicked(viewer: ViewerModel, layer: Shapes, image: Image) -> bool:
-    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees."""
+def clicked(viewer: ViewerModel, layer: Shapes) -> bool:
+    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees.
+
+    napari makes it as long along both axes, and measures that along the last one.
+    """
     if not drawing(viewer, layer) or not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
-    way = np.diff(space.to_pixels(viewer, layer, image, layer.data[-1])[:, -2:], axis=0)
-    short = np.linalg.norm(way / space.screen_pixel(viewer, image)) < CLICK
+    short = abs(right) < CLICK * space.screen_pixel(viewer, layer)[-1]
     return bool(short and np.isclose(down, right, rtol=1e-3))
 
 

@@ -176,9 +176,9 @@ def look_at(
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
 
-def screen_pixel(viewer: ViewerModel, image: Image) -> Float[np.ndarray, "2"]:
-    """(row, col) that a pixel of the screen covers, px of the image."""
-    size = np.abs(image.scale[-2:] * unit_factors(viewer, image)[-2:])
+def screen_pixel(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, "2"]:
+    """(row, col) that a pixel of the screen covers, px of an image, or units of a layer's data."""
+    size = np.abs(layer.scale[-2:] * unit_factors(viewer, layer)[-2:])
     return 1 / (size * viewer.scene.camera.zoom)
 
 
