@@ -133,7 +133,7 @@ def test_a_body_that_a_click_moves_is_drawn_there():
     shifted = np.zeros(SHAPE)
     shifted.flat[there.pixels] = there.own
     assert same.own is body.own
-    np.testing.assert_allclose(shifted[10:80], picture[5:75], atol=0.04)
+    np.testing.assert_allclose(shifted[10:80], picture[5:75], atol=0.02)
 
 
 def test_textured_bodies_are_less_certain():

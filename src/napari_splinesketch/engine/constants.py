@@ -264,6 +264,7 @@ MISFIT_ACROSS_HW = 1.5  # misfit of a point is read this far on either side of t
 MISFIT_ALONG_HW = 2.0  # ... with a Gaussian of this width along it
 # a curve whose knots move less than this is not drawn again (speed):
 STAYS_PX = 0.1
+MOVED_SAMPLES_A_KNOT = 64  # samples of a curve that pixels of a moved body are measured to (speed)
 # factor of all standard errors: bodies are not exactly tubes (measured: uncertainty.py):
 SD_EVERYWHERE = 1.1
 SD_BESIDE = 1.6  # further factor beside another curve (measured: uncertainty.py),

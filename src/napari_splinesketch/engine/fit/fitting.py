@@ -68,6 +68,11 @@ class Body:
         """One of `tube.GLOBALS`."""
         return float(self.parameters[INDEX[name]])
 
+    @property
+    def half_width(self) -> float:
+        """Of the body along most of its length, px."""
+        return float(np.exp(self["log_width_0"]))
+
     def with_knots(self, few: int) -> "Body":
         """The same curve with fewer knots, where it has no more freedom than that."""
         if few == len(self.knots):
@@ -175,8 +180,8 @@ def moved(seen: Scene, body: Body, knots: Float[Array, "K 2"]) -> Body:
     there = replace(body, theta=np.concatenate([knots.T.ravel(), body.parameters]))
     if np.abs(knots - body.knots).max() < const.STAYS_PX:
         return there
-    pixels = around(seen, there.points(), float(np.exp(body["log_width_0"])))
-    count = const.FINER * len(knots)
+    pixels = around(seen, there.points(), body.half_width)
+    count = const.MOVED_SAMPLES_A_KNOT * len(knots)
     line = spline.even_basis(len(knots), count) @ knots
     at = np.column_stack(np.divmod(pixels, seen.valid.shape[1]))
     distance, nearest = KDTree(line).query(at)

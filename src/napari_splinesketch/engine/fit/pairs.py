@@ -123,5 +123,5 @@ def _each_its_side(pair: list[Body], starts: list[Start]) -> list[Body]:
 def _aside(a: Body, b: Body) -> float:
     """Distance between two curves as a share of the sum of their half-widths."""
     apart = spline.apart(a.points(64)[8:-8], b.points(64))
-    widths = np.exp(a["log_width_0"]) + np.exp(b["log_width_0"])
+    widths = a.half_width + b.half_width
     return float(np.median(apart) / widths)

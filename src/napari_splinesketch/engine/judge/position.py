@@ -39,7 +39,7 @@ def covariance(
     others
         (N, 2) points of the curves near it; None where there are none.
     """
-    count, half_width = len(body.knots), float(np.exp(body["log_width_0"]))
+    count, half_width = len(body.knots), body.half_width
     points, end = body.points(POINTS), int(const.END_SHARE * POINTS)
     misfit = _misfit_along(body, points, unexplained, half_width)
     factor = const.SD_EVERYWHERE * np.maximum(misfit, 1.0)

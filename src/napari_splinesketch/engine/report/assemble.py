@@ -19,7 +19,7 @@ from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
 from napari_splinesketch.engine.report.pictures import Pictures
-from napari_splinesketch.engine.types import Array, Curve, Refinement, SceneModel
+from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, SceneModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +103,9 @@ def _placed(
     residual: Float[Array, "H W"],
 ) -> tuple[list[Body], list[Float[Array, "2K 2K"]]]:
     """Bodies where image and clicked sketches put them together, and the knots' covariances."""
-    everything = [body.points() for body in (*fit.bodies, *fit.fixed)]
+    everything = [body.points(POINTS) for body in (*fit.bodies, *fit.fixed)]
     misfit = position.unexplained(seen, residual)
-    widest = max(float(np.exp(body["log_width_0"])) for body in fit.bodies)
+    widest = max(body.half_width for body in fit.bodies)
     beside = assess.neighbours(everything, const.BESIDE_HW * widest)
     bodies, known = [], []
     for body, start, sketch, near in zip(fit.bodies, fit.starts, sketches, beside, strict=False):
@@ -133,7 +133,7 @@ def _curves(
     for i, (body, sketch, start) in enumerate(
         zip(bodies, island.sketches, fit.starts, strict=True)
     ):
-        reasons, half_width = [], float(np.exp(body["log_width_0"]))
+        reasons = []
         if not start.found:
             reasons.append("no body was seen along its sketch")
         if all(start.goes_on):
@@ -145,8 +145,8 @@ def _curves(
         if not len(body.pixels):
             sd[:] = np.inf
         if i in fit.held:
-            sd = np.maximum(sd, half_width)
-        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, half_width, start))
+            sd = np.maximum(sd, body.half_width)
+        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, body.half_width, start))
         yield Curve(
             outline.knots,
             outline.points,
