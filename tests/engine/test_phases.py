@@ -211,6 +211,7 @@ def test_the_seed_decides(crossing) -> None:
 
 def test_other_sketches_sizes_and_settings_do_not_compile(crossing) -> None:
     _, image, sketches, _ = crossing
+    fit(image, sketches)  # the fixture may have been made under other settings of JAX
     before = compiled()
     other = PaperSettings(12, 0.7, 20, 30, 10, 1, 2e-2, 1e-3, 0.5, 1.0)
     found = fit(np.pad(image, ((0, 7), (0, 0))), [*sketches, sketches[0] + 3], settings=other)
