@@ -191,7 +191,7 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
     }
     running.bench.saver.flush()
     works = running.bench.controller.works
-    (head,) = filter(None, {running.bench.saver.folder(work).path for work in works})
+    (head,) = filter(None, {work.folder.path for work in works})
     getattr(running, run)()
     act(running)
     running.fake.go.set()

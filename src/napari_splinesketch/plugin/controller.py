@@ -15,15 +15,13 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import same_file
-from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin import engine, files, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
-from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Suggestions
-from napari_splinesketch.plugin.keeper import Keeper, Notice
+from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers import drawn
-from napari_splinesketch.plugin.layers.results import Work
+from napari_splinesketch.plugin.layers.results import WORKS, Work
 from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
@@ -42,6 +40,8 @@ class Controller(Keeper):
     how long what runs still will, s; None where nobody knows.
     """
 
+    request = request
+
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
@@ -51,7 +51,7 @@ class Controller(Keeper):
         # The same question has the same answer.
         self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
         self._pair = self.choices.image, self.choices.sketches
-        self._job: Job | None = None
+        self._job: engine.Job | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
         self._told: list[Image] = []
@@ -67,8 +67,6 @@ class Controller(Keeper):
         self.changes.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
         self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
-
-    request = request
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
@@ -124,20 +122,20 @@ class Controller(Keeper):
 
         def failed(message: str) -> None:
             text = f"{name} failed, nothing was changed. {message}"
-            if name == SAVING:
-                text = f"Not saved: {message.partition(': ')[2]}"
-            self.finish(Notice("failed", text))
+            self.finish(
+                f"Not saved: {message.partition(': ')[2]}" if name == SAVING else text, "failed"
+            )
 
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
-        self._job = Job(work)
+        self._job = engine.Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
         self._job.done.connect(show)
         self._job.failed.connect(failed)
         self._job.start()
-        self.tell(Notice())
+        self.tell()
         self.changes.busy.emit()
 
     @property
@@ -145,20 +143,20 @@ class Controller(Keeper):
         """Whether Cancel can still keep what runs from changing anything."""
         return self._job is not None
 
-    def finish(self, notice: Notice) -> None:
+    def finish(self, text: str = "", kind: Kind = "done") -> None:
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
         if self._on:
             self._on.move()
         self._job = self.progress = self._on = None
-        self.tell(notice)
+        self.tell(text, kind)
         self.changes.busy.emit()
 
     def cancel(self) -> None:
         """Stop what runs; everything stays as it was."""
         if self._job:
-            self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
+            self.finish(f"Cancelled. {self._cancelled()}", "cancelled")
 
     @property
     def steps(self) -> History[Any]:
@@ -177,9 +175,10 @@ class Controller(Keeper):
             self.knots.close()
             return
         record = self.state.by_key.get(self.selected) if self.selected else None
-        if self.work is None or record is None or record.locked:
-            locked = record is not None and record.locked
-            self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
+        if self.work is None or record is None:
+            self.say("Select one curve to edit its knots.")
+        elif record.locked:
+            self.say("The curve is locked.")
         else:
             self.knots = KnotEditing(self, self.work, record)
             self.changes.mode.emit()
@@ -206,14 +205,14 @@ class Controller(Keeper):
 
     def export(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
-        work = self.work
+        work, name = self.work, Path(path).name
         if work is None or not work.records or self.progress:
             return
         images = [layer for layer in self.viewer.layers if isinstance(layer, Image)]
         if any(same_file(path, i.source.path) for i in images if i.source.path):
-            self.say(f"Not saved: {Path(path).name} is an image that is open; choose another name.")
+            self.say(f"Not saved: {name} is an image that is open; choose another name.")
             return
-        labels = labels_of(work, rejected=False)
+        labels = files.labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:
             self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
@@ -221,10 +220,10 @@ class Controller(Keeper):
 
         def done(lost: Sequence[str]) -> None:
             without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
-            text = f"Saved {words.count(written, 'curve')} to {Path(path).name}{without}. "
-            self.finish(Notice("done", f"{text}{words.together(lost)}".rstrip()))
+            text = f"Saved {words.count(written, 'curve')} to {name}{without}. "
+            self.finish(f"{text}{words.together(lost)}".rstrip())
 
-        order = partial(export, path, labels, overwrite)
+        order = partial(files.export, path, labels, overwrite)
         self.start(order, done, SAVING, cancelled=lambda: "Nothing was written.")
 
     def close(self) -> None:
@@ -237,7 +236,7 @@ class Controller(Keeper):
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self._soon.cancel()
         super().close()
-        self.finish(Notice())
+        self.finish()
         self.actions.close()
 
     def _on_inserted(self, event: Any) -> None:
@@ -271,21 +270,19 @@ class Controller(Keeper):
         self.changes.progress.emit()
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
-        targets = plan.targets
-        ids = [target.id for target in targets]
+        ids = [target.id for target in plan.targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         fresh = [
             Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn)
-            for t, curve in zip(targets, curves, strict=True)
+            for t, curve in zip(plan.targets, curves, strict=True)
         ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
-        state = work.state.set_aside([(plan.frame, t.id) for t in targets if t.again])
+        state = work.state.set_aside([(plan.frame, t.id) for t in plan.targets if t.again])
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
             waited = perf_counter() - self._began
-            said = f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s."
-            self.finish(Notice("done", said))
+            self.finish(f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s.")
             self._refine_at_once()
 
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
@@ -309,21 +306,20 @@ class Controller(Keeper):
         pair = self.choices.image, self.choices.sketches
         if pair != self._pair:
             self._pair = pair
-            self.tell(Notice())
+            self.tell()
             if self.knots:
                 self.knots.close()
         there = set(self.viewer.layers)
-        gone = [work for work in self.works if not {work.image, work.sketches} <= there]
-        self.works = [work for work in self.works if work not in gone]
-        # Later: napari is still busy with the layer that it tells of.
-        for work in gone:
+        for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
+            self.works.remove(work)
+            work.sketches.metadata.get(WORKS, [work]).remove(work)
             half = self.drawing.drop(work)  # what is half shown goes with it
-            if half:
+            if half or work.image not in there:
+                # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, work.remove)
             if half or (self.progress and self._on is work):
                 name = (work.sketches if work.image in there else work.image).name
-                said = f"{name!r} was removed: what was running on it ended."
-                self.finish(Notice("cancelled", said))
+                self.finish(f"{name!r} was removed: what was running on it ended.", "cancelled")
         for work in self.works:
             if work.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))

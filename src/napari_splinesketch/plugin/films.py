@@ -13,7 +13,6 @@ from superqt.utils import qdebounced
 from napari_splinesketch import tracking
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
@@ -41,8 +40,8 @@ class Suggestions:
     def __init__(self, controller: Controller):
         self.sensitivity = 0.5
         self._controller = controller
-        self._last: tuple[Work, int, engine.Suggestions] | None = None
-        """Where the last lines are, and what others are chosen from when the slider moves."""
+        # Work and frame of the last lines, and what others are chosen from when the slider moves.
+        self._last: Any = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def problem(self) -> str:
@@ -86,13 +85,12 @@ class Suggestions:
             again = history.done == SUGGEST
             self._put(history.value, "" if again else SUGGEST, c.tell)
 
-    def _put(self, before: State, what: str, tell: Callable[[Notice], None]) -> None:
+    def _put(self, before: State, what: str, tell: Callable[[str], None]) -> None:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
-        assert self._last is not None
         work, frame, found = self._last
-        lines = found.choose(self.sensitivity)
-        over = partial(tell, Notice("done", words.suggested(len(lines))))
-        state = before.suggested(frame, lines)
+        state = before.suggested(frame, found.choose(self.sensitivity))
+        refined = len(before.suggested(frame, ()).suggestions)
+        over = partial(tell, words.suggested(len(state.suggestions) - refined))
         if state.suggestions != work.state.suggestions:
             self._controller.apply(what, state, over, work)
         else:
@@ -171,9 +169,12 @@ class Tracking:
         controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
         if done:
-            what = f"Refit around frame {self.corrected}"
-            if self.corrected is None:
-                what = f"Track to frame {self.frames[-1]}"
+            alone = self.corrected is None
+            what = (
+                f"Track to frame {self.frames[-1]}"
+                if alone
+                else f"Refit around frame {self.corrected}"
+            )
             again = self._taken and work.history.done == what  # nothing was done in between
             state = reduce(taken_in, done, work.state)
             controller.apply("" if again else what, state, work=work)
@@ -184,13 +185,13 @@ class Tracking:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
         controller, work = self.controller, self.work
-        notice = Notice("done", words.tracked(self._taken, self.corrected))
         if work is controller.work and len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
             space.go_to_frame(controller.viewer, work.image, self.frames[0])
             there = [key for key in work.state.by_key if key[0] == self.frames[0]]
             controller.select(key for key in there if key[1] in numbers)
-        controller.show(work, partial(controller.finish, notice))
+        said = words.tracked(self._taken, self.corrected)
+        controller.show(work, partial(controller.finish, said))
 
     def cancelled(self) -> str:
         """Say what became of it when the user has cancelled."""
@@ -200,11 +201,7 @@ class Tracking:
 
 
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
-    """Give the bodies that are known in a frame or not long before on that way.
-
-    What comes before tells how they move; one that is not in the frame itself is out of sight
-    there, unless it was deleted.
-    """
+    """Give the bodies that are known in a frame, or before on that way and out of sight there."""
     ways: dict[int, list[tuple[int, Curve]]] = {}
     for record in sorted(state.records, key=lambda r: way * r.frame):
         if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
@@ -218,10 +215,7 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
 
 
 def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[Body, ...]:
-    """Give the bodies that the user has corrected in a frame and that are in others as well.
-
-    Of the selected curves, if any of them is in the frame.
-    """
+    """Give the bodies corrected in a frame and known beside it: of selected curves, if any."""
     beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
     here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
     mine = [record for record in here if record.drawn or record.edited]

@@ -14,7 +14,6 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
@@ -66,7 +65,7 @@ class KnotEditing:
             (controller.changes.curves, self._show),
         )
         self._show()
-        controller.tell(Notice("none", HELP))
+        controller.tell(HELP, "none")
 
     def close(self) -> None:
         """Show the knots no longer; the curve stays as they are."""
@@ -80,7 +79,7 @@ class KnotEditing:
         self._slot.remove()
         if self._active in layers:
             layers.selection.active = self._active
-        controller.tell(Notice())
+        controller.tell()
         controller.changes.mode.emit()
 
     def refine(self) -> None:
@@ -151,4 +150,4 @@ class KnotEditing:
             return
         fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
         self._controller.apply(self._step, self._work.state.with_records(fresh), work=self._work)
-        self._controller.tell(Notice("none", HELP))
+        self._controller.tell(HELP, "none")

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, product
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from napari.layers import Image, Shapes
+from napari.layers import Image
 from platformdirs import user_data_path
 from psygnal import Signal
 from qtpy.compat import isalive
@@ -28,7 +28,6 @@ from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import read_with, records_of
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.slot import is_result
@@ -123,10 +122,6 @@ class Home:
         self.place = parents[0] / called
 
 
-_folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
-"""Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
-
-
 class Saver(QObject):
     """Saves sketches and curves of all images in the window on every change, in threads.
 
@@ -140,13 +135,9 @@ class Saver(QObject):
         super().__init__(parent)
         self._controller = controller
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
-        self._choice = controller.settings.save_work, controller.settings.work_folder
+        self._choice = self._chosen
+        self._left: set[Path | None] = set()
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
-        # Also layers without results, which a dock before this one has looked after.
-        there = controller.choices.layers
-        for image, sketches in product(there(Image), there(Shapes)):
-            if sketches in _folders.get(image, ()):
-                controller.work_on(image, sketches)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._soon),
@@ -159,27 +150,27 @@ class Saver(QObject):
         self._soon()
 
     @property
+    def _chosen(self) -> tuple[bool, str]:
+        """Whether work is saved, and where."""
+        return self._controller.settings.save_work, self._controller.settings.work_folder
+
+    @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         home, work = self._home if self._choice[0] else None, self._controller.work
-        path = self.folder(work).path if work else None
+        path = work.folder.path if work else None
         return home and home.place and (path.parent if path else home.place)
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
         layers = self._controller.viewer.layers
-        homes = (home for image, home in self._homes.items() if image in layers)
+        homes = [home for image, home in self._homes.items() if image in layers]
         return " ".join(filter(None, chain.from_iterable((h.unsaved, h.unread) for h in homes)))
-
-    def folder(self, work: Work) -> Folder:
-        """Say where work is saved; without a path, as long as there is nothing to save."""
-        known = _folders.setdefault(work.image, WeakKeyDictionary())
-        return known.setdefault(work.sketches, Folder())
 
     def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
-        mine = {self.folder(work).path for work in self._controller.works}
+        mine = self._left.union(work.folder.path for work in self._controller.works)
         found = self._home.found.items() if self._home else ()
         others = [pair for pair in found if pair[0] not in mine]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
@@ -196,8 +187,8 @@ class Saver(QObject):
             controller.drawing.start(image, chain.from_iterable(every), over)
 
         def over() -> None:
-            text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
-            controller.finish(Notice("failed", text) if problems else Notice())
+            said = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+            controller.finish(said if problems else "", "failed")
 
         def read(_: object) -> list[Found]:
             return [sessions.reopen(path, frames, size) for path in offers]
@@ -229,7 +220,7 @@ class Saver(QObject):
             problems.append(f"{path}: {type(error).__name__}: {error}.")
             folder.release()
         else:
-            _folders.setdefault(image, WeakKeyDictionary())[layer] = folder
+            controller.work_on(image, layer).folder = folder
             self._forget(path)
 
     def decline(self) -> None:
@@ -281,7 +272,6 @@ class Saver(QObject):
 
     @property
     def _home(self) -> Home | None:
-        """Where work on the chosen image is saved."""
         image = self._controller.choices.image
         return self._home_of(image) if image else None
 
@@ -292,7 +282,7 @@ class Saver(QObject):
         """Write what is still to be written, and let others have the folders of some work."""
         self.flush()
         for work in works:
-            self.folder(work).release()
+            work.folder.release()
 
     def _forget(self, path: Path) -> None:
         if self._home:
@@ -305,15 +295,15 @@ class Saver(QObject):
             self._soon()
 
     def _on_settings(self) -> None:
-        choice = self._controller.settings.save_work, self._controller.settings.work_folder
-        if self._choice != choice:
+        if self._choice != self._chosen:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self._leave(self._controller.works)
-            before, self._choice = self._choice, choice
-            if before[1] != choice[1]:
+            before, self._choice = self._choice, self._chosen
+            if before[1] != self._choice[1]:
                 self._homes.clear()
                 for work in self._controller.works:
-                    _folders.pop(work.image, None)
+                    self._left.add(work.folder.path)
+                    work.folder = Folder()
             self._soon()
             self.found.emit()
 
@@ -322,7 +312,7 @@ class Saver(QObject):
         if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
         for work in going:
-            path = self.folder(work).path
+            path = work.folder.path
             with suppress(OSError, LabelsError):
                 if path and (head := sessions.summary(path)):
                     self._home_of(work.image).found[path] = head
@@ -346,7 +336,7 @@ class Saver(QObject):
         """
         (wanted, chosen), home = self._choice, replace(self._home_of(image))
         works = [work for work in self._controller.works if work.image is image]
-        every = [(self.folder(work), _session(work)) for work in works if wanted]
+        every = [(work.folder, _session(work)) for work in works if wanted]
         orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
         if not wanted or (home.place and not orders):
             return None

@@ -18,7 +18,10 @@ from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.slot import Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
+from napari_splinesketch.plugin.sessions import Folder
 
+WORKS = "napari-splinesketch works"
+"""Key of the metadata of sketches: what is known through them, whichever dock looks after it."""
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
@@ -87,13 +90,13 @@ class Work:
 
     The layers of results come with the first of them; the suggested lines are among the sketches.
     `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `slots` are the places of the layers. One dock listens to `changes`, and
-    so hears what the user does in the layers.
+    colours of curves say, `folder` is where they are saved. One dock listens to `changes`, and so
+    hears what the user does in the layers.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self.viewer = image, sketches, viewer
-        self.changes = Changes()
+        self.changes, self.folder = Changes(), Folder()
         self.selection: tuple[Key, ...] = ()
         self.history: History[State] = History(State(), bytes_beside)
         self.look: columns.Look = ("status", space.Ruler())
@@ -107,6 +110,7 @@ class Work:
         self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
+        sketches.metadata.setdefault(WORKS, []).append(self)
 
     @property
     def name(self) -> str:
@@ -125,8 +129,9 @@ class Work:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """The curves of all frames."""
-        return self.state.records
+        """The curves of all frames that the image has: a film may have been cut short."""
+        frames = space.frame_count(self.image)
+        return tuple([record for record in self.state.records if record.frame < frames])
 
     @property
     def selected(self) -> tuple[Record, ...]:
@@ -159,14 +164,12 @@ class Work:
         napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
         full ones: the window may live in between, and layers are added before any is filled.
         """
-        steps: Iterator[object] = chain(self._suggest(), self._add(), self._follow())
+        steps = chain[object](self._suggest(), self._add(), self._follow(), self._fade())
         while self.image in self.viewer.layers:
             with self._by_us():
                 if next(steps, steps) is steps:
-                    break
+                    return
             yield
-        yield
-        self._fade()
 
     def _follow(self, *roles: str) -> Iterator[None]:
         """Let layers follow what is known; where roles are named, those of them in view."""
@@ -185,7 +188,8 @@ class Work:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
         slot = self.slots["preview"]
         if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
-            self.moving = [(frame, line) for line in looks.coarse(lines)]
+            there = frame < space.frame_count(self.image)
+            self.moving = [(frame, line) for line in looks.coarse(lines) if there]
             with self._by_us():
                 next(slot.update(), None)
 
@@ -234,7 +238,7 @@ class Work:
     def _suggest(self) -> Iterator[object]:
         """Add and remove suggested lines, some at each step."""
         layer, wanted = self.sketches, self.state.suggestions
-        if not {self.image, layer} <= set(self.viewer.layers):
+        if layer not in self.viewer.layers:
             return
         gone = set(self._suggested).difference(wanted)
         old = self.positions(gone)
@@ -253,10 +257,11 @@ class Work:
             style = drawn.line_style(space.size_of(self.image))
             yield from drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
 
-    def _fade(self) -> None:
+    def _fade(self) -> Iterator[None]:
         """Let the lines that have become curves step back behind them, and no others."""
+        yield
         layer = self.sketches
-        if not {self.image, layer} <= set(self.viewer.layers) or not layer.nshapes:
+        if layer not in self.viewer.layers or not layer.nshapes:
             return
         refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
         frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
@@ -304,3 +309,10 @@ class Work:
             yield
         if layer.mode == "pan_zoom" and far < drawn.CLICK:
             self.changes.clicked.emit(shift)
+
+
+def works_in(viewer: ViewerModel) -> list[Work]:
+    """Find what an earlier dock knew of the layers that are still there."""
+    there = viewer.layers
+    works = {work: None for layer in there for work in layer.metadata.get(WORKS, ())}
+    return [work for work in works if work.image in there and work.sketches in there]

@@ -82,7 +82,7 @@ class Slot:
     """The place of a layer that shows what its maker makes of a work.
 
     It is empty until the layer is made, and where it was removed. The layer's metadata name its
-    `role` and the work, which so lives as long as its layers do, and hears of the layer's eye.
+    `role` and the work, which hears of the layer's eye.
     """
 
     def __init__(self, role: str, maker: Maker, work: Work):
