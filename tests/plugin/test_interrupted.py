@@ -46,7 +46,7 @@ class Running:
         self.bench.refine()
         controller = self.bench.controller
         assert len(controller.records()) == 2, controller.notice.text
-        until(lambda: not controller.drawing.busy, SOON)
+        until(lambda: not controller.drawing.runs, SOON)
 
     def refine(self) -> None:
         self.layer.add_paths([NEW])
@@ -197,7 +197,7 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
     running.fake.go.set()
     controller = running.bench.controller
     until(lambda: controller.progress is None, SOON)
-    until(lambda: not controller.drawing.busy, SOON)
+    until(lambda: not controller.drawing.runs, SOON)
     QTest.qWait(60)
     running.bench.saver.flush()
     if act not in (undo, remove_the_results):  # those take curves away, for Undo to bring back

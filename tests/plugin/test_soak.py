@@ -217,7 +217,7 @@ class Day:
     def check(self) -> None:
         """Look whether all is there that she had."""
         self.bench.rest()
-        until(lambda: not self.bench.controller.drawing.busy, SOON)
+        until(lambda: not self.bench.controller.drawing.runs, SOON)
         assert not self.bench.saver.problem
         for layer in self.bench.controller.choices.layers(Shapes):
             shadow = self.shadows.setdefault(layer.name, Shadow())

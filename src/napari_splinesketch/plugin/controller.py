@@ -313,7 +313,7 @@ class Controller(Keeper):
         for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
             self.works.remove(work)
             work.sketches.metadata.get(WORKS, [work]).remove(work)
-            half = self.drawing.drop(work)  # what is half shown goes with it
+            half = self.drawing.runs.pop(work, None)  # what is half shown goes with it
             if half or work.image not in there:
                 # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, work.remove)

@@ -24,15 +24,7 @@ from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count
 from napari_splinesketch.plugin.saver import Saver
-from napari_splinesketch.plugin.widgets import (
-    Button,
-    CommandButton,
-    CommandButtons,
-    Folded,
-    LayerChoice,
-    MenuButton,
-    TextLabel,
-)
+from napari_splinesketch.plugin.widgets import Button, CommandButton, CommandButtons, TextLabel
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.review import ReviewPanel
@@ -78,10 +70,10 @@ class SplinesketchDock(QWidget):
 
     def _build(self) -> None:
         controller, actions = self.controller, self.controller.actions
-        choices, add = controller.choices, controller.new_sketches
-        self.image = LayerChoice(choices, Image, "Image", "The image that the bodies are in")
+        tip = "The image that the bodies are in"
+        self.image = widgets.LayerChoice(controller, Image, "Image", tip)
         tip = "The Shapes layer with your rough lines; it is never changed"
-        self.sketches = LayerChoice(choices, Shapes, "Sketches", tip, add)
+        self.sketches = widgets.LayerChoice(controller, Shapes, "Sketches", tip)
         self.draw = CommandButton(actions, "draw", controller.draw)
         self.suggest = CommandButton(actions, "suggest")
         self.sensitivity = widgets.SuggestSlider(controller.suggestions)
@@ -93,7 +85,7 @@ class SplinesketchDock(QWidget):
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         scopes = {name: partial(controller.refine, scope) for scope, name in words.SCOPES.items()}
-        self.more = MenuButton("▾", "Refine the selected curves, or all again", scopes)
+        self.more = widgets.MenuButton("▾", "Refine the selected curves, or all again", scopes)
         self.more.setStyleSheet(MORE_LOOK)
         self.more.setMinimumWidth(20)
         self.curve = CommandButtons(actions, "curve", 4)
@@ -111,8 +103,12 @@ class SplinesketchDock(QWidget):
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
-        self.notes = Folded("Model", "What this image needed of the model, and why", self.said)
-        self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
+        self.notes = widgets.Folded(
+            "Model", "What this image needed of the model, and why", self.said
+        )
+        self.settings = widgets.Folded(
+            "Settings", "Options, kept for next time", self.settings_form
+        )
         self.offer = OfferBox(controller, self.saver)
         self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
         self.progress = widgets.ProgressBox(controller.cancel)
@@ -262,7 +258,7 @@ class SplinesketchDock(QWidget):
         controller = self.controller
         self.stage.say(words.stage(controller.progress, controller.left))
         self.progress.show_progress(controller.progress, controller.cancellable)
-        self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
+        self.notice.say(words.notice(*controller.notice))
 
     def _show_saved(self) -> None:
         """Say where work is saved: a folder appears beside the user's data."""
@@ -290,51 +286,44 @@ class OfferBox(QFrame):
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.said, self.problem = TextLabel(), TextLabel()
-        tips = (
-            "Bring the saved lines and curves back, in a layer of their own",
-            "Do not ask again; the saved work stays on the disk",
-            "Take these curves up as results, as they were judged",
+        tip = "Bring the saved lines and curves back, in a layer of their own"
+        self.resume = Button("Resume", tip, saver.resume)
+        tip = "Do not ask again; the saved work stays on the disk"
+        self.decline = Button("Ignore saved work", tip, saver.decline)
+        self.labels = Button(
+            "", "Take these curves up as results, as they were judged", saver.take_up
         )
-        self.resume = Button("Resume", tips[0], saver.resume)
-        self.decline = Button("Ignore saved work", tips[1], saver.decline)
-        self.labels = Button("", tips[2], saver.take_up)
         rows = self.said, (self.resume, self.decline), self.labels, self.problem
         widgets.stack(self, *rows, margin=4)
 
     def show_state(self) -> None:
         """Show what is offered now."""
         offers, curves = self._saver.offers(), self._saver.brought
+        for each, shown in ((self.resume, offers), (self.decline, offers), (self.labels, curves)):
+            each.setVisible(bool(shown))
         for each in (self.resume, self.labels):
             each.setEnabled(self._controller.progress is None)
-        for each in (self.resume, self.decline):
-            each.setVisible(bool(offers))
         self.said.say(words.offered(list(offers.values())))
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
-        self.labels.setVisible(bool(curves))
         self.problem.say(words.notice("failed", self._saver.problem))
         self.setVisible(bool(curves or offers or self._saver.problem))
 
 
 def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
-    """Let the user choose a file, and say whether it may be replaced; None if she does not.
-
-    The dialog asks about the name as it was typed, not about one that was given an ending.
-    """
+    """Let the user choose a file, and say whether it may be replaced; None if she does not."""
     chosen, kind = QFileDialog.getSaveFileName(
         parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)
     )
     if not chosen:
         return None
     path = with_ending(chosen, KINDS.get(kind, DEFAULT))
-    return Path(path), path == chosen
+    return Path(path), path == chosen  # the dialog has asked about the name as it was typed
 
 
 def with_ending(path: str, suffix: str) -> str:
     """Give a path the ending of the chosen format, in the place of any that it has.
 
-    Dialogs keep the ending when another format is chosen: `labels.json`, then COCO, becomes
-    `labels.coco.json`. A name that ends like another format is left alone while the format is the
-    one that was proposed: then the name says what is wanted.
+    A name that ends like another format is left alone while the format is the one proposed.
     """
     low, suffixes = path.lower(), set(KINDS.values())
     known = suffixes | {Path(f"x{each}").suffix for each in suffixes}

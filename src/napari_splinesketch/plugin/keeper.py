@@ -214,7 +214,7 @@ class Keeper:
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
         self._end()
-        self.drawing.stop()
+        self.drawing.runs.clear()
         for work in self.works:
             work.changes = Changes()
         self.works.clear()

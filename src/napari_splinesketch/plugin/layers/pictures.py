@@ -46,7 +46,8 @@ HALO = 2.0
 
 
 def _patches(work: Work) -> list[Any]:
-    return list(work.state.patches.items())
+    frames = space.frame_count(work.image)  # a film may have been cut short
+    return [(frame, patch) for frame, patch in work.state.patches.items() if frame < frames]
 
 
 def _curves(work: Work) -> list[Any]:
@@ -60,14 +61,15 @@ def _film(
     look: Mapping[str, Any] | None = None,
 ) -> Made | None:
     """Pictures of the frames that are known; they look like the image unless something is said."""
+    image = work.image
     if not patches:
         return None
-    film, grid = film_of(dict(patches), space.frame_shape(work.image), make)
+    film, grid = film_of(dict(patches), space.frame_shape(image), make)
     if look is None:
-        image, (low, high) = work.image, work.image.contrast_limits
+        low, high = image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
         look["contrast_limits"] = (float(low or 0), float(high or 0))
-    return Made(film, space.placement_on(work.image, grid), look)
+    return Made(film, space.placement_on(image, grid), look)
 
 
 def _rest(image: Image, frame: int, grid: Grid, model: Picture) -> Picture:
@@ -134,11 +136,11 @@ def _halos(work: Work, _: object) -> Made:
     gap, breadth = looks.gap(curves, work.screen), looks.breadth(curves)
     drawn = looks.coarse([looks.halo(curve, gap) for curve in curves])
     lines = [(record.frame, line) for record, line in zip(work.selected, drawn, strict=True)]
-    colours = [palette.MOVING] * len(lines)
-    return _lines(work, lines, colours, max(THIN * breadth, HALO * work.screen))
+    width = max(THIN * breadth, HALO * work.screen)
+    return _lines(work, lines, [palette.MOVING] * len(lines), width)
 
 
-def _in_view(work: Work) -> list[tuple[Record, tuple[float, ...]]]:
+def _in_view(work: Work) -> list[Any]:
     """The curves whose marks are in view, and where these stand."""
     found = looks.readable(work.records, space.view_of(work.viewer, work.image))
     return [(record, tuple(place.tolist())) for record, place in found]

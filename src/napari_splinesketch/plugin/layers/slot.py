@@ -87,11 +87,8 @@ class Slot:
 
     def __init__(self, role: str, maker: Maker, work: Work):
         self.maker, self.work = maker, work
-        self._named = {
-            "name": f"{work.name} {maker.name}",
-            "metadata": {ROLE: role, OWNER: work},
-            **STYLES.get(maker.kind, {}),
-        }
+        named = {"name": f"{work.name} {maker.name}", "metadata": {ROLE: role, OWNER: work}}
+        self._named = named | STYLES.get(maker.kind, {})
         self._layer: Layer | None = None
         self._source: Sequence[Any] | None = None
 
@@ -130,7 +127,7 @@ class Slot:
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; takes a step where that is not what it shows."""
-        layer, source = self.layer, self.maker.source(self.work)
+        layer, source, kind = self.layer, self.maker.source(self.work), self.maker.kind
         if source == self._source and (layer is not None or not self.maker.title):
             return
         made = self.maker.make(self.work, source)
@@ -138,11 +135,10 @@ class Slot:
             self.remove()
         elif layer is None:
             how = {**made.always, "visible": self.maker.title > "", **made.look}
-            if self.maker.kind in (Image, Labels):
-                how["multiscale"] = False
+            how |= {"multiscale": False} if kind in (Image, Labels) else {}
             self.make(made.data, **how)
         else:
-            if self.maker.kind is Points:  # text of other points does not fit these
+            if kind is Points:  # text of other points does not fit these
                 layer.selected_data = set()
                 layer.text = {"string": {"constant": ""}}
             layer.data = made.data
@@ -155,54 +151,40 @@ class Slot:
 
     def remove(self) -> None:
         """Take the layer away, if it is there."""
-        layer = self.layer
-        if layer is not None:
+        if self.layer is not None:
             with undisturbed(self.work.viewer):
-                self.work.viewer.layers.remove(layer)
+                self.work.viewer.layers.remove(self.layer)
         self._layer = None
 
 
 class Drawing:
-    """Changes layers in many short steps; the window lives in between.
+    """Changes layers in many short steps, its `runs`; the window lives in between.
 
     `failed` is called with the exception if a step fails.
     """
 
     def __init__(self, failed: Callable[[Exception], None]):
         self._failed = failed
-        self._runs: dict[Hashable, tuple[Iterator[object], list[Callable[[], None]]]] = {}
+        self.runs: dict[Hashable, tuple[Iterator[object], list[Callable[[], None]]]] = {}
 
     def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
         """Take steps, in the place of others of the same key; then call `last`, also of those."""
-        before = self._runs.get(key)
-        self._runs[key] = steps, [*(before[1] if before else ()), last]
+        before = self.runs.get(key)
+        self.runs[key] = steps, [*(before[1] if before else ()), last]
         if not before:
             QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
 
-    @property
-    def busy(self) -> bool:
-        """Whether anything is still to be shown."""
-        return bool(self._runs)
-
-    def drop(self, key: Hashable) -> bool:
-        """Take no more steps; say whether there were some left."""
-        return self._runs.pop(key, None) is not None
-
-    def stop(self) -> None:
-        """Show nothing more."""
-        self._runs.clear()
-
     def _go_on(self, key: Hashable) -> None:
-        if key not in self._runs:
+        if key not in self.runs:
             return
         try:
-            next(self._runs[key][0])
+            next(self.runs[key][0])
         except StopIteration:
-            for last in self._runs.pop(key)[1]:
+            for last in self.runs.pop(key)[1]:
                 last()
         except Exception as error:
             _log.exception("The results could not be shown")
-            self.drop(key)
+            self.runs.pop(key, None)
             self._failed(error)
         else:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
