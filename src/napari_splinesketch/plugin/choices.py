@@ -28,10 +28,8 @@ PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 LOOKED = ("point", "order", "ndisplay")
 """Events of the sliders after which something else is in view; their range says nothing of that."""
 PLUGIN = "napari-splinesketch"
-KEYS = "keys"
-"""The group of the manifest with one key for each command ..."""
-GROUPS = ("refining", "looking", "saving", KEYS)
-"""... and all of them."""
+KEYS = "keys"  # the group of the manifest with one key for each command ..
+GROUPS = ("refining", "looking", "saving", KEYS)  # ... and all of them
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
@@ -47,16 +45,11 @@ def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
 
 
 def _choice(kind: type[Layer]) -> Any:
-    """Make a property: the chosen layer of a kind."""
     return property(lambda self: self.chosen(kind), lambda self, new: self.choose(kind, new))
 
 
 class Choices:
-    """The chosen layers; follows the viewer.
-
-    A layer that the user adds is chosen; when the chosen one is removed, the topmost of those left
-    is. Layers of results are no choice.
-    """
+    """The chosen layers: those added last, or the topmost of those left; never results."""
 
     image: Image | None = _choice(Image)
     sketches: Shapes | None = _choice(Shapes)
@@ -127,30 +120,22 @@ class Choices:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Asked):
-    """What the user chose: how to refine, what to show of it, where to save.
+    """What the user chose: how to refine, what to show of it, where to save; napari keeps it."""
 
-    napari keeps them, by the manifest, and refuses what nobody can choose. The unit of the
-    half-width is its name, or "px"; 0 measures it. Keys are those of commands, by their ids, as
-    napari writes them; an empty one clears the shortcut.
-    """
-
-    half_width: float | None = 0.0
-    half_width_unit: str = "px"
+    half_width: float | None = 0.0  # 0 measures it
+    half_width_unit: str = "px"  # or the name of a unit
     colour_by: str = "status"
     save_work: bool = True
     work_folder: str = ""
-    keys: Mapping[str, str] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)  # of commands; "" is none
 
     def half_width_in(self, ruler: Ruler) -> float | None:
-        """Give the half-width in px of an image; None to measure it.
-
-        One in a unit that says nothing about pixels of this image is left out.
-        """
+        """Give the half-width in px of an image; None to measure it."""
         if not self.half_width or self.half_width_unit == "px":
             return self.half_width or None
         given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
         if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
-            return None
+            return None  # it says nothing about pixels of this image
         return float(given.to(ruler.unit).magnitude) / ruler.pixel
 
 

@@ -21,35 +21,28 @@ if TYPE_CHECKING:
 else:
     Controller = Any
 
-REACH = 8.0
-"""How far from a curve the pointer may be to mean it, px, where its body is not broader."""
+REACH = 8.0  # how far from a curve the pointer may be to mean it, px, where its body is not broader
 RUNNING = "Something is running: wait until it is finished"
 Place = Literal["", "curve", "film", "steps", "review"]
 """Where a command has a button: with the selected curve, a film, Undo, in the table of curves."""
-ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
-"""How many curves a command is for."""
+ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)  # how many curves a command is for
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Something that the user can do: settings know it by its `id`, napari by its `key` ("Ctrl+Z").
+    """Something that the user can do."""
 
-    So many `curves` have to be selected for it; `problem` says why else it cannot be done now. The
-    button says `label` where that is not the name; its tooltip ends with what it is `about`.
-    `meanwhile` it can be done while something runs.
-    """
-
-    id: str
+    id: str  # by which settings know it
     name: str
-    key: str
+    key: str  # as napari writes it: "Ctrl+Z"
     run: Callable[[Controller], object]
     tip: str
     place: Place = ""
-    curves: range | None = None
-    problem: Callable[[Controller], str] = lambda c: ""
-    label: Callable[[Controller], str] | None = None
-    about: Callable[[Controller], str] = lambda c: ""
-    meanwhile: bool = False
+    curves: range | None = None  # how many have to be selected
+    problem: Callable[[Controller], str] = lambda c: ""  # why else it cannot be done now
+    label: Callable[[Controller], str] | None = None  # of the button, if not the name
+    about: Callable[[Controller], str] = lambda c: ""  # at the end of the tooltip
+    meanwhile: bool = False  # also while something runs
 
 
 def _flip(c: Controller, *records: Record) -> list[Record]:
@@ -78,7 +71,6 @@ def _extend(c: Controller, record: Record) -> list[Record]:
 
 
 def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controller], bool]:
-    """Make a command that changes the selected curves to others, or says why not."""
 
     def run(c: Controller) -> bool:
         chosen = c.selected_records()
@@ -148,7 +140,6 @@ def go_to(controller: Controller, key: Key) -> None:
 
 
 def _pointed(controller: Controller) -> Record | None:
-    """Give the curve in view that the pointer is at."""
     place, here = _place(controller), controller.records(controller.frame)
     near = [(editing.nearest(record.curve, place)[1], record) for record in here]
     reached = [pair for pair in near if pair[0] < max(REACH, editing.body_width(pair[1].curve))]

@@ -28,16 +28,13 @@ from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
 
 SAVING = "Saving"
-KNOWN_AFTER = 2.0
-"""Seconds after which the time that is left is worth a guess."""
+KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 
 class Controller(Keeper):
     """Does what the user asks for; widgets show what came of it.
 
-    With `at_once` a line is refined as soon as it is drawn. `order` puts curves into the order in
-    which they are gone through: the worst first, unless a table shows another one. `left` is about
-    how long what runs still will, s; None where nobody knows.
+    `order` is that in which curves are gone through: the worst first, or as a table shows them.
     """
 
     request = request
@@ -46,7 +43,7 @@ class Controller(Keeper):
         super().__init__(viewer)
         self.at_once = False
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
-        self.left: float | None = None
+        self.left: float | None = None  # s until what runs is done, about; None if unknown
         self._closed = False
         # The same question has the same answer.
         self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
@@ -103,12 +100,11 @@ class Controller(Keeper):
         cancelled: Callable[[], str] = lambda: "Nothing was changed.",
         on: Work | None = None,
     ) -> None:
-        """Do something, called "Refining" or the like, in a thread, with its progress in the dock.
+        """Do something in a thread, called "Refining" or the like, with its progress in the dock.
 
-        `work` is called there with a function to report progress to, `see` whenever there is some,
-        `done` with what came of it: it calls `finish` when all is shown. `cancelled` is called when
-        the user cancels, and says what has become of what was done by then. What runs ends when a
-        layer is removed that it is `on`.
+        `work` reports progress, which `see` is given; `done` is given what came of it, and calls
+        `finish` when all is shown; `cancelled` says what has become of what was done by then. What
+        runs ends when a layer is removed that it is `on`.
         """
         if self.progress:
             return
@@ -240,7 +236,6 @@ class Controller(Keeper):
         self.actions.close()
 
     def _on_inserted(self, event: Any) -> None:
-        """Show a film where work begins: its first frame, or the first with lines."""
         image, layer = self.choices.image, self.choices.sketches
         if image is None or self.records() or frame_count(image) < 2:
             return
@@ -297,7 +292,6 @@ class Controller(Keeper):
             self._refine_at_once()
 
     def _refine_at_once(self) -> None:
-        """Refine what was drawn meanwhile, while the user wants that."""
         if self.at_once and not self.knots and self.request().scope == "new":
             self.refine()
 

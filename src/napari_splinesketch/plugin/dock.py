@@ -30,10 +30,8 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.review import ReviewPanel
 
 TITLE = "Splinesketch"
-WARM_UP_AFTER_MS = 500
-"""The window is shown first."""
-LINES = 5
-"""Of text that there is always room for above Export, so that nothing moves."""
+WARM_UP_AFTER_MS = 500  # the window is shown first
+LINES = 5  # of text that there is always room for above Export, so that nothing moves
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
 """A menu button as narrow as its text."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
@@ -134,7 +132,6 @@ class SplinesketchDock(QWidget):
         self.setMinimumWidth(220)
 
     def _connect(self) -> None:
-        """Let each part listen to the kinds of changes that it shows, and to no others."""
         controller, c = self.controller, self.controller.changes
         listeners: dict[Callable[[], None], tuple[Any, ...]] = {
             self.image.show_state: (c.layers,),
@@ -156,10 +153,7 @@ class SplinesketchDock(QWidget):
         self.at_once.clicked.connect(controller.toggle_at_once)
 
     def _settle(self) -> None:
-        """Leave what there is by now out of Python's search for garbage, while the dock is seen.
-
-        The search would fall into a refinement, and napari asks for it whenever a layer goes.
-        """
+        """Keep Python from looking for garbage in what is there by now, amid a refinement."""
         gc.collect()
         if self.isVisible():
             gc.freeze()
@@ -214,7 +208,6 @@ class SplinesketchDock(QWidget):
         self.saver.flush()
 
     def _show_commands(self) -> None:
-        """Show what can be done now, and what there is to do."""
         controller, records = self.controller, self.controller.records()
         image, running, steps = controller.choices.image, controller.progress, controller.steps
         self.curve.setVisible(bool(records or controller.state.deleted))
@@ -232,7 +225,6 @@ class SplinesketchDock(QWidget):
         self._show_selected()
 
     def _show_selected(self) -> None:
-        """Show what can be done with the selected curves, and what is doubtful about one."""
         controller, chosen = self.controller, self.controller.selected_records()
         self.curve.say(words.selected(chosen, controller.frame))
         for each in (self.curve, self.track):
@@ -261,7 +253,6 @@ class SplinesketchDock(QWidget):
         self.notice.say(words.notice(*controller.notice))
 
     def _show_saved(self) -> None:
-        """Say where work is saved: a folder appears beside the user's data."""
         place, image = self.saver.place, self.controller.choices.image
         source = image.source.path if image else None
         said = words.saved(place, source, self.controller.settings.save_work)

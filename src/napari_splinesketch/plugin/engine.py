@@ -22,8 +22,7 @@ from napari_splinesketch.tracking import Tracked, View
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
 
-POLL_MS = 50
-"""How often the window looks after a thread: at most 20 updates a second."""
+POLL_MS = 50  # how often the window looks after a thread: at most 20 updates a second
 PATIENCE = 20.0
 """How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
 
@@ -32,7 +31,6 @@ _warm = threading.Event()
 
 
 def _options(how: Asked, size: float) -> dict[str, Any]:
-    """Options of the engine for pixels of some size; half-widths are in px of the image."""
     return {"polarity": how.polarity, "half_width": how.half_width and how.half_width / size}
 
 
@@ -149,10 +147,9 @@ class _Worker(threading.Thread):
 
 
 class Job(QObject):
-    """Work in a thread of its own, of which the window hears through signals.
+    """Work in a thread of its own, of which the window hears through signals, unless cancelled.
 
-    The function that the work reports to returns False once the job was cancelled. Such a job is
-    never heard of again, whatever its thread still does.
+    The function that the work reports to returns False then.
     """
 
     progressed = Signal(object)

@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-PREVIEW_AFTER_MS = 60
-"""Suggestions follow the slider when it has stood still for so long."""
-SUGGEST = "Suggest lines"
-"""The name of the step."""
+PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
+SUGGEST = "Suggest lines"  # the name of the step
 
 
 class Suggestions:
@@ -78,7 +76,6 @@ class Suggestions:
         self._put(work.state.suggested(frame, ()), SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:
-        """Choose lines for another sensitivity, from what was found before in what is in view."""
         c = self._controller
         if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
             history = self._last[0].history
@@ -136,17 +133,13 @@ def around(c: Controller) -> None:
 
 @dataclass(eq=False)
 class Tracking:
-    """Curves that are carried over some `frames`, and taken over as they come.
-
-    Where they were `corrected` in a frame, those around it are fitted again: then the `frames` are
-    those of both ways. The `results` are still to be taken over.
-    """
+    """Curves carried over frames, or fitted again around one, taken over as they come."""
 
     controller: Controller
     work: Work
-    frames: Sequence[Any]
+    frames: Sequence[Any]  # those of both ways around a frame that was `corrected`
     corrected: int | None = None
-    results: list[Tracked] = field(default_factory=list)
+    results: list[Tracked] = field(default_factory=list)  # still to be taken over
     _taken: list[Tracked] = field(default_factory=list)
 
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
@@ -239,5 +232,4 @@ def taken_in(state: State, tracked: Tracked) -> State:
 
 
 def _decided(record: Record) -> bool:
-    """Whether the user has decided on a curve, or made it by hand."""
     return record.decided or record.drawn or record.edited

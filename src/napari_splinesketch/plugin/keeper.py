@@ -40,12 +40,7 @@ def _nothing() -> None:
 
 
 class Keeper:
-    """Keeps the curves of each image, as the user corrects and judges them.
-
-    `progress` is where what runs stands, None when nothing does; `drawing` brings the layers in
-    step with what is known. `works` are all that is known, of every image through every layer of
-    sketches.
-    """
+    """Keeps the curves of each image, as the user corrects and judges them."""
 
     actions: Commands
     knots: KnotEditing | None = None
@@ -146,9 +141,8 @@ class Keeper:
     def apply(
         self, what: str, state: State, last: Callable[[], None] = _nothing, work: Work | None = None
     ) -> None:
-        """Put a state in the place of the present one, as a step that can be taken back.
+        """Put a state in the place of the present one: the one way to change what is known.
 
-        Every change of what is known goes through here, of the chosen layers or of other `work`.
         `what` is done, for the tooltip of Undo: "Accept curve 3"; without it, it is part of the
         last step. `last` is called when it is shown.
         """
@@ -230,7 +224,6 @@ class Keeper:
         self.changes.settings.emit()
 
     def _colour(self, work: Work) -> None:
-        """Let the colours of curves say what the user wants them to."""
         if work.colour((self.settings.colour_by, ruler_of(work.image))):
             self.show(work)
 
@@ -242,7 +235,6 @@ class Keeper:
             self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
 
     def _attend(self, work: Work) -> None:
-        """Hear of the user's doings in layers of results."""
         work.changes = self.changes
         self._colour(work)
 

@@ -22,22 +22,16 @@ from napari_splinesketch.plugin.model import Record, key_of
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
-FEWEST = 3
-"""Knots of any curve."""
+FEWEST = 3  # knots of any curve
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
-COLOUR, HEAD = palette.MOVING, palette.TRUTH
-"""The first knot is the head: it stands out."""
+COLOUR, HEAD = palette.MOVING, palette.TRUTH  # the first knot is the head: it stands out
 LOOK = {"border_width": 0.15, "border_color": "black", "visible": True}
-SIZE = 11.0
-"""Of a knot, px of the screen: napari's own limits would draw nothing but its border."""
+SIZE = 11.0  # of a knot, px of the screen: napari's own limits would draw nothing but its border
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 
 
 class KnotEditing:
-    """Shows the knots of a curve until the user is done; every drag is a step that she can undo.
-
-    `number` is that of the curve.
-    """
+    """Shows the knots of a curve until the user is done; every drag is a step that she can undo."""
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
@@ -138,7 +132,6 @@ class KnotEditing:
             QTimer.singleShot(0, self._take)
 
     def _take(self) -> None:
-        """Let the curve be as the knots are that were dropped."""
         layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
         dropped, self._dropped = self._dropped, False
         if not dropped or self._controller.knots is not self or layer is None or record is None:

@@ -22,26 +22,19 @@ V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
 A = ParamSpec("A")
 Line = Float[np.ndarray, "N 2"]
-Key = tuple[int, int]
-"""(frame, id) of a record."""
+Key = tuple[int, int]  # (frame, id) of a record
 
-SAME = 2
-"""Decimals of a pixel to which a line is the same as before."""
-SAMPLES = 16
-"""Points at which two lines are compared."""
+SAME = 2  # decimals of a pixel to which a line is the same as before
+SAMPLES = 16  # points at which two lines are compared
 WITHIN = 1.25
 """A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
 bodies that touch are two apart."""
-LIKE = 0.6
-"""Such a line is as long as the curve but for this factor, either way."""
-LEAST = 1.5
-"""Half-width that counts at least, px: a hand is no steadier."""
+LIKE = 0.6  # such a line is as long as the curve but for this factor, either way
+LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25
 """Lines that lie so near to each other, in lengths of the shorter one, mean the same body."""
-STEPS = 200
-"""That are remembered, at most."""
-WEIGHT = 2**29
-"""What the values that are remembered may hold, bytes."""
+STEPS = 200  # that are remembered, at most
+WEIGHT = 2**29  # what the values that are remembered may hold, bytes
 
 
 class Changes(SignalGroup):
@@ -65,21 +58,16 @@ class Changes(SignalGroup):
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A curve of one frame, and the (N, 2) sketch it was refined from, px.
+    """A curve of one frame, and the (N, 2) sketch it was refined from, px."""
 
-    Numbers go from 1; the same body keeps its own when it is refined again. What is `locked` stays
-    as it is then; what the user has changed since is `edited`. `drawn` says whether the sketch is a
-    line of hers, rather than what another curve left.
-    """
-
-    id: int
+    id: int  # from 1; the same body keeps it when it is refined again
     frame: int
     sketch: Line
     curve: Curve
     review: Review = "open"
-    locked: bool = False
-    drawn: bool = True
-    edited: bool = False
+    locked: bool = False  # stays as it is
+    drawn: bool = True  # the sketch is a line of the user's, not what another curve left
+    edited: bool = False  # changed by the user since
 
     @property
     def decided(self) -> bool:
@@ -102,15 +90,12 @@ class Suggestion:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A refinement in pixels of the image: a curve for each line that was given.
-
-    `notes` say what the scene needed and why, one sentence each; `region` are the (low, high)
-    corners of the part of the reconstruction that bodies are drawn in.
-    """
+    """A refinement in pixels of the image: a curve for each line that was given."""
 
     curves: tuple[Curve, ...]
     patch: Patch
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the scene needed and why, one sentence each
+    # (low, high) corners of the part of the reconstruction that bodies are drawn in
     region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 
@@ -168,8 +153,7 @@ def print_of_sketch(record: Record) -> bytes:
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
     """Give each sketch of a frame, px, the number it had before, or one that nobody has.
 
-    A sketch that was moved or edited is recognised while it lies, on average, within half of its
-    length of where it was.
+    It is recognised while it lies, on average, within half of its length of where it was.
     """
     ids = [0] * len(lines)
     if known and lines:
@@ -186,7 +170,6 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
 
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
-    """Mean distance of every line to every other, whichever way they were drawn, px."""
     others = np.array([resample(line, SAMPLES) for line in b])
     both = np.stack([others, others[:, ::-1]])
     apart = (np.linalg.norm(both - resample(line, SAMPLES), axis=3) for line in a)
@@ -230,11 +213,10 @@ def _apart(line: Line, record: Record) -> float:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The curves of an image and what came with them: reconstructions and notes by frame.
+    """The curves of an image and what came with them: what the user may want to take back.
 
-    Whatever the plugin shows and the user may want to take back belongs in here: one step of
-    undo is one such value. The latest are last among the `patches`, and among the `deleted`, whose
-    lines are not refined again.
+    The latest are last among the `patches`, and among the `deleted`, whose lines are not refined
+    again.
     """
 
     records: tuple[Record, ...] = ()
@@ -284,10 +266,7 @@ class State:
         return [record for key in sorted(set(keys)) if (record := self.by_key.get(key)) is not None]
 
     def suggested(self, frame: int, lines: Sequence[Line]) -> "State":
-        """Suggest lines in a frame, in the place of those that have not become curves.
-
-        A line that was suggested before is the same suggestion still.
-        """
+        """Suggest lines in a frame, in the place of those that have not become curves."""
         there = [record for record in (*self.records, *self.deleted) if record.frame == frame]
         refined = set(map(print_of_sketch, there))
         prints = prints_of([one.line for one in self.suggestions])
@@ -323,10 +302,7 @@ def bytes_beside(state: State, other: State) -> int:
 
 
 class History(Generic[T]):
-    """A value, the ones before it, and those that were taken back.
-
-    `weigh` gives the bytes that a value holds and does not share with the one before it.
-    """
+    """A value, the ones before it, and those taken back; `weigh` gives what each adds, bytes."""
 
     def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):
         self._weigh = weigh

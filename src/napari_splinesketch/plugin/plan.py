@@ -22,38 +22,29 @@ OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A curve to refine, by its number, from its sketch, px, or from where the user has put it.
-
-    It is `new` if there is no such curve yet, `drawn` if its sketch is a line in the user's layer,
-    and `again` if that is a second line over a body that has a curve, which it replaces.
-    """
+    """A curve to refine, by its number, from its sketch, px, or from where the user has put it."""
 
     id: int
     sketch: Line
     start: Line
-    new: bool = True
-    drawn: bool = True
-    again: bool = False
+    new: bool = True  # there is no such curve yet
+    drawn: bool = True  # the sketch is a line in the user's layer
+    again: bool = False  # over a body that has a curve, which it replaces
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a refinement of one frame would do: the curves that it moves, or takes as they are.
-
-    `decided` and `deleted` lines are left out, as their curves were accepted or locked, or deleted;
-    curves without a line any more, the `orphans`, stay. The `problem` says why there is nothing to
-    do for the lines that are `drawn`.
-    """
+    """What a refinement of one frame would do: the curves that it moves, or takes as they are."""
 
     scope: Scope = "new"
     targets: tuple[Target, ...] = ()
     fixed: tuple[Curve, ...] = ()
-    decided: int = 0
-    orphans: tuple[int, ...] = ()
-    deleted: int = 0
+    decided: int = 0  # lines left out, as their curves were accepted or locked ...
+    orphans: tuple[int, ...] = ()  # curves without a line any more; they stay
+    deleted: int = 0  # ... or deleted
     frame: int = 0
     drawn: Drawn = field(default_factory=Drawn)
-    problem: str = ""
+    problem: str = ""  # why there is nothing to do
 
 
 def make_plan(
@@ -68,11 +59,7 @@ def make_plan(
 
     A line is new if it has no curve, and changed if its curve was refined from another one. What
     the user has accepted or locked never moves; what she rejected or deleted is left alone until
-    she changes its line or selects it.
-
-    The scope is "new" for lines that are new or changed, and curves changed by hand; "selected" for
-    the `chosen` lines, by their positions, or the curves of the `selection`; "all" for every line
-    and curve that is open.
+    she changes its line or selects it: by its position among the `chosen`, or its curve.
     """
     here = [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]

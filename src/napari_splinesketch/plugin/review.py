@@ -30,10 +30,8 @@ NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")
 """What the plots show; the pictures over time come in pairs."""
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
-HEIGHT = 210
-"""Preferred, px: leaves most of a laptop's window to the canvas."""
-SHARES = [740, 530]
-"""Of the width: table and plots."""
+HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
+SHARES = [740, 530]  # of the width: table and plots
 SHOWN: dict[str, Callable[[Record, int], bool]] = {
     "all": lambda record, frame: True,
     "to check": lambda record, frame: record.review == "open" and record.curve.status != "good",
@@ -48,10 +46,7 @@ MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
-    """Shows records, all or some, the worst first until the user wants another order.
-
-    Its `records` are row by row; `curve_at` gives any curve by frame and id, shown or not.
-    """
+    """Shows records, all or some, the worst first until the user wants another order."""
 
     def __init__(self, parent: QtCore.QObject | None = None):
         super().__init__(parent)
@@ -287,7 +282,6 @@ class ReviewPanel(qt.QWidget):
             self.controller.say(f"The table was not saved: {error}")
 
     def _show_rows(self) -> None:
-        """Show what the user wants to see, which may depend on the frame in view."""
         c, shown = self.controller, self.shown.currentText().lower()
         self.model.show(c.records(), c.ruler, shown, c.frame)
 

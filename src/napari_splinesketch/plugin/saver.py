@@ -35,36 +35,25 @@ from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape
 
-DELAY_MS = 700
-"""From a change to its being written, at least; more changes meanwhile go together."""
-AGAIN_MS = 5000
-"""After something that failed, until it is tried again."""
-LOOKED_AT = 2**20
-"""Most pixels of a frame that tell one image from another."""
-LONGEST_NAME = 255
-"""Of a file or folder, bytes; disks take no longer ones."""
-OLD = ".old"
-"""Added to the name of a folder that is not offered again."""
-LETTERS, DIGITS = 50, 12
-"""Of a layer's name and of the checksum, in a folder's name."""
+DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
+AGAIN_MS = 5000  # after something that failed, until it is tried again
+LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another
+LONGEST_NAME = 255  # of a file or folder, bytes; disks take no longer ones
+OLD = ".old"  # added to the name of a folder that is not offered again
+LETTERS, DIGITS = 50, 12  # of a layer's name and of the checksum, in a folder's name
 _log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class Home:
-    """Where work on an image is saved: `about` is what its sessions say of the image.
+    """Where work on an image is saved, and what was found there and elsewhere."""
 
-    The `place` for new sessions is None until the image was looked at; sessions `found` there and
-    elsewhere were not begun here. `unread` says which could not be read, `unsaved` why not all is
-    written, `job` is who looks or writes now, in a thread.
-    """
-
-    about: Mapping[str, object] = field(default_factory=dict)
-    place: Path | None = None
-    found: dict[Path, Head] = field(default_factory=dict)
-    unread: str = ""
-    unsaved: str = ""
-    job: Job | None = None
+    about: Mapping[str, object] = field(default_factory=dict)  # what sessions say of the image
+    place: Path | None = None  # of new sessions, once the image was looked at
+    found: dict[Path, Head] = field(default_factory=dict)  # sessions that were not begun here
+    unread: str = ""  # why a session could not be read
+    unsaved: str = ""  # why not all is written
+    job: Job | None = None  # who looks or writes now, in a thread
 
     def save(
         self, name: str, look: Callable[[], None], orders: Sequence[tuple[Folder, Session]]
@@ -90,11 +79,7 @@ class Home:
         return self
 
     def look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
-        """Find out which image it is, and what is saved of it.
-
-        New work goes where the user wants it, or beside the file, or with the user's own data where
-        that is not possible; what is there is found, whatever its folder is called.
-        """
+        """Find out which image it is, where its work goes, and what is saved of it."""
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
@@ -125,8 +110,7 @@ class Home:
 class Saver(QObject):
     """Saves sketches and curves of all images in the window on every change, in threads.
 
-    An image has a thread of its own, that others need not wait for: it finds out which image it is,
-    once, and writes its work. The saver ends with its parent.
+    An image has a thread of its own, that others need not wait for.
     """
 
     found = Signal(description="There is work to go on with, or none any more, or elsewhere")
@@ -151,7 +135,6 @@ class Saver(QObject):
 
     @property
     def _chosen(self) -> tuple[bool, str]:
-        """Whether work is saved, and where."""
         return self._controller.settings.save_work, self._controller.settings.work_folder
 
     @property
@@ -279,7 +262,6 @@ class Saver(QObject):
         return self._homes.setdefault(image, Home())
 
     def _leave(self, works: Sequence[Work]) -> None:
-        """Write what is still to be written, and let others have the folders of some work."""
         self.flush()
         for work in works:
             work.folder.release()
@@ -318,7 +300,6 @@ class Saver(QObject):
                     self._home_of(work.image).found[path] = head
 
     def _save(self) -> None:
-        """Look at images that are not known yet, and write what has changed, in threads."""
         images = {work.image for work in self._controller.works}
         for image in {self._controller.choices.image, *images} - {None}:
             home = self._home_of(image)
@@ -330,10 +311,8 @@ class Saver(QObject):
                 home.job.start()
 
     def _task(self, image: Image) -> Callable[[], Home] | None:
-        """Take a snapshot of what is to be found out about an image, and written of it.
-
-        The thread changes a copy of what is known: the window learns all of it when it is done.
-        """
+        """Take a snapshot of what is to be found out about an image, and written of it."""
+        # The thread changes a copy: the window learns all of it when it is done.
         (wanted, chosen), home = self._choice, replace(self._home_of(image))
         works = [work for work in self._controller.works if work.image is image]
         every = [(work.folder, _session(work)) for work in works if wanted]
@@ -357,7 +336,6 @@ class Saver(QObject):
 
 
 def _session(work: Work) -> Session:
-    """Take a snapshot of what is known and drawn."""
     image, layer = work.image, work.sketches
     shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
     every = layer.ndim < image.ndim

@@ -20,14 +20,12 @@ from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
 
-NARROW = 60
-"""Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it beside its label
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 APART = ("preset", "colour_by")
-DECIMALS = 3
-"""Of half-widths."""
+DECIMALS = 3  # of half-widths
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 

@@ -36,8 +36,7 @@ EYES: dict[str, tuple[str, str]] = {
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
 SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
-NUMBERS_SHOWN = 6
-"""Most bodies or frames that are named."""
+NUMBERS_SHOWN = 6  # most bodies or frames that are named
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
 """What is said of bodies that end, by how the reason begins; of others that they are lost."""
 NO_CURVE = "No curve is selected: click one"

@@ -37,12 +37,9 @@ if TYPE_CHECKING:
 
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
-TYPICAL = 0.995
-"""Share of the residuals that the colours span."""
-THIN = 0.5
-"""Breadth of outlines and halos, relative to a curve's line."""
-HALO = 2.0
-"""Breadth of halos at least, px of the screen."""
+TYPICAL = 0.995  # share of the residuals that the colours span
+THIN = 0.5  # breadth of outlines and halos, relative to a curve's line
+HALO = 2.0  # breadth of halos at least, px of the screen
 
 
 def _patches(work: Work) -> list[Any]:
@@ -60,7 +57,6 @@ def _film(
     make: Callable[[int, Patch], Picture] = lambda frame, patch: patch.pixels,
     look: Mapping[str, Any] | None = None,
 ) -> Made | None:
-    """Pictures of the frames that are known; they look like the image unless something is said."""
     image = work.image
     if not patches:
         return None
@@ -100,10 +96,7 @@ def _lines(
     width: float,
     **look: Any,
 ) -> Made:
-    """Show lines, each with its frame, px, in one colour or each in its own.
-
-    napari draws thousands of vectors in the time of a shape.
-    """
+    """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:
         return Made(np.zeros((0, 2, work.image.ndim)))
     counts = np.array([len(line) for _, line in lines])
@@ -141,7 +134,6 @@ def _halos(work: Work, _: object) -> Made:
 
 
 def _in_view(work: Work) -> list[Any]:
-    """The curves whose marks are in view, and where these stand."""
     found = looks.readable(work.records, space.view_of(work.viewer, work.image))
     return [(record, tuple(place.tolist())) for record, place in found]
 
@@ -165,7 +157,6 @@ def _moving(work: Work, _: object) -> Made | None:
 
 
 def _masks(work: Work, _: object) -> Made:
-    """Label image of each frame: a pixel's value is the number of its curve."""
     size, records = space.size_of(work.image), by_frame(work.records)
 
     def mask(frame: int) -> Picture:
@@ -201,10 +192,7 @@ ASKED = [role for role, maker in MAKERS.items() if maker.title]
 
 
 def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
-    """Average image minus reconstruction across a body; None where the image is not there.
-
-    Only the pixels around the body are read.
-    """
+    """Average image minus reconstruction across a body; None where the image is not there."""
     points = patch.grid.to_block(record.curve.points)
     half_width = record.curve.half_width / patch.grid.size
     places = across(points, half_width)

@@ -25,17 +25,14 @@ WORKS = "napari-splinesketch works"
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
-ERASE = ("Delete", "Backspace")
-"""With which napari deletes shapes."""
-AFTER_MS = 120
-"""Marks and halos follow the camera when it has stood still for so long."""
+ERASE = ("Delete", "Backspace")  # with which napari deletes shapes
+AFTER_MS = 120  # marks and halos follow the camera when it has stood still for so long
 
 
 class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
-    _shown: Sequence[Record] = ()
-    """In the order of the layer, unless that was made since."""
+    _shown: Sequence[Record] = ()  # in the order of the layer, unless that was made since
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
@@ -77,7 +74,6 @@ class CurveLines(Slot):
         yield
 
     def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
-        """Draw curves, some at a time when they are needed."""
         for start in range(0, len(records), drawn.CHUNK):
             some = records[start : start + drawn.CHUNK]
             lines = thinned([record.curve.points for record in some])
@@ -88,18 +84,16 @@ class CurveLines(Slot):
 class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
-    The layers of results come with the first of them; the suggested lines are among the sketches.
-    `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `folder` is where they are saved. One dock listens to `changes`, and so
-    hears what the user does in the layers.
+    Layers of results come with the first of them; suggested lines are among the sketches. One dock
+    listens to `changes`, and so hears what the user does in the layers.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self.viewer = image, sketches, viewer
-        self.changes, self.folder = Changes(), Folder()
-        self.selection: tuple[Key, ...] = ()
+        self.changes, self.folder = Changes(), Folder()  # where it is saved
+        self.selection: tuple[Key, ...] = ()  # some of them may be gone
         self.history: History[State] = History(State(), bytes_beside)
-        self.look: columns.Look = ("status", space.Ruler())
+        self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
         self.slots = {
@@ -161,8 +155,8 @@ class Work:
     def show(self) -> Iterator[object]:
         """Bring the layers in step with what is known by then, a little at each step.
 
-        napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
-        full ones: the window may live in between, and layers are added before any is filled.
+        napari takes 0.1 s to add a layer and to draw it first, and longer beside full ones: the
+        window may live in between, and layers are added before any is filled.
         """
         steps = chain[object](self._suggest(), self._add(), self._follow(), self._fade())
         while self.image in self.viewer.layers:
@@ -227,16 +221,12 @@ class Work:
                     yield
 
     def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
-        """Say where among the sketches lines are that were suggested, and are as they were.
-
-        A line that the user has moved, changed or deleted is hers: it is not touched again.
-        """
+        """Say where among the sketches lines are that were suggested, and not touched."""
         prints = {self._suggested[one].tobytes() for one in suggestions if one in self._suggested}
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
     def _suggest(self) -> Iterator[object]:
-        """Add and remove suggested lines, some at each step."""
         layer, wanted = self.sketches, self.state.suggestions
         if layer not in self.viewer.layers:
             return

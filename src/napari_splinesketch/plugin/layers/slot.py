@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
 """Keys of a layer's metadata: what it shows, and the work that it shows."""
-STEP_MS = 30
-"""Between two steps of drawing results: time for the window to paint and to answer."""
+STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
 FIRST_MS = 100
 """Before the first one: what has changed is seen in the dock, the table and the plots meanwhile."""
 STYLES: dict[type[Layer], dict[str, Any]] = {
@@ -63,27 +62,19 @@ class Made(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A layer: its kind, what it is called, what of a work it depends on, what makes it of that.
-
-    It stays as it is while its `source` does; where nothing is made, there is nothing to show, and
-    `nothing` says why. With a `title` and a `tip` it is in the menu, and there only when asked for.
-    """
+    """What a layer is made of; it stays as it is while its source does."""
 
     kind: type[Layer]
     name: str
     source: Callable[[Work], Sequence[Any]]
     make: Callable[[Work, Any], Made | None]
-    title: str = ""
+    title: str = ""  # in the menu, and then it is there only when asked for
     tip: str = ""
-    nothing: str = "There is nothing to show yet: refine first."
+    nothing: str = "There is nothing to show yet: refine first."  # where None is made
 
 
 class Slot:
-    """The place of a layer that shows what its maker makes of a work.
-
-    It is empty until the layer is made, and where it was removed. The layer's metadata name its
-    `role` and the work, which hears of the layer's eye.
-    """
+    """The place of a layer that shows what its maker makes of a work; empty until it is made."""
 
     def __init__(self, role: str, maker: Maker, work: Work):
         self.maker, self.work = maker, work
@@ -108,16 +99,13 @@ class Slot:
         return self._layer is not None
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Make the layer; without data, an empty one to be filled by `update`.
-
-        napari selects what is added. That is undone at once, and silently: to tell everybody twice
-        is half of what an added layer takes.
-        """
+        """Make the layer; without data, an empty one to be filled by `update`."""
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
         size = {} if data else {"ndim": image.ndim}
         layer = kind(*data, **size, **placement(image) | self._named | how)
         # Pictures over the image, all else over everything.
         at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
+        # napari selects what is added: undone silently, as to tell of it twice takes as long again.
         with layers.selection.events.blocker_all(), undisturbed(self.work.viewer):
             layers.insert(at, layer)
         layer.editable = kind not in (Shapes, Labels)  # results are not drawn into
@@ -158,10 +146,7 @@ class Slot:
 
 
 class Drawing:
-    """Changes layers in many short steps, its `runs`; the window lives in between.
-
-    `failed` is called with the exception if a step fails.
-    """
+    """Changes layers in many short steps, its `runs`; the window lives in between."""
 
     def __init__(self, failed: Callable[[Exception], None]):
         self._failed = failed
