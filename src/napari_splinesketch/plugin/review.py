@@ -13,7 +13,6 @@ from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
-from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
@@ -59,10 +58,6 @@ class CurvesModel(QtCore.QAbstractTableModel):
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
-
-    def body(self, number: int) -> dict[int, Curve]:
-        """Curves of one body, by frame."""
-        return {r.frame: r.curve for r in self._asked[0] if r.id == number}
 
     def show(
         self, records: Sequence[Record], ruler: Ruler, shown: str = "all", frame: int = 0
@@ -257,14 +252,15 @@ class ReviewPanel(qt.QWidget):
         elif not at:
             self.plots.show_plots(*profiles(work, chosen[0], ruler))
         else:
-            number, frame = key_of(chosen[0])[::-1]
-            made = pictures(self.model.body(number), ruler)[2 * at - 2 : 2 * at]
+            frame, number = key_of(chosen[0])
+            body = {r.frame: r.curve for r in controller.records() if r.id == number}
+            made = pictures(body, ruler)[2 * at - 2 : 2 * at]
             self.plots.show_plots(*(made or (ONE_FRAME.format(number),)), frame=frame)
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
-        if (clipboard := qt.QApplication.clipboard()) is not None:
-            clipboard.setText(self._as_text("\t"))
+        clipboard: Any = qt.QApplication.clipboard()
+        clipboard.setText(self._as_text("\t"))
 
     def _as_text(self, mark: str) -> str:
         model = self.model

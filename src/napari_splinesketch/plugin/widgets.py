@@ -6,12 +6,11 @@ from typing import Any
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
-from napari.layers import Layer, Shapes
+from napari.layers import Image, Layer, Shapes
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
 
-from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
@@ -24,6 +23,10 @@ NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
+CHOSEN: dict[type[Layer], tuple[str, str]] = {
+    Image: ("Image", "The image that the bodies are in"),
+    Shapes: ("Sketches", "The Shapes layer with your rough lines; it is never changed"),
+}
 APART = ("preset", "colour_by")
 DECIMALS = 3  # of half-widths
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
@@ -113,7 +116,6 @@ class CommandButtons(qt.QWidget):
         super().__init__()
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        self.title.hide()
         self.buttons = {c.id: CommandButton(actions, c.id) for c in actions if c.place == place}
         grid = qt.QWidget()
         layout = _tight(qt.QGridLayout(grid))
@@ -124,13 +126,10 @@ class CommandButtons(qt.QWidget):
             layout.setColumnStretch(i % columns, 1)
         stack(self, self.title, grid)
 
-    def show_state(self) -> None:
-        """Show what can be done now."""
+    def show_state(self, title: str = "") -> None:
+        """Show what can be done now, below a title."""
         for made in () if self.isHidden() else self.buttons.values():
             made.show_state()
-
-    def say(self, title: str) -> None:
-        """Show a title."""
         self.title.setText(title)
         self.title.setToolTip(title)
         self.title.setVisible(bool(title))
@@ -195,13 +194,13 @@ class Column(qt.QScrollArea):
 
 
 class LayerChoice(qt.QComboBox):
-    """A choice of layers of a kind, with a `label`; one more may be a "New layer"."""
+    """A choice of the image, or of the sketches, which may be a new layer."""
 
-    def __init__(self, controller: Controller, kind: type[Layer], label: str, tip: str):
+    def __init__(self, controller: Controller, kind: type[Layer]):
         super().__init__()
-        self.label, self.native = label, self
+        self.native, (self.label, self._tip) = self, CHOSEN[kind]
         self.choices: list[Layer | None] = []
-        self._controller, self._kind, self._tip = controller, kind, tip
+        self._controller, self._kind = controller, kind
         self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(NARROW)
         self.activated.connect(self._pick)
@@ -236,24 +235,23 @@ class LayerChoice(qt.QComboBox):
 class ProgressBox(qt.QWidget):
     """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
 
-    def __init__(self, cancel: Callable[[], None]) -> None:
+    def __init__(self, controller: Controller) -> None:
         super().__init__()
+        self._controller = controller
         self.bar = qt.QProgressBar()
-        self.bar.setRange(0, 100)
         self.bar.setToolTip("Progress")
         self.bar.setMinimumWidth(NARROW)
-        self.cancel = Button("Cancel", "Stop", cancel)
+        self.cancel = Button("Cancel", "Stop", controller.cancel)
         stack(self, (self.bar, self.cancel))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.setSizePolicy(policy)
-        self.hide()
 
-    def show_progress(self, progress: Progress | None, cancellable: bool) -> None:
-        """Show where it stands, and whether it can be cancelled; None when nothing runs."""
-        self.cancel.setEnabled(cancellable)
-        if progress is not None:
-            self.bar.setValue(round(100 * progress.fraction))
+    def show_state(self) -> None:
+        """Show where what runs stands, and whether it can be cancelled."""
+        progress = self._controller.progress
+        self.cancel.setEnabled(self._controller.cancellable)
+        self.bar.setValue(round(100 * progress.fraction) if progress else 0)
         self.setVisible(progress is not None)
 
 
@@ -330,12 +328,11 @@ class SettingsForm(qt.QWidget):
         self.half_width.lineEdit().installEventFilter(self)
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
         beside = partial(self._take, "work_folder", "")
+        chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
+        keys = Button("Change keys…", KEYS_TIP, run)
+        elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
         stack(
-            self,
-            form(*(made for name, made in self.widgets.items() if name not in APART)),
-            Button("Change keys…", KEYS_TIP, run),
-            Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder),
-            Button("Save work beside the image", FOLDER_TIP, beside),
+            self, chosen, keys, elsewhere, Button("Save work beside the image", FOLDER_TIP, beside)
         )
 
     def show_state(self) -> None:

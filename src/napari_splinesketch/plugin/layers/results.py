@@ -81,6 +81,11 @@ class CurveLines(Slot):
                 yield space.in_stack(self.work.image, record.frame, line)
 
 
+@model.once
+def _within(state: State, frames: int) -> tuple[Record, ...]:
+    return tuple([record for record in state.records if record.frame < frames])
+
+
 class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
@@ -124,8 +129,7 @@ class Work:
     @property
     def records(self) -> tuple[Record, ...]:
         """The curves of all frames that the image has: a film may have been cut short."""
-        frames = space.frame_count(self.image)
-        return tuple([record for record in self.state.records if record.frame < frames])
+        return _within(self.state, space.frame_count(self.image))
 
     @property
     def selected(self) -> tuple[Record, ...]:
