@@ -25,8 +25,7 @@ from napari_splinesketch.plugin.model import Changes
 L = TypeVar("L", bound=Layer)
 PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
-LOOKED = ("point", "order", "ndisplay")
-"""Events of the sliders after which something else is in view; their range says nothing of that."""
+LOOKED = ("point", "order", "ndisplay")  # of the sliders, after which something else is in view
 PLUGIN = "napari-splinesketch"
 KEYS = "keys"  # the group of the manifest with one key for each command ..
 GROUPS = ("refining", "looking", "saving", KEYS)  # ... and all of them

@@ -136,8 +136,7 @@ RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 read by everybody."""
 _ramp = Colormap(list(RAMP))
 SAME = 1e-6  # values that differ less, relative, have one colour: that is how they were worked out
-GREY = "#999999"
-"""Of a curve whose number is not known."""
+GREY = "#999999"  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
 

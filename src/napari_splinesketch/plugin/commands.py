@@ -23,8 +23,7 @@ else:
 
 REACH = 8.0  # how far from a curve the pointer may be to mean it, px, where its body is not broader
 RUNNING = "Something is running: wait until it is finished"
-Place = Literal["", "curve", "film", "steps", "review"]
-"""Where a command has a button: with the selected curve, a film, Undo, in the table of curves."""
+Place = Literal["", "curve", "film", "steps", "review"]  # where a command has a button
 ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)  # how many curves a command is for
 
 

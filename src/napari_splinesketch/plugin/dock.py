@@ -33,7 +33,6 @@ TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500  # the window is shown first
 LINES = 5  # of text that there is always room for above Export, so that nothing moves
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
-"""A menu button as narrow as its text."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
 
 POLL_MS = 50  # how often the window looks after a thread: at most 20 updates a second
-PATIENCE = 20.0
-"""How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
+PATIENCE = 20.0  # s that leaving Python waits for a thread: ending amid a compilation would crash
 
 _log = logging.getLogger(__name__)
 _warm = threading.Event()

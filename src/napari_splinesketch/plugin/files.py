@@ -51,8 +51,7 @@ if TYPE_CHECKING:
 PLUGIN = "napari-splinesketch"
 KNOTS = 10  # of a curve that was read from a file: as many as the engine gives most bodies
 READ = "the file does not say why"
-LABELS = "napari-splinesketch labels"
-"""Key of a layer's metadata under which the labels that it was read from are kept."""
+LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
 LayerData = tuple[Any, dict[str, Any], str]
 SEED = 4
 SIZE = (192, 192)

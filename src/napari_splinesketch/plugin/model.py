@@ -31,8 +31,7 @@ WITHIN = 1.25
 bodies that touch are two apart."""
 LIKE = 0.6  # such a line is as long as the curve but for this factor, either way
 LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
-SAME_BODY = 0.25
-"""Lines that lie so near to each other, in lengths of the shorter one, mean the same body."""
+SAME_BODY = 0.25  # of the shorter one: lines so near to each other mean the same body
 STEPS = 200  # that are remembered, at most
 WEIGHT = 2**29  # what the values that are remembered may hold, bytes
 
@@ -114,8 +113,7 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     return found
 
 
-key_of: Callable[[Record], Key] = attrgetter("frame", "id")
-"""Gives what tells a record from all others."""
+key_of: Callable[[Record], Key] = attrgetter("frame", "id")  # from all others
 
 
 def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:

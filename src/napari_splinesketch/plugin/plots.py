@@ -21,14 +21,10 @@ from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph
 
 SMALL = "8pt"  # size of the text
-LEFT = 38
-"""Room for the numbers at the left, px: both plots begin at the same place whatever they show."""
-AFTER_MS = 30
-"""Plots are drawn when what they show has stood still for so long: that takes as much again."""
-LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"
-"""Colours of lines that can be told apart by everybody, in dark windows and in light ones."""
-SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
-"""From negative over zero to positive, in colours that can be told apart by everybody."""
+LEFT = 38  # room for the numbers at the left, px: both plots begin at the same place
+AFTER_MS = 30  # without a change, until plots are drawn: that takes as much again
+LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"  # told apart in dark and light windows
+SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")  # told apart by everybody
 SHARE = 98.0  # of the values that the colours span, %: few that stand out do not flatten the others
 EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
 RESIDUAL = "Image − model, across"

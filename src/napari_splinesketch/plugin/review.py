@@ -26,8 +26,7 @@ from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
 NAME = "Curves"
-PLOTTED = ("Along it", "Curvature, speed", "Velocity")
-"""What the plots show; the pictures over time come in pairs."""
+PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time come in pairs
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
 SHARES = [740, 530]  # of the width: table and plots

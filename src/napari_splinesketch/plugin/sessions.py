@@ -340,8 +340,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
 
 
-Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
-"""Where a session was read, the folder that it goes on in, and what could not be read."""
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]  # where, goes on in, not read
 
 
 def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:

@@ -21,8 +21,7 @@ from napari_splinesketch.plugin.layers.looks import line_width
 
 LINES = ("line", "path")
 SHORTEST = 2.0  # anything shorter is a stray click, px
-SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
-"""Modes in which napari shows what is selected; while drawing, the last line always is."""
+SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")  # modes that show a selection
 BREATH_MS = 5  # between two short steps of a long change, in which the window lives
 MANY = 200  # with so many sketches, what follows from several edits in a row is worked out once
 CHUNK = 50  # shapes added at once: napari takes about as long for one of them as for so many

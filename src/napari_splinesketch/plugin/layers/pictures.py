@@ -187,8 +187,7 @@ MAKERS: dict[str, Maker] = {
     "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
                    "A Labels layer: pixels have their curve's number"),
 }  # fmt: skip
-ASKED = [role for role, maker in MAKERS.items() if maker.title]
-"""The layers that are there only when the user asks for them."""
+ASKED = [role for role, maker in MAKERS.items() if maker.title]  # only when the user asks
 
 
 def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:

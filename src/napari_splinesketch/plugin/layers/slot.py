@@ -19,11 +19,9 @@ from napari_splinesketch.plugin.layers.space import placement
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
-ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"
-"""Keys of a layer's metadata: what it shows, and the work that it shows."""
+ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"  # keys of a layer's metadata
 STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
-FIRST_MS = 100
-"""Before the first one: what has changed is seen in the dock, the table and the plots meanwhile."""
+FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
 STYLES: dict[type[Layer], dict[str, Any]] = {
     Vectors: {"vector_style": "line"},
     Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},

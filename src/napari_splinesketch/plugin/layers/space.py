@@ -21,11 +21,9 @@ from napari_splinesketch.grids import Grid, slices
 from napari_splinesketch.plugin.model import lengths_of
 
 Points = Float[np.ndarray, "N D"]
-PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")
-"""What says where a layer lies."""
+PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")  # of a layer
 WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
-LARGEST_BLOCK = 2**24
-"""A coarser level of a multiscale image is read where a block would have more pixels."""
+LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
 MARGIN = 64  # kept around the sketches beside the length of the longest, px
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # Rec. 709
 
