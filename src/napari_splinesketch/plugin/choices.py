@@ -77,14 +77,13 @@ class Choices:
 
     def chosen(self, kind: type[L]) -> L | None:
         """Give the chosen layer of a kind."""
-        # napari tells of its sliders before it tells that a layer is gone.
-        layer: Any = self._chosen[kind]
+        layer: Any = self._chosen[kind]  # napari tells late that one is gone
         return layer if layer in self._viewer.layers else None
 
     def layers(self, kind: type[L]) -> list[L]:
         """Give the layers of a kind to choose from, topmost first."""
-        layers = [layer for layer in self._viewer.layers if not is_result(layer)]
-        return [layer for layer in reversed(layers) if isinstance(layer, kind)]
+        layers = reversed(self._viewer.layers)
+        return [layer for layer in layers if isinstance(layer, kind) and not is_result(layer)]
 
     def choose(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none."""

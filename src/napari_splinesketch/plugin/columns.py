@@ -20,7 +20,6 @@ from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
-UNKNOWN = "–"
 PIXELS = Ruler()
 
 CurveAt = Callable[[Key], Curve | None]
@@ -49,14 +48,10 @@ class Column:
         value = self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def key(self, ruler: Ruler, curve_at: CurveAt) -> Callable[[Record], Any]:
-        """Give what the table sorts records by; what is not known comes first."""
-
-        def key(record: Record) -> Any:
-            value = self.value(record, ruler, curve_at)
-            return -math.inf if isinstance(value, float) and math.isnan(value) else value
-
-        return self.order or key
+    def rank(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
+        """Give what the table sorts a record by; what is not known comes first."""
+        value = self.order(record) if self.order else self.value(record, ruler, curve_at)
+        return -math.inf if isinstance(value, float) and math.isnan(value) else value
 
 
 def _said(find: Callable[[Record], Any]) -> Value:
@@ -90,15 +85,14 @@ def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
 def three_digits(value: float) -> str:
     """Write a number with three digits that count, and never with an exponent."""
     if not np.isfinite(value):
-        return UNKNOWN
+        return "–"
     decimals = 2 - int(np.floor(np.log10(abs(value)))) if value else 0
     return f"{value:.{min(max(decimals, 0), 6)}f}"
 
 
 COLUMNS = (
     Column("id", "Curve", "Number of the curve", _said(lambda r: r.id), "number", width="■ 0000"),
-    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number",
-           width="0000"),
+    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number", width="0000"),
     Column("reasons", "Reasons", "Why it needs review",
            _said(lambda r: "; ".join(r.curve.reasons)), width="0" * 34),
     Column("status", "Status",
@@ -131,16 +125,13 @@ COLUMNS = (
 COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
 """What the colour of a curve may say."""
 Look = tuple[str, Ruler]  # what it says, and in which unit
+# Viridis without its darkest end, which is lost on a dark image.
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
-"""Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
-read by everybody."""
 _ramp = Colormap(list(RAMP))
 SAME = 1e-6  # values that differ less, relative, have one colour: that is how they were worked out
 GREY = "#999999"  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
-
-
 alone: CurveAt = {}.get  # knows of no curve in another frame
 
 

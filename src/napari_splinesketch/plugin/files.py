@@ -24,16 +24,8 @@ from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.geometry import thinned
-from napari_splinesketch.labels import (
-    Label,
-    Labels,
-    LabelsError,
-    read_labels,
-    shapes_csv,
-    table,
-    write_labels,
-)
-from napari_splinesketch.labels.formats import WRITERS, claiming
+from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
+from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
@@ -56,7 +48,6 @@ LayerData = tuple[Any, dict[str, Any], str]
 SEED = 4
 SIZE = (192, 192)
 TURN = 20  # how far the lines over the generated bodies are turned, degrees
-
 AXES = ("t", "y", "x")
 WINDOW = (1300, 860)  # size of the demo's window, px
 FIT_AFTER_MS = 300  # the window takes its size first

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate, count, pairwise
 from operator import attrgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -26,10 +26,9 @@ Key = tuple[int, int]  # (frame, id) of a record
 
 SAME = 2  # decimals of a pixel to which a line is the same as before
 SAMPLES = 16  # points at which two lines are compared
-WITHIN = 1.25
-"""A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
-bodies that touch are two apart."""
-LIKE = 0.6  # such a line is as long as the curve but for this factor, either way
+# A line is over the body of a curve that it lies so near to, in half-widths on average, and is as
+# long as but for a factor: lines over bodies that touch are two apart.
+WITHIN, LIKE = 1.25, 0.6
 LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25  # of the shorter one: lines so near to each other mean the same body
 STEPS = 200  # that are remembered, at most
@@ -103,12 +102,10 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     known: WeakKeyDictionary[V, dict[Any, T]] = WeakKeyDictionary()
 
     def found(value: V, *rest: A.args, **no: A.kwargs) -> T:
-        try:
-            return known[value][rest]
-        except KeyError:
-            made = find(value, *rest, **no)
-            known.setdefault(value, {})[rest] = made
-            return made
+        kept = known.setdefault(value, {})
+        if rest not in kept:
+            kept[rest] = find(value, *rest, **no)
+        return kept[rest]
 
     return found
 
@@ -160,11 +157,8 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
         for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
             if distance[i, j] < reach[i]:
                 ids[i] = known[j].id
-    new = max([record.id for record in (*known, *others)], default=0)
-    for i, number in enumerate(ids):
-        if not number:
-            ids[i] = new = new + 1
-    return ids
+    new = count(1 + max([record.id for record in (*known, *others)], default=0))
+    return [number or next(new) for number in ids]
 
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
@@ -211,16 +205,12 @@ def _apart(line: Line, record: Record) -> float:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The curves of an image and what came with them: what the user may want to take back.
-
-    The latest are last among the `patches`, and among the `deleted`, whose lines are not refined
-    again.
-    """
+    """The curves of an image and what came with them: what the user may want to take back."""
 
     records: tuple[Record, ...] = ()
     suggestions: tuple[Suggestion, ...] = ()
-    deleted: tuple[Record, ...] = ()
-    patches: Mapping[int, Patch] = field(default_factory=dict)
+    deleted: tuple[Record, ...] = ()  # the latest is last; their lines are not refined again
+    patches: Mapping[int, Patch] = field(default_factory=dict)  # by frame, the latest is last
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     @property
@@ -271,10 +261,8 @@ class State:
         known = {(one.frame, p): one for one, p in zip(self.suggestions, prints, strict=True)}
         kept = {key: one for key, one in known.items() if key[0] != frame or key[1] in refined}
         keys = [(frame, printed) for printed in prints_of(lines)]
-        wanted = {
-            key: known.get(key) or Suggestion(frame, line)
-            for key, line in zip(keys, lines, strict=True)
-        }
+        pairs = zip(keys, lines, strict=True)
+        wanted = {key: known.get(key) or Suggestion(frame, line) for key, line in pairs}
         return replace(self, suggestions=tuple((kept | wanted).values()))
 
     def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
@@ -284,12 +272,9 @@ class State:
         before = older.pop(frame, None)
         if before and any(r.frame == frame and key_of(r) not in keys for r in self.records):
             patch = patched(before, patch, *refined.region)
-        return replace(
-            self.with_records(*fresh),
-            deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
-            patches={**older, frame: patch},
-            notes={**self.notes, frame: refined.notes},
-        )
+        left = tuple([record for record in self.deleted if key_of(record) not in keys])
+        patches, notes = {**older, frame: patch}, {**self.notes, frame: refined.notes}
+        return replace(self.with_records(*fresh), deleted=left, patches=patches, notes=notes)
 
 
 def bytes_beside(state: State, other: State) -> int:
@@ -325,11 +310,17 @@ class History(Generic[T]):
     def apply(self, what: str, value: T) -> None:
         """Put a value in the place of the present one; `what` says why."""
         self._at += 1
-        self._put(what, value)
+        self.amend(value, what)
 
-    def amend(self, value: T) -> None:
+    def amend(self, value: T, what: str = "") -> None:
         """Put a value in the place of the present one, as part of the last step."""
-        self._put(self.done, value)
+        self._steps[self._at :] = [(what or self.done, value)]
+        # The oldest go where there are too many, or too heavy ones.
+        values = [value for _, value in self._steps[::-1]]
+        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
+        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
+        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
+        self._at = kept
 
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
@@ -342,16 +333,3 @@ class History(Generic[T]):
         what = self.undone
         self._at += bool(what)
         return what
-
-    def forget_undone(self) -> None:
-        """Let nothing be done again."""
-        del self._steps[self._at + 1 :]
-
-    def _put(self, what: str, value: T) -> None:
-        """Make a value the last; drop the oldest where there are too many, or too heavy ones."""
-        self._steps[self._at :] = [(what, value)]
-        values = [value for _, value in self._steps[::-1]]
-        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
-        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
-        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
-        self._at = kept

@@ -83,7 +83,7 @@ def make_plan(
         elif known is not None and known.edited and kept:
             targets.append(Target(number, lines[i], known.curve.points, new=False))
         else:
-            start = _as_known(lines[i], known) if kept else lines[i]
+            start = _as_known(lines[i], known) if known and kept else lines[i]
             targets.append(Target(number, lines[i], start, known is None, again=i in again))
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
@@ -97,15 +97,11 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
         return False
     if known is None or not same:
         return True
-    if gone:
-        return False
-    return known.edited or (scope == "all" and known.review == "open")
+    return not gone and (known.edited or (scope == "all" and known.review == "open"))
 
 
-def _as_known(line: Line, known: Record | None) -> Line:
+def _as_known(line: Line, known: Record) -> Line:
     """Let a line run as its curve does, which the user may have turned."""
-    if known is None:
-        return line
     ends = known.curve.points[[0, -1]]
     straight = np.linalg.norm(ends - line[[0, -1]], axis=1).sum()
     turned = np.linalg.norm(ends - line[[-1, 0]], axis=1).sum()
@@ -125,8 +121,7 @@ def _matched(
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
     carried = [r for r in here if r.id in elsewhere and not (r.drawn or r.decided)]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
-    others = model.identify(rest, left, (*state.records, *state.deleted))
-    numbers = iter(others)
+    numbers = iter(model.identify(rest, left, (*state.records, *state.deleted)))
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
 

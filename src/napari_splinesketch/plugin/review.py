@@ -58,11 +58,9 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
-    def show(
-        self, records: Sequence[Record], ruler: Ruler, shown: str = "all", frame: int = 0
-    ) -> None:
-        """Show records, all or some, in the order that was chosen; the frame is the one in view."""
-        asked = records, shown, frame if shown == "this frame" else 0
+    def show(self, records: Sequence[Record], ruler: Ruler, shown: str = "all", t: int = 0) -> None:
+        """Show records, all or some, in the order that was chosen; frame `t` is in view."""
+        asked = records, shown, t if shown == "this frame" else 0
         if (ruler, asked) != (self.ruler, self._asked):
             self.ruler, self._asked = ruler, asked
             self.curve_at = {key_of(r): r.curve for r in records}.get
@@ -105,8 +103,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Bring the rows in order; resets the model only where other curves are shown."""
         (column, order), (records, shown, frame) = self._by, self._asked
         rows = [record for record in records if SHOWN[shown](record, frame)]
-        key = COLUMNS[column].key(self.ruler, self.curve_at)
-        rows.sort(key=key, reverse=order == Qt.SortOrder.DescendingOrder)
+        where, down = (self.ruler, self.curve_at), order == Qt.SortOrder.DescendingOrder
+        rows.sort(key=lambda record: COLUMNS[column].rank(record, *where), reverse=down)
         if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
@@ -119,8 +117,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
 class CurvesTable(qt.QTableView):
     """Shows curves, one a row; all keys but those that move are the viewer's."""
 
+    # The user went to a row: its record's key.
     picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
-    """The user went to a row: its record's key."""
 
     def __init__(self, model: CurvesModel):
         super().__init__()
@@ -266,9 +264,8 @@ class ReviewPanel(qt.QWidget):
         return as_text(model.records, model.ruler, model.curve_at, separator=mark)
 
     def _ask_where(self) -> None:
-        chosen, _ = qt.QFileDialog.getSaveFileName(
-            self, "Save the table", "curves.csv", "CSV (*.csv)"
-        )
+        title, name, kind = "Save the table", "curves.csv", "CSV (*.csv)"
+        chosen, _ = qt.QFileDialog.getSaveFileName(self, title, name, kind)
         try:
             if chosen:
                 with atomic(chosen, overwrite=True) as temporary:

@@ -13,19 +13,9 @@ import numpy as np
 from napari.layers import Image, Labels, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
 
-from napari_splinesketch import palette
+from napari_splinesketch import grids, palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.grids import (
-    Along,
-    Grid,
-    Patch,
-    Picture,
-    Planes,
-    across,
-    film_of,
-    mean_across,
-    slices,
-)
+from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.layers.slot import Made, Maker
@@ -60,7 +50,7 @@ def _film(
     image = work.image
     if not patches:
         return None
-    film, grid = film_of(dict(patches), space.frame_shape(image), make)
+    film, grid = grids.film_of(dict(patches), space.frame_shape(image), make)
     if look is None:
         low, high = image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
@@ -163,7 +153,7 @@ def _masks(work: Work, _: object) -> Made:
         here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(frame, ())]
         return label_image(here, size, np.int32)
 
-    planes = Planes((*space.frame_shape(work.image), *size), np.int32, mask)
+    planes = grids.Planes((*space.frame_shape(work.image), *size), np.int32, mask)
     return Made(planes, space.placement(work.image))
 
 
@@ -194,11 +184,11 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
     """Average image minus reconstruction across a body; None where the image is not there."""
     points = patch.grid.to_block(record.curve.points)
     half_width = record.curve.half_width / patch.grid.size
-    places = across(points, half_width)
+    places = grids.across(points, half_width)
     low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
     high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
     if (high <= low).any():
         return None
     grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    rest = _rest(image, record.frame, grid, patch.pixels[slices(low, high)])
-    return None if np.isnan(rest).all() else mean_across(rest, points - low, half_width)
+    rest = _rest(image, record.frame, grid, patch.pixels[grids.slices(low, high)])
+    return None if np.isnan(rest).all() else grids.mean_across(rest, points - low, half_width)
