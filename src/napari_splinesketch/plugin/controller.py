@@ -51,6 +51,7 @@ class Controller(Keeper):
         self._job: engine.Job | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
+        self._frames = 0  # of that image, as it began
         self._told: list[Image] = []
         self._began = 0.0
         self.suggestions = Suggestions(self)
@@ -125,6 +126,7 @@ class Controller(Keeper):
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
+        self._frames = frame_count(on.image) if on else 0
         self._job = engine.Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
@@ -246,6 +248,9 @@ class Controller(Keeper):
             go_to_frame(self.viewer, image, min(frames))
 
     def _on_edited(self) -> None:
+        if self._on and frame_count(self._on.image) != self._frames:
+            name = self._on.image.name
+            self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
         layer = self.choices.sketches
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()

@@ -86,8 +86,12 @@ class Suggestions:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
         work, frame, found = self._last
         state = before.suggested(frame, found.choose(self.sensitivity))
-        refined = len(before.suggested(frame, ()).suggestions)
-        over = partial(tell, words.suggested(len(state.suggestions) - refined))
+        refined = before.suggested(frame, ()).suggestions
+
+        def over() -> None:
+            there = work.positions(set(state.suggestions).difference(refined))
+            tell(words.suggested(len(there)))
+
         if state.suggestions != work.state.suggestions:
             self._controller.apply(what, state, over, work)
         else:
@@ -162,12 +166,9 @@ class Tracking:
         controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
         if done:
-            alone = self.corrected is None
-            what = (
-                f"Track to frame {self.frames[-1]}"
-                if alone
-                else f"Refit around frame {self.corrected}"
-            )
+            what = f"Refit around frame {self.corrected}"
+            if self.corrected is None:
+                what = f"Track to frame {self.frames[-1]}"
             again = self._taken and work.history.done == what  # nothing was done in between
             state = reduce(taken_in, done, work.state)
             controller.apply("" if again else what, state, work=work)
