@@ -18,7 +18,7 @@ from napari.settings import get_plugin_settings
 
 from napari_splinesketch.engine.settings import OFFERED, Asked
 from napari_splinesketch.plugin.columns import COLOURED
-from napari_splinesketch.plugin.layers.slot import is_result
+from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Changes
 

@@ -21,8 +21,8 @@ from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers import drawn
+from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import WORKS, Work
-from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request

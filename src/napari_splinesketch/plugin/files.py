@@ -30,7 +30,7 @@ from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.slot import OWNER, ROLE
+from napari_splinesketch.plugin.layers.pictures import OWNER, ROLE
 from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.synthetic import rotate, scene

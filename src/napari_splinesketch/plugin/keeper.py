@@ -15,8 +15,8 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin.choices import Choices, Settings
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
+from napari_splinesketch.plugin.layers.pictures import Drawing
 from napari_splinesketch.plugin.layers.results import Work, works_in
-from napari_splinesketch.plugin.layers.slot import Drawing
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 

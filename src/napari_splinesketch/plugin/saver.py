@@ -29,8 +29,8 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import read_with, records_of
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
+from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape

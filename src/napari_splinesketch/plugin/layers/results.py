@@ -15,8 +15,7 @@ from superqt.utils import qthrottled
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
-from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
-from napari_splinesketch.plugin.layers.slot import Slot
+from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 from napari_splinesketch.plugin.sessions import Folder
 
