@@ -86,7 +86,7 @@ def test_keys_are_heard_while_another_image_or_other_lines_are_active() -> None:
 
 @pytest.mark.window
 def test_keys_of_the_dock(viewer: Any, dock: SplinesketchDock) -> None:
-    actions = list(dock.controller.actions)
+    actions = list(dock.controller.actions.table.values())
     assert [action.id for action in actions] == [command.id for command in COMMANDS]
     text = (files("napari_splinesketch") / "napari.yaml").read_text(encoding="utf-8")
     groups = yaml.safe_load(text)["contributions"]["configurations"]

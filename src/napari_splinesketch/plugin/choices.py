@@ -1,13 +1,13 @@
 """What the user chose: settings, and the image and sketches worked on as layers come and go.
 
-Settings are one frozen class, which the form in the dock, napari and the engine read. napari's own
-choice of layers would list results as well, and keeps the first one where work goes on in the
-latest: so the choice is made here, and its combo boxes show it.
+napari's own choice of layers would list results as well, and keep the first one where work goes on
+in the latest.
 """
 
 import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, TypeVar
 
 import pint
@@ -159,7 +159,7 @@ def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
     groups = _groups()
     keys = dict(groups.pop(KEYS, ()))
-    return Settings(keys=keys, **{k: v for group in groups.values() for k, v in group})
+    return Settings(keys=keys, **dict(chain.from_iterable(groups.values())))
 
 
 def save(settings: Settings) -> None:

@@ -1,7 +1,4 @@
-"""What is said of each curve: one table, which layers, the review table, its CSV and colours read.
-
-A column that is added here is in all of them.
-"""
+"""What is said of each curve: one table, which layers, the review table, CSV and colours read."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
 """What the user can do: one table, which buttons, keys, tooltips and the manifest follow."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from sys import maxsize
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,6 +15,7 @@ from napari_splinesketch.plugin import films, words
 from napari_splinesketch.plugin.layers.looks import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
+from napari_splinesketch.plugin.plan import view_problem
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -106,7 +107,7 @@ def pick(controller: Controller, *, add: bool = False) -> None:
     controller.select(chosen)
 
 
-def _without_curves(c: Controller) -> str:
+def _empty(c: Controller) -> str:
     return "" if c.records() else "There are no curves yet: refine first"
 
 
@@ -191,25 +192,20 @@ COMMANDS = (
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(),
-            "Undo the last step", "steps",
+    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(), "Undo the last step", "steps",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(),
-            "Redo what was undone", "steps",
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(), "Redo what was undone", "steps",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
-            "Accept the curve and go on to the next", "review",
-            problem=_without_curves, meanwhile=True),
+            "Accept the curve and go on to the next", "review", problem=_empty, meanwhile=True),
     Command("reject", "Reject", "K", lambda c: judge(c, "rejected"),
-            "Reject the curve and go on to the next", "review",
-            problem=_without_curves, meanwhile=True),
+            "Reject the curve and go on to the next", "review", problem=_empty, meanwhile=True),
     Command("next", "Next", "N", judge, "Go on to the next curve to review", "review",
-            problem=_without_curves, meanwhile=True),
+            problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
-            "Draw a line over each body that stands out in this frame",
-            problem=lambda c: c.suggestions.problem()),
+            "Draw a line over each body that stands out in this frame", problem=view_problem),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),
@@ -230,31 +226,18 @@ COMMANDS = (
 
 
 class Commands:
-    """The commands that act on a controller, bound to `keys` of its viewer, by their ids.
-
-    The keys of napari's layers and of other plugins come first: these are only heard where
-    nobody else wants them.
-    """
+    """The commands that act on a controller, by keys that nobody else in its viewer wants."""
 
     def __init__(self, controller: Controller, table: tuple[Command, ...] = COMMANDS):
         self._controller, self._viewer = controller, controller.viewer
-        self._commands = {command.id: command for command in table}
+        self.table = {command.id: command for command in table}
         self.keys: dict[str, str] = {}
         self._bound: dict[Any, Callable[[ViewerModel], None]] = {}
         self.rebind({})
 
-    def __iter__(self) -> Iterator[Command]:
-        return iter(self._commands.values())
-
-    def __getitem__(self, name: str) -> Command:
-        return self._commands[name]
-
     def run(self, name: str) -> None:
-        """Do it, if it can be done; says why not where no text in the dock does so already.
-
-        What is for curves is for the one that is pointed at, where none is selected.
-        """
-        command, c = self[name], self._controller
+        """Do it, to the curve that is pointed at where none is selected; or say why not."""
+        command, c = self.table[name], self._controller
         problem = self._problem(command)
         if not problem and command.curves:
             if not c.selection:
@@ -272,11 +255,11 @@ class Commands:
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""
         key = f" ({self.keys[name]})" if self.keys[name] else ""
-        return f"{self[name].tip}{key}{self[name].about(self._controller)}"
+        return f"{self.table[name].tip}{key}{self.table[name].about(self._controller)}"
 
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
-        return self._problem(self[name]) or self._unselected(self[name])
+        return self._problem(self.table[name]) or self._unselected(self.table[name])
 
     def _problem(self, command: Command) -> str:
         if self._controller.progress and not command.meanwhile:
@@ -291,17 +274,14 @@ class Commands:
 
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
-        command = self[name]
+        command = self.table[name]
         if command.place == "review" and self.keys[name]:  # where there is room for it
             return f"{command.name} ({self.keys[name]})"
         return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
-        """Give commands other keys, by their ids; with an empty one, none.
-
-        A key does one thing: a command that was given it gets it before one that usually has it.
-        """
-        usual = {command.id: command.key for command in self}
+        """Give commands other keys; one that was given a key gets it before its usual owner."""
+        usual = {command.id: command.key for command in self.table.values()}
         wanted = {name: keys.get(name, key) for name, key in usual.items()}
         last = sorted(wanted, key=lambda name: wanted[name] != usual[name])
         owners = {wanted[name]: name for name in last}
@@ -316,7 +296,7 @@ class Commands:
             if self._controller.is_meant():
                 self.run(name)
 
-        press.__name__, press.__doc__ = name, self[name].tip
+        press.__name__, press.__doc__ = name, self.table[name].tip
         taken = self._viewer.keymap.get(key)
         # One that is ours is of a dock that was closed, or shown again: this one takes over.
         if taken is None or getattr(taken, "__module__", "") == __name__:

@@ -32,16 +32,14 @@ KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 
 class Controller(Keeper):
-    """Does what the user asks for; widgets show what came of it.
-
-    `order` is that in which curves are gone through: the worst first, or as a table shows them.
-    """
+    """Does what the user asks for; widgets show what came of it."""
 
     request = request
 
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
+        # In which curves are gone through: the worst first, or as a table shows them.
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown
         self._closed = False

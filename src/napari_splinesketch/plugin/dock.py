@@ -75,7 +75,7 @@ class SplinesketchDock(QWidget):
         self.settings_form = ui.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
         self.colour_by = self.settings_form.widgets["colour_by"]
-        self.at_once = QCheckBox(actions["at_once"].name)
+        self.at_once = QCheckBox(actions.table["at_once"].name)
         self.refine = ui.CommandButton(actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")

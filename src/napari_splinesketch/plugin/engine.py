@@ -146,10 +146,7 @@ class _Worker(threading.Thread):
 
 
 class Job(QObject):
-    """Work in a thread of its own, of which the window hears through signals, unless cancelled.
-
-    The function that the work reports to returns False then.
-    """
+    """Work in a thread of its own, of which the window hears through signals, unless cancelled."""
 
     progressed = Signal(object)
     done = Signal(object)

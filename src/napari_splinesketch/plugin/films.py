@@ -16,7 +16,7 @@ from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.plugin.plan import OPEN
+from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -30,22 +30,14 @@ SUGGEST = "Suggest lines"  # the name of the step
 
 
 class Suggestions:
-    """Lines over bodies that nobody has drawn.
-
-    The `sensitivity` is from 0, only what stands out, to 1, also what is faint or short.
-    """
+    """Lines over bodies that nobody has drawn."""
 
     def __init__(self, controller: Controller):
-        self.sensitivity = 0.5
+        self.sensitivity = 0.5  # from 0, only what stands out, to 1, also what is faint or short
         self._controller = controller
         # Work and frame of the last lines, and what others are chosen from when the slider moves.
         self._last: Any = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
-
-    def problem(self) -> str:
-        """Why no lines can be suggested, or nothing."""
-        image = self._controller.choices.image
-        return space.plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def suggest(self) -> None:
         """Suggest lines in the frame in view, in the place of those that were not taken up."""
@@ -100,7 +92,7 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    problem, image = c.suggestions.problem(), c.choices.image
+    problem, image = view_problem(c), c.choices.image
     if problem or image is None:
         return problem
     if not 0 <= c.frame + way < space.frame_count(image):
@@ -119,7 +111,7 @@ def track(c: Controller, way: int, most: int | None = None) -> None:
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
     known = corrected_at(c.state, c.frame, c.selection)
-    return c.suggestions.problem() or ("" if known else NOT_CORRECTED)
+    return view_problem(c) or ("" if known else NOT_CORRECTED)
 
 
 def around(c: Controller) -> None:

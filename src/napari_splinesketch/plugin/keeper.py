@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 NOTHING = State()
 Kind = Literal["none", "done", "cancelled", "failed"]
+Last = Callable[[], None] | None
 
 
 class Notice(NamedTuple):
@@ -33,10 +34,6 @@ class Notice(NamedTuple):
 
     kind: Kind = "none"
     text: str = ""
-
-
-def _nothing() -> None:
-    pass
 
 
 class Keeper:
@@ -50,7 +47,7 @@ class Keeper:
         self.changes = Changes(instance=self)
         self.choices = Choices(viewer, self.changes)
         self.settings = choices.load()
-        self.progress: Progress | None = None
+        self.progress: Progress | None = None  # of what runs
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
         for signal in (self.changes.layers, self.changes.edited):
@@ -138,9 +135,7 @@ class Keeper:
             self.notice = notice
             self.changes.said.emit()
 
-    def apply(
-        self, what: str, state: State, last: Callable[[], None] = _nothing, work: Work | None = None
-    ) -> None:
+    def apply(self, what: str, state: State, last: Last = None, work: Work | None = None) -> None:
         """Put a state in the place of the present one: the one way to change what is known.
 
         `what` is done, for the tooltip of Undo: "Accept curve 3"; without it, it is part of the
@@ -154,15 +149,10 @@ class Keeper:
                 work.history.amend(state)
             self.show(work, last)
 
-    def show(self, work: Work, last: Callable[[], None] = _nothing) -> None:
+    def show(self, work: Work, last: Last = None) -> None:
         """Let the layers show what is known, and then call something."""
-
-        def shown() -> None:
-            last()
-            self.changes.shown.emit()
-
         self.changes.curves.emit()
-        self.drawing.start(work, work.show(), shown)
+        self.drawing.start(work, work.show(), last, self.changes.shown.emit)
 
     def undo(self) -> None:
         """Take back the last step."""

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 Scope = Literal["new", "selected", "all"]
 BEGIN = "Press Draw lines, then draw a line over each body."
-OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +138,18 @@ def _drawn_again(
     return found
 
 
+def view_problem(c: "Controller") -> str:
+    """Why nothing can be drawn or found in what is in view, or nothing."""
+    image = c.choices.image
+    if image is None:
+        return "Open an image: drop a file on the window, or File > Open Sample."
+    return plane_problem(c.viewer, image)
+
+
 def request(c: "Controller", scope: Scope = "new") -> Plan:
     """Say what Refine would do now; selected lines go before those that are new."""
-    image, layer, selection = c.choices.image, c.choices.sketches, c.selection
-    problem = plane_problem(c.viewer, image) if image is not None else OPEN
-    if problem or image is None:
+    layer, selection = c.choices.sketches, c.selection
+    if problem := view_problem(c):
         return Plan(problem=problem)
     frame, drawn, marked = c.frame, c.drawn, frozenset[int]()
     if layer is None:

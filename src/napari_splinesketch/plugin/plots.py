@@ -33,10 +33,7 @@ NO_MODEL = "There is no model of this frame to compare with"
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A quantity along a curve, (P,), or of its body over the frames too, (T, P).
-
-    Values are NaN where nothing is known.
-    """
+    """A quantity along a curve, (P,), or of its body over the frames too, (T, P), or NaN."""
 
     title: str
     unit: str

@@ -108,10 +108,7 @@ class Home:
 
 
 class Saver(QObject):
-    """Saves sketches and curves of all images in the window on every change, in threads.
-
-    An image has a thread of its own, that others need not wait for.
-    """
+    """Saves sketches and curves on every change, those of each image in a thread of its own."""
 
     found = Signal(description="There is work to go on with, or none any more, or elsewhere")
 

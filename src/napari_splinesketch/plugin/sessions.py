@@ -1,8 +1,7 @@
 """Saved work: for each layer of sketches a folder, with a head, and a page and a picture a frame.
 
-Each file is written whole or not at all, and a folder has one owner at a time. Files are read as if
-anybody had written them: no more memory is taken than a small multiple of what they may hold, and
-whatever is wrong is a `LabelsError` that names file and place.
+Files are read as if anybody had written them: no more memory is taken than a small multiple of what
+they may hold, and whatever is wrong is a `LabelsError` that names file and place.
 """
 
 import json

@@ -116,7 +116,8 @@ class CommandButtons(qt.QWidget):
         super().__init__()
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        self.buttons = {c.id: CommandButton(actions, c.id) for c in actions if c.place == place}
+        names = [name for name, command in actions.table.items() if command.place == place]
+        self.buttons = {name: CommandButton(actions, name) for name in names}
         grid = qt.QWidget()
         layout = _tight(qt.QGridLayout(grid))
         for i, made in enumerate(self.buttons.values()):

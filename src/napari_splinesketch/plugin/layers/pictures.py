@@ -1,8 +1,4 @@
-"""Layers of ours that lie on an image: what each is made of, and how it follows what is known.
-
-Reconstruction, outlines, halos and marks are always there; residual, background, uncertainty and
-masks only when the user asks for them.
-"""
+"""Layers of ours that lie on an image: what each is made of, and how it follows what is known."""
 
 from __future__ import annotations
 
@@ -164,12 +160,14 @@ class Drawing:
 
     def __init__(self, failed: Callable[[Exception], None]):
         self._failed = failed
-        self.runs: dict[Hashable, tuple[Iterator[object], list[Callable[[], None]]]] = {}
+        self.runs: dict[Hashable, tuple[Iterator[object], list[Any]]] = {}
 
-    def start(self, key: Hashable, steps: Iterator[object], last: Callable[[], None]) -> None:
+    def start(
+        self, key: Hashable, steps: Iterator[object], *last: Callable[[], None] | None
+    ) -> None:
         """Take steps, in the place of others of the same key; then call `last`, also of those."""
         before = self.runs.get(key)
-        self.runs[key] = steps, [*(before[1] if before else ()), last]
+        self.runs[key] = steps, [*(before[1] if before else ()), *filter(None, last)]
         if not before:
             QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
 

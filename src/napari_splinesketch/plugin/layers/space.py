@@ -1,8 +1,7 @@
 """Where things are: layers' coordinates, units, frames and pixels, seen from the image.
 
-napari keeps units apart from transforms: a layer's `data_to_world` speaks the layer's own unit,
-the window draws every layer in the smallest unit of all of them, and in none where they do not
-match. What lies where is decided here as the window draws it.
+A layer's `data_to_world` speaks the layer's own unit; the window draws every layer in the smallest
+unit of all of them, and in none where they do not match. So it is here.
 """
 
 from collections.abc import Sequence
