@@ -242,11 +242,9 @@ class Commands:
         if not problem and command.curves:
             if not c.selection:
                 pick(c)
-            one = 1 in command.curves
-            problem = self._unselected(command)
-            problem += problem and (
-                ", or point at it." if one else ": click one, Shift-click the other."
-            )
+            if problem := self._unselected(command):
+                one = 1 in command.curves
+                problem += ", or point at it." if one else ": click one, Shift-click the other."
         if not problem:
             command.run(c)
         elif command.place:

@@ -116,10 +116,9 @@ class Controller(Keeper):
             done(outcome)
 
         def failed(message: str) -> None:
-            text = f"{name} failed, nothing was changed. {message}"
-            self.finish(
-                f"Not saved: {message.partition(': ')[2]}" if name == SAVING else text, "failed"
-            )
+            said = f"{name} failed, nothing was changed. {message}"
+            unsaved = f"Not saved: {message.partition(': ')[2]}"
+            self.finish(unsaved if name == SAVING else said, "failed")
 
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
@@ -270,10 +269,8 @@ class Controller(Keeper):
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
         ids = [target.id for target in plan.targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
-        fresh = [
-            Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn)
-            for t, curve in zip(plan.targets, curves, strict=True)
-        ]
+        pairs = zip(plan.targets, curves, strict=True)
+        fresh = [Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn) for t, curve in pairs]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
         state = work.state.set_aside([(plan.frame, t.id) for t in plan.targets if t.again])
         self._on_progress(Progress("drawing the curves", 1.0))

@@ -63,13 +63,11 @@ def taken(result: Refinement, grid: Grid, curves: Sequence[Curve], corners: Any 
     return Refined(tuple(curves), patch, result.model.notes, region)
 
 
-def refine(
-    image: np.ndarray, lines: Sequence[Line], preset: PresetName, **options: Any
-) -> Refinement:
+def refine(image: np.ndarray, lines: Sequence[Line], preset: PresetName, **how: Any) -> Refinement:
     """Call the engine, importing it when it is first needed."""
     from napari_splinesketch.engine.refine import refine
 
-    return refine(image, lines, preset, **options)
+    return refine(image, lines, preset, **how)
 
 
 def suggest(

@@ -118,10 +118,8 @@ def around(c: Controller) -> None:
     """Carry corrected curves of the frame in view both ways, until nothing changes."""
     if c.work is not None:
         at, last = c.frame, space.frame_count(c.work.image)
-        curves = {
-            t: {r.id: r.curve for r in here if r.usable}
-            for t, here in by_frame(c.work.records).items()
-        }
+        known = by_frame(c.work.records)
+        curves = {t: {r.id: r.curve for r in known[t] if r.usable} for t in known}
         carry = partial(tracking.around, there=lambda frame: curves.get(frame, {}))
         going = Tracking(c, c.work, (range(at + 1, last), range(at - 1, -1, -1)), corrected=at)
         going.start(carry, corrected_at(c.state, at, c.selection))
@@ -141,14 +139,14 @@ class Tracking:
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
         """Begin, by one of the ways of `tracking`."""
         c, image = self.controller, self.work.image
-        given = {
-            frame: Given(
-                {r.id: r.curve for r in here if _decided(r) and r.usable},
-                whole=all(r.decided for r in here),
-            )
-            for frame, here in by_frame(self.work.records).items()
-        }
-        run = partial(carry, self.frames, bodies, given=lambda t: given.get(t, NOTHING_GIVEN))
+        known = by_frame(self.work.records)
+
+        def given(frame: int) -> Given:
+            here = known.get(frame)
+            mine = {r.id: r.curve for r in here or () if _decided(r) and r.usable}
+            return Given(mine, whole=all(r.decided for r in here)) if here else NOTHING_GIVEN
+
+        run = partial(carry, self.frames, bodies, given=given)
         block = partial(space.block_around, image)
         run = partial(engine.track, run, block, c.how(image), self.results.append)
         c.start(run, self.over, "Tracking", self.take, self.cancelled, on=self.work)
@@ -216,11 +214,9 @@ def taken_in(state: State, tracked: Tracked) -> State:
         return state
     decided = {r.id for r in state.records if r.frame == frame and _decided(r)}
     deleted = {r.id for r in state.deleted if r.frame == frame}
-    fresh = [
-        Record(number, frame, sketch, curve, drawn=False)
-        for number, sketch, curve in zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
-        if number not in decided | deleted
-    ]
+    new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
+    left = decided | deleted
+    fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
 
 

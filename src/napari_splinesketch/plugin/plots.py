@@ -57,10 +57,8 @@ def profiles(work: Work, record: Record, ruler: Ruler) -> tuple[Plot | str, ...]
     sd = np.nan_to_num(ruler.across(curve, curve.sd), posinf=0.0)
     unit, along, width = ruler.unit, ruler.along(curve.points), half_widths(curve, ruler)
     rest = residual_along(work.image, patch, record) if patch else None
-    return (
-        Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd),
-        NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest),
-    )
+    plot = Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd)
+    return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 
 
 def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Plot, ...]:

@@ -183,12 +183,10 @@ class Saver(QObject):
             return
         drawn, every = session.drawn, [shape.frame == EVERY for shape in session.drawn]
         layer = empty_layer(image, session.layer, flat=bool(drawn) and all(every))
-        points = [
-            s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn
-        ]
+        data = [s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn]
         try:
             style = line_style(size_of(image))
-            yield from add_shapes(layer, points, [s.kind for s in drawn], **style)
+            yield from add_shapes(layer, data, [s.kind for s in drawn], **style)
             if image not in controller.viewer.layers:
                 raise ValueError("the image was removed")
             controller.viewer.layers.append(layer)

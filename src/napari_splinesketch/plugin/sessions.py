@@ -190,9 +190,9 @@ def _files_of(session: Session) -> dict[str, Any]:
         "deleted": by_frame(state.deleted),
         "notes": state.notes,
     }
-    pages: dict[str, Any] = {
-        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
-        for frame in sorted(set[int]().union(*parts.values()))
+    frames = sorted(set[int]().union(*parts.values()))
+    pages = {
+        _name(t): {name: tuple(part.get(t, ())) for name, part in parts.items()} for t in frames
     }
     pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
     return {**pages, HEAD: (session.layer, pages), **pictures}
