@@ -25,10 +25,10 @@ from napari_splinesketch.plugin.model import Changes
 L = TypeVar("L", bound=Layer)
 PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
-LOOKED = ("point", "order", "ndisplay")  # of the sliders, after which something else is in view
+LOOKED = ("point", "order", "ndisplay")  # of the sliders: something else is in view
 PLUGIN = "napari-splinesketch"
-KEYS = "keys"  # the group of the manifest with one key for each command ..
-GROUPS = ("refining", "looking", "saving", KEYS)  # ... and all of them
+KEYS = "keys"  # the group of settings with a key for each command
+GROUPS = ("refining", "looking", "saving", KEYS)  # of settings, in the manifest
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:

@@ -161,7 +161,7 @@ def _place(controller: Controller) -> np.ndarray:
 
 
 COMMANDS = (
-    Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
+    Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=True),
             "Draw lines: press where a body begins, release where it ends",
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),

@@ -178,20 +178,15 @@ class Controller(Keeper):
             self.knots = KnotEditing(self, self.work, record)
             self.changes.mode.emit()
 
-    def draw(self) -> None:
-        """Draw lines into the chosen layer, or into a new one where there is none."""
-        if self.choices.sketches is None:
-            self.new_sketches()
-        else:
-            drawn.begin_drawing(self.choices.sketches, self.viewer)
-
-    def draw_or_select(self) -> None:
-        """Draw lines; or, while drawing, go back to selecting curves."""
+    def draw(self, *, or_select: bool = False) -> None:
+        """Draw lines into the chosen layer, or a new one; or, while drawing, select curves."""
         layer, curves = self.choices.sketches, self.work and self.work.layer("curves")
-        if layer is not None and curves is not None and drawn.drawing(self.viewer, layer):
+        if layer is None:
+            self.new_sketches()
+        elif or_select and curves is not None and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
         else:
-            self.draw()
+            drawn.begin_drawing(layer, self.viewer)
 
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""

@@ -30,7 +30,7 @@ SAMPLES = 16  # points at which two lines are compared
 # long as but for a factor: lines over bodies that touch are two apart.
 WITHIN, LIKE = 1.25, 0.6
 LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
-SAME_BODY = 0.25  # of the shorter one: lines so near to each other mean the same body
+SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
 STEPS = 200  # that are remembered, at most
 WEIGHT = 2**29  # what the values that are remembered may hold, bytes
 
@@ -110,7 +110,7 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     return found
 
 
-key_of: Callable[[Record], Key] = attrgetter("frame", "id")  # from all others
+key_of: Callable[[Record], Key] = attrgetter("frame", "id")  # tells it from others
 
 
 def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:

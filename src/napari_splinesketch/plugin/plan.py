@@ -38,9 +38,9 @@ class Plan:
     scope: Scope = "new"
     targets: tuple[Target, ...] = ()
     fixed: tuple[Curve, ...] = ()
-    decided: int = 0  # lines left out, as their curves were accepted or locked ...
+    decided: int = 0  # lines left out, as their curves were accepted or locked
     orphans: tuple[int, ...] = ()  # curves without a line any more; they stay
-    deleted: int = 0  # ... or deleted
+    deleted: int = 0  # lines left out, as their curves were deleted
     frame: int = 0
     drawn: Drawn = field(default_factory=Drawn)
     problem: str = ""  # why there is nothing to do

@@ -339,7 +339,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
 
 
-Found = tuple[Path, Session | None, Folder, tuple[str, ...]]  # where, goes on in, not read
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]  # what was not read is last
 
 
 def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:

@@ -328,13 +328,12 @@ class SettingsForm(qt.QWidget):
         self.half_width.setSpecialValueText("auto")
         self.half_width.lineEdit().installEventFilter(self)
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
-        beside = partial(self._take, "work_folder", "")
         chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
         keys = Button("Change keys…", KEYS_TIP, run)
         elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
-        stack(
-            self, chosen, keys, elsewhere, Button("Save work beside the image", FOLDER_TIP, beside)
-        )
+        back = partial(self._take, "work_folder", "")
+        beside = Button("Save work beside the image", FOLDER_TIP, back)
+        stack(self, chosen, keys, elsewhere, beside)
 
     def show_state(self) -> None:
         """Show what is chosen, silently; lengths in the unit of the image."""

@@ -31,7 +31,7 @@ EYES: dict[str, tuple[str, str]] = {
 }
 SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
 NUMBERS_SHOWN = 6  # most bodies or frames that are named
-ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # else lost, by how the reason begins
+ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # how a reason begins
 NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 

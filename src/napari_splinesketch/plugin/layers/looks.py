@@ -17,7 +17,7 @@ Line = Float[np.ndarray, "_ 2"]
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}  # the worst is last
 STEP = 1.1  # between breadths that differ: for less, lines are not drawn again
-BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}  # of lines
+BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}  # of lines, relative
 RIBBON_SDS = 2.0
 UNKNOWN_REACH = 3.0  # from centreline to edge where no width is known, px
 LEAST = 12  # pieces of one side of an outline
@@ -27,7 +27,7 @@ alone takes 20 µs for each."""
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
-LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0  # of marks, and from a halo, px of the screen
+LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0  # of a mark, px of the screen; how far from a halo
 GAP, LEAST_GAP = 1.2, 4.0  # from edge to halo: in breadths of a line, and px of the screen at least
 MOST = 60  # marks at once: more are not read, and napari's time for text grows with their number
 GOLDEN = (np.sqrt(5) - 1) / 2  # steps of so much fill the interval from 0 to 1 evenly
