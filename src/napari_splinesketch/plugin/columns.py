@@ -45,10 +45,14 @@ class Column:
         value = self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def rank(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
-        """Give what the table sorts a record by; what is not known comes first."""
-        value = self.order(record) if self.order else self.value(record, ruler, curve_at)
-        return -math.inf if isinstance(value, float) and math.isnan(value) else value
+    def key(self, ruler: Ruler, curve_at: CurveAt) -> Callable[[Record], Any]:
+        """Give what the table sorts records by; what is not known comes first."""
+
+        def key(record: Record) -> Any:
+            value = self.value(record, ruler, curve_at)
+            return -math.inf if isinstance(value, float) and math.isnan(value) else value
+
+        return self.order or key
 
 
 def _said(find: Callable[[Record], Any]) -> Value:

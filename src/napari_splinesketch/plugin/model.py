@@ -102,10 +102,12 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     known: WeakKeyDictionary[V, dict[Any, T]] = WeakKeyDictionary()
 
     def found(value: V, *rest: A.args, **no: A.kwargs) -> T:
-        kept = known.setdefault(value, {})
-        if rest not in kept:
-            kept[rest] = find(value, *rest, **no)
-        return kept[rest]
+        try:
+            return known[value][rest]
+        except KeyError:
+            made = find(value, *rest, **no)
+            known.setdefault(value, {})[rest] = made
+            return made
 
     return found
 
