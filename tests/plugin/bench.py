@@ -60,7 +60,7 @@ class Bench:
         until(self.saver.offers, SOON)
         self.saver.resume()
         self.rest()
-        until(lambda: not self.controller.drawing.busy, SOON)
+        until(lambda: not self.controller.drawing.runs, SOON)
 
     def close(self) -> None:
         """Close the dock; the window stays."""

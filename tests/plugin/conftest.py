@@ -11,7 +11,7 @@ from qtpy.QtWidgets import QApplication
 
 from napari_splinesketch.plugin import engine, saver
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.layers import results, slot
+from napari_splinesketch.plugin.layers import pictures, results
 
 from .fakes import FakeEngine
 from .hand import add_dock
@@ -22,8 +22,8 @@ WINDOW = 900, 640
 
 RESTS_MS = {
     (engine, "POLL_MS"): 2,
-    (slot, "FIRST_MS"): 1,
-    (slot, "STEP_MS"): 1,
+    (pictures, "FIRST_MS"): 1,
+    (pictures, "STEP_MS"): 1,
     (results, "AFTER_MS"): 10,
     (saver, "DELAY_MS"): 100,
     (saver, "AGAIN_MS"): 200,

@@ -7,7 +7,6 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.knots import SIZE
 
 from .fakes import FakeEngine
@@ -94,7 +93,7 @@ def test_keys_act_on_the_curve_under_the_mouse(dock: SplinesketchDock, hand: Han
         controller.select([])
         hand.press(key, SHIFT)
         assert "or point at it" in dock.notice.text()
-        controller.tell(Notice())
+        controller.tell()
 
 
 @pytest.mark.window

@@ -69,6 +69,14 @@ def test_a_layer_removed_while_refining_ends_it_at_once(
     assert len(ready.viewer.layers) == 1
 
 
+def test_results_of_an_image_go_with_it(ready: Bench) -> None:
+    ready.refine()
+    assert len(ready.viewer.layers) > 2
+    ready.viewer.layers.remove(ready.viewer.layers["image 0"])
+    until(lambda: len(ready.viewer.layers) == 1, SOON)
+    assert ready.viewer.layers[0].name == "sketches"
+
+
 @pytest.mark.parametrize("name", ["image 0", "sketches"])
 def test_a_layer_removed_while_curves_are_drawn_leaves_none(ready: Bench, name: str) -> None:
     ready.controller.refine()

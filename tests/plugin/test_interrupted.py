@@ -46,7 +46,7 @@ class Running:
         self.bench.refine()
         controller = self.bench.controller
         assert len(controller.records()) == 2, controller.notice.text
-        until(lambda: not controller.drawing.busy, SOON)
+        until(lambda: not controller.drawing.runs, SOON)
 
     def refine(self) -> None:
         self.layer.add_paths([NEW])
@@ -183,6 +183,24 @@ ACTS = [
 ]
 
 
+def test_curves_of_frames_that_are_gone_wait_for_them(running: Running) -> None:
+    controller = running.bench.controller
+    films.track(controller, 1)
+    until(lambda: controller.progress is None, SOON)
+    pixels, known = running.image.data, len(controller.records())
+    assert known > 2
+    fewer_frames(running)
+    controller.review("accepted", (0, 1))
+    until(lambda: not controller.drawing.runs, SOON)
+    assert controller.notice.text == ""
+    assert {record.frame for record in controller.records()} == {0}
+    running.image.data = pixels
+    controller.undo()
+    until(lambda: not controller.drawing.runs, SOON)
+    assert len(controller.records()) == known
+    _ready.append(running.bench)
+
+
 @pytest.mark.parametrize("act", ACTS, ids=lambda act: act.__name__)
 @pytest.mark.parametrize("run", ["refine", "track", "suggest", "export"])
 def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], None]) -> None:
@@ -191,15 +209,16 @@ def test_nothing_breaks(running: Running, run: str, act: Callable[[Running], Non
     }
     running.bench.saver.flush()
     works = running.bench.controller.works
-    (head,) = filter(None, {running.bench.saver.folder(work).path for work in works})
+    (head,) = filter(None, {work.folder.path for work in works})
     getattr(running, run)()
     act(running)
     running.fake.go.set()
     controller = running.bench.controller
     until(lambda: controller.progress is None, SOON)
-    until(lambda: not controller.drawing.busy, SOON)
+    until(lambda: not controller.drawing.runs, SOON)
     QTest.qWait(60)
     running.bench.saver.flush()
+    assert "out of bounds" not in controller.notice.text
     if act not in (undo, remove_the_results):  # those take curves away, for Undo to bring back
         session, problems = read(head, FRAMES, SIZE)
         assert not problems

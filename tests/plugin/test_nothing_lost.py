@@ -115,7 +115,7 @@ def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
         first.viewer.layers.clear()
         QTest.qWait(20)
         assert not first.controller.notice.text, "nor is Undo promised for what it cannot reach"
-        assert not first.controller.drawing.busy
+        assert not first.controller.drawing.runs
     assert counts(home) == [(2, 2)]
 
 

@@ -34,6 +34,7 @@ def test_saved_work_is_announced_moved_and_switched_off(
     dock.controller.choose(work_folder=str(tmp_path))
     until(lambda: dock.saver.place is not None and dock.saver.place.parent == tmp_path, 20)
     until(lambda: len(sessions(tmp_path)) == 1, 20)
+    assert not dock.saver.offers(), "the work that was saved there is in the window"
     refine(dock)
     dock.saver.flush()
     assert len(sessions(first)) == 1, "what was saved stays where it is"

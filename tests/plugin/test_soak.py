@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from napari.layers import Image, Shapes
 
-from napari_splinesketch.plugin.layers import slot
+from napari_splinesketch.plugin.layers import pictures
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED
 from napari_splinesketch.plugin.model import Key, Record, key_of
@@ -186,7 +186,7 @@ class Day:
         """Write, and look whether all of it is on the disk."""
         self.bench.saver.flush()
         for work in self.bench.controller.works:
-            path = self.bench.saver.folder(work).path
+            path = work.folder.path
             if path is not None:
                 session, problems = read(path, SHAPE[0], SHAPE[1:])
                 assert not problems
@@ -217,7 +217,7 @@ class Day:
     def check(self) -> None:
         """Look whether all is there that she had."""
         self.bench.rest()
-        until(lambda: not self.bench.controller.drawing.busy, SOON)
+        until(lambda: not self.bench.controller.drawing.runs, SOON)
         assert not self.bench.saver.problem
         for layer in self.bench.controller.choices.layers(Shapes):
             shadow = self.shadows.setdefault(layer.name, Shadow())
@@ -257,7 +257,7 @@ ACTS: dict[Callable[[Day], None], int] = {
 
 
 def test_nothing_is_ever_gone(qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((slot, "STEP_MS"), (slot, "FIRST_MS")):
+    for module, name in ((pictures, "STEP_MS"), (pictures, "FIRST_MS")):
         monkeypatch.setattr(module, name, 0)
     day, told = Day(SEED), Counter[str]()
     done: list[str] = []

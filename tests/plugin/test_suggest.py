@@ -156,7 +156,9 @@ def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
     refine(dock)
     QTest.keyClick(slider, Qt.Key.Key_End)
     until(lambda: layer.nshapes > usual, 20)
-    until(lambda: not dock.controller.drawing.busy, 20)
+    until(lambda: not dock.controller.drawing.runs, 20)
+    fresh = layer.nshapes - 3
+    assert f"Suggested {fresh} lines" in dock.notice.text(), "not those refined, moved or deleted"
     lines = [np.round(line, 2).tobytes() for line in drawn(layer)]
     assert len(set(lines)) == len(lines), "no line is there twice"
     assert not {np.round(line, 2).tobytes() for line in (gone, moved)} & {*lines}

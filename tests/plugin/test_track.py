@@ -253,7 +253,7 @@ def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
     going.over()
     assert not going.results
     assert [picture() for picture in pictures] == [None] * 3
-    said = told[0].text
+    said = told[0]
     assert "Divided: 3 (frame 2). Left the image: 4 (frame 3)." in said
     assert "1 body came into view, without a curve: frame 1." in said
 

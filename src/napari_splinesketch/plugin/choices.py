@@ -1,13 +1,13 @@
 """What the user chose: settings, and the image and sketches worked on as layers come and go.
 
-Settings are one frozen class, which the form in the dock, napari and the engine read. napari's own
-choice of layers would list results as well, and keeps the first one where work goes on in the
-latest: so the choice is made here, and its combo boxes show it.
+napari's own choice of layers would list results as well, and keep the first one where work goes on
+in the latest.
 """
 
 import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, TypeVar
 
 import pint
@@ -18,20 +18,17 @@ from napari.settings import get_plugin_settings
 
 from napari_splinesketch.engine.settings import OFFERED, Asked
 from napari_splinesketch.plugin.columns import COLOURED
-from napari_splinesketch.plugin.layers.slot import is_result
+from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Changes
 
 L = TypeVar("L", bound=Layer)
 PLACED = ("data", "scale", "translate", "rotate", "shear", "affine", "units")
 """Events after which lines may lie elsewhere."""
-LOOKED = ("point", "order", "ndisplay")
-"""Events of the sliders after which something else is in view; their range says nothing of that."""
+LOOKED = ("point", "order", "ndisplay")  # of the sliders: something else is in view
 PLUGIN = "napari-splinesketch"
-KEYS = "keys"
-"""The group of the manifest with one key for each command ..."""
-GROUPS = ("refining", "looking", "saving", KEYS)
-"""... and all of them."""
+KEYS = "keys"  # the group of settings with a key for each command
+GROUPS = ("refining", "looking", "saving", KEYS)  # of settings, in the manifest
 
 
 def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
@@ -47,16 +44,11 @@ def listen(*pairs: tuple[Any, Callable[..., Any]]) -> Callable[[], None]:
 
 
 def _choice(kind: type[Layer]) -> Any:
-    """Make a property: the chosen layer of a kind."""
     return property(lambda self: self.chosen(kind), lambda self, new: self.choose(kind, new))
 
 
 class Choices:
-    """The chosen layers; follows the viewer.
-
-    A layer that the user adds is chosen; when the chosen one is removed, the topmost of those left
-    is. Layers of results are no choice.
-    """
+    """The chosen layers: those added last, or the topmost of those left; never results."""
 
     image: Image | None = _choice(Image)
     sketches: Shapes | None = _choice(Shapes)
@@ -85,14 +77,13 @@ class Choices:
 
     def chosen(self, kind: type[L]) -> L | None:
         """Give the chosen layer of a kind."""
-        # napari tells of its sliders before it tells that a layer is gone.
-        layer: Any = self._chosen[kind]
+        layer: Any = self._chosen[kind]  # napari tells late that one is gone
         return layer if layer in self._viewer.layers else None
 
     def layers(self, kind: type[L]) -> list[L]:
         """Give the layers of a kind to choose from, topmost first."""
-        layers = [layer for layer in self._viewer.layers if not is_result(layer)]
-        return [layer for layer in reversed(layers) if isinstance(layer, kind)]
+        layers = reversed(self._viewer.layers)
+        return [layer for layer in layers if isinstance(layer, kind) and not is_result(layer)]
 
     def choose(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none."""
@@ -127,30 +118,22 @@ class Choices:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Asked):
-    """What the user chose: how to refine, what to show of it, where to save.
+    """What the user chose: how to refine, what to show of it, where to save; napari keeps it."""
 
-    napari keeps them, by the manifest, and refuses what nobody can choose. The unit of the
-    half-width is its name, or "px"; 0 measures it. Keys are those of commands, by their ids, as
-    napari writes them; an empty one clears the shortcut.
-    """
-
-    half_width: float | None = 0.0
-    half_width_unit: str = "px"
+    half_width: float | None = 0.0  # 0 measures it
+    half_width_unit: str = "px"  # or the name of a unit
     colour_by: str = "status"
     save_work: bool = True
     work_folder: str = ""
-    keys: Mapping[str, str] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)  # of commands; "" is none
 
     def half_width_in(self, ruler: Ruler) -> float | None:
-        """Give the half-width in px of an image; None to measure it.
-
-        One in a unit that says nothing about pixels of this image is left out.
-        """
+        """Give the half-width in px of an image; None to measure it."""
         if not self.half_width or self.half_width_unit == "px":
             return self.half_width or None
         given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
         if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
-            return None
+            return None  # it says nothing about pixels of this image
         return float(given.to(ruler.unit).magnitude) / ruler.pixel
 
 
@@ -176,7 +159,7 @@ def load() -> Settings:
     """Read what was chosen; what napari does not know has its default."""
     groups = _groups()
     keys = dict(groups.pop(KEYS, ()))
-    return Settings(keys=keys, **{k: v for group in groups.values() for k, v in group})
+    return Settings(keys=keys, **dict(chain.from_iterable(groups.values())))
 
 
 def save(settings: Settings) -> None:

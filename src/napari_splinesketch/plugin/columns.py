@@ -1,7 +1,4 @@
-"""What is said of each curve: one table, which layers, the review table, its CSV and colours read.
-
-A column that is added here is in all of them.
-"""
+"""What is said of each curve: one table, which layers, the review table, CSV and colours read."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,7 +17,6 @@ from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
-UNKNOWN = "–"
 PIXELS = Ruler()
 
 CurveAt = Callable[[Key], Curve | None]
@@ -30,22 +26,17 @@ Value = Callable[[Record, Ruler, CurveAt], Any]
 
 @dataclass(frozen=True)
 class Column:
-    """Something that is said of each curve: its name in layers and files, its title in the table.
-
-    "%" stands for the unit in the title; without one it is not in the table. A cell says what
-    `said` gives and is sorted by `order`, the value itself unless named; it has room for `width`.
-    `colour` is what the choice of colours calls it, where there is one.
-    """
+    """Something that is said of each curve in layers, in files, and in the table with a title."""
 
     name: str
-    title: str
+    title: str  # "%" stands for the unit
     tip: str
     value: Value
     kind: Literal["length", "number", "text"] = "text"
-    said: Callable[[Record], str] | None = None
-    order: Callable[[Record], Any] | None = None
-    width: str = "00000"
-    colour: str = ""
+    said: Callable[[Record], str] | None = None  # in a cell, if not the value
+    order: Callable[[Record], Any] | None = None  # what it is sorted by, if not the value
+    width: str = "00000"  # there is room for it
+    colour: str = ""  # what the choice of colours calls it
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
@@ -65,7 +56,6 @@ class Column:
 
 
 def _said(find: Callable[[Record], Any]) -> Value:
-    """Say something of a record, whatever the ruler."""
     return lambda record, ruler, curve_at: find(record)
 
 
@@ -76,7 +66,6 @@ def half_widths(curve: Curve, ruler: Ruler) -> np.ndarray:
 
 
 def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
-    """Measure a curve alone."""
 
     @once
     def known(curve: Curve, ruler: Ruler) -> float:
@@ -97,15 +86,14 @@ def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
 def three_digits(value: float) -> str:
     """Write a number with three digits that count, and never with an exponent."""
     if not np.isfinite(value):
-        return UNKNOWN
+        return "–"
     decimals = 2 - int(np.floor(np.log10(abs(value)))) if value else 0
     return f"{value:.{min(max(decimals, 0), 6)}f}"
 
 
 COLUMNS = (
     Column("id", "Curve", "Number of the curve", _said(lambda r: r.id), "number", width="■ 0000"),
-    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number",
-           width="0000"),
+    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number", width="0000"),
     Column("reasons", "Reasons", "Why it needs review",
            _said(lambda r: "; ".join(r.curve.reasons)), width="0" * 34),
     Column("status", "Status",
@@ -137,22 +125,15 @@ COLUMNS = (
 )  # fmt: skip
 COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
 """What the colour of a curve may say."""
-Look = tuple[str, Ruler]
-"""What it says, and in which unit."""
+Look = tuple[str, Ruler]  # what it says, and in which unit
+# Viridis without its darkest end, which is lost on a dark image.
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
-"""Viridis without its darkest end, which is lost on a dark image: rises in lightness, and so is
-read by everybody."""
 _ramp = Colormap(list(RAMP))
-SAME = 1e-6
-"""Values that differ less, relative, have one colour: that is how they were worked out."""
-GREY = "#999999"
-"""Of a curve whose number is not known."""
+SAME = 1e-6  # values that differ less, relative, have one colour: that is how they were worked out
+GREY = "#999999"  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
-
-
-alone: CurveAt = {}.get
-"""Knows of no curve in another frame."""
+alone: CurveAt = {}.get  # knows of no curve in another frame
 
 
 def features(
@@ -190,7 +171,6 @@ def colours_of(records: Sequence[Record], look: Look) -> list[str]:
 
 
 def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:
-    """What their colours say, in numbers; NaN where it is not known."""
     by, ruler = look
     values = [] if by == "status" else [COLOURED[by].value(r, ruler, alone) for r in records]
     return np.array([value if math.isfinite(value) else math.nan for value in values])

@@ -1,6 +1,6 @@
 """What the user can do: one table, which buttons, keys, tooltips and the manifest follow."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from sys import maxsize
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,46 +12,37 @@ from napari.utils.key_bindings import coerce_keybinding
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.looks import severity
 from napari_splinesketch.plugin.layers.space import from_world, look_at
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
+from napari_splinesketch.plugin.plan import view_problem
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 else:
     Controller = Any
 
-REACH = 8.0
-"""How far from a curve the pointer may be to mean it, px, where its body is not broader."""
+REACH = 8.0  # how far from a curve the pointer may be to mean it, px, where its body is not broader
 RUNNING = "Something is running: wait until it is finished"
-NO_CURVES = "There are no curves yet: refine first"
-Place = Literal["", "curve", "film", "steps", "review"]
-"""Where a command has a button: with the selected curve, a film, Undo, in the table of curves."""
-ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)
-"""How many curves a command is for."""
+Place = Literal["", "curve", "film", "steps", "review"]  # where a command has a button
+ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)  # how many curves a command is for
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Something that the user can do: settings know it by its `id`, napari by its `key` ("Ctrl+Z").
+    """Something that the user can do."""
 
-    It has a button of its own, or one at a `place`, for which so many `curves` have to be selected;
-    `problem` says why else it cannot be done now. The button says `label` where that is not the
-    name; its tooltip ends with what it is `about`. `meanwhile` it can be done while something runs.
-    """
-
-    id: str
+    id: str  # by which settings know it
     name: str
-    key: str
+    key: str  # as napari writes it: "Ctrl+Z"
     run: Callable[[Controller], object]
     tip: str
     place: Place = ""
-    curves: range | None = None
-    problem: Callable[[Controller], str] = lambda c: ""
-    label: Callable[[Controller], str] | None = None
-    about: Callable[[Controller], str] = lambda c: ""
-    meanwhile: bool = False
+    curves: range | None = None  # how many have to be selected
+    problem: Callable[[Controller], str] = lambda c: ""  # why else it cannot be done now
+    label: Callable[[Controller], str] | None = None  # of the button, if not the name
+    about: Callable[[Controller], str] = lambda c: ""  # at the end of the tooltip
+    meanwhile: bool = False  # also while something runs
 
 
 def _flip(c: Controller, *records: Record) -> list[Record]:
@@ -80,10 +71,6 @@ def _extend(c: Controller, record: Record) -> list[Record]:
 
 
 def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controller], bool]:
-    """Make a command that changes the selected curves, or says why not.
-
-    `change` gives what they become; those that it does not give are deleted.
-    """
 
     def run(c: Controller) -> bool:
         chosen = c.selected_records()
@@ -120,17 +107,28 @@ def pick(controller: Controller, *, add: bool = False) -> None:
     controller.select(chosen)
 
 
+def _empty(c: Controller) -> str:
+    return "" if c.records() else "There are no curves yet: refine first"
+
+
 def worst_first(records: Sequence[Record]) -> list[Record]:
     """Give curves in the order in which they need review."""
     return sorted(records, key=lambda record: severity(record.curve), reverse=True)
 
 
-def judge(controller: Controller, review: Review) -> None:
-    """Say what the user thinks of the selected curves, and go on to the next."""
-    order = controller.order(controller.records())
-    if controller.selection:
+def judge(controller: Controller, review: Review | None = None) -> None:
+    """Say what the user thinks of the selected curves, and go on to the next open one, if any."""
+    order, chosen = controller.order(controller.records()), set(controller.selection)
+    if review and chosen:
         controller.review(review)
-    _go_on(controller, order)
+    now = controller.state.by_key
+    keys = [key for key in map(key_of, order) if key in now]
+    at = max((i for i, key in enumerate(keys) if key in chosen), default=-1)
+    ahead = (key for key in (*keys[at + 1 :], *keys[: at + 1]) if now[key].review == "open")
+    if key := next(ahead, None):
+        go_to(controller, key)
+    else:
+        controller.tell("No curve is left to review here.")
 
 
 def go_to(controller: Controller, key: Key) -> None:
@@ -141,21 +139,7 @@ def go_to(controller: Controller, key: Key) -> None:
         look_at(controller.viewer, image, record.frame, record.curve.points)
 
 
-def _go_on(controller: Controller, order: Sequence[Record]) -> None:
-    """Go to the first open curve after the selected one, or to the first of all; or say so."""
-    now = controller.state.by_key
-    keys = [key for key in map(key_of, order) if key in now]
-    chosen = set(controller.selection)
-    at = max((i for i, key in enumerate(keys) if key in chosen), default=-1)
-    ahead = (key for key in (*keys[at + 1 :], *keys[: at + 1]) if now[key].review == "open")
-    if key := next(ahead, None):
-        go_to(controller, key)
-    else:
-        controller.tell(Notice("done", "No curve is left to review here."))
-
-
 def _pointed(controller: Controller) -> Record | None:
-    """Give the curve in view that the pointer is at."""
     place, here = _place(controller), controller.records(controller.frame)
     near = [(editing.nearest(record.curve, place)[1], record) for record in here]
     reached = [pair for pair in near if pair[0] < max(REACH, editing.body_width(pair[1].curve))]
@@ -177,7 +161,7 @@ def _place(controller: Controller) -> np.ndarray:
 
 
 COMMANDS = (
-    Command("draw", "Draw lines", "H", lambda c: c.draw_or_select(),
+    Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=True),
             "Draw lines: press where a body begins, release where it ends",
             problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
@@ -208,26 +192,20 @@ COMMANDS = (
     Command("restore", "Restore", "Shift+W", lambda c: c.restore(),
             "Bring the last deleted curve back", "curve",
             problem=lambda c: "" if c.state.deleted else "No curve is deleted"),
-    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(),
-            "Undo the last step", "steps",
+    Command("undo", "Undo", "Ctrl+Z", lambda c: c.undo(), "Undo the last step", "steps",
             problem=lambda c: "" if c.steps.done else "There is nothing to undo",
             about=lambda c: f": {c.steps.done[:1].lower()}{c.steps.done[1:]}"),
-    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(),
-            "Redo what was undone", "steps",
+    Command("redo", "Redo", "Ctrl+Shift+Z", lambda c: c.redo(), "Redo what was undone", "steps",
             problem=lambda c: "" if c.steps.undone else "There is nothing to redo",
             about=lambda c: f": {c.steps.undone[:1].lower()}{c.steps.undone[1:]}"),
     Command("accept", "Accept", "J", lambda c: judge(c, "accepted"),
-            "Accept the curve and go on to the next", "review",
-            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
+            "Accept the curve and go on to the next", "review", problem=_empty, meanwhile=True),
     Command("reject", "Reject", "K", lambda c: judge(c, "rejected"),
-            "Reject the curve and go on to the next", "review",
-            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
-    Command("next", "Next", "N", lambda c: _go_on(c, c.order(c.records())),
-            "Go on to the next curve to review", "review",
-            problem=lambda c: "" if c.records() else NO_CURVES, meanwhile=True),
+            "Reject the curve and go on to the next", "review", problem=_empty, meanwhile=True),
+    Command("next", "Next", "N", judge, "Go on to the next curve to review", "review",
+            problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
-            "Draw a line over each body that stands out in this frame",
-            problem=lambda c: c.suggestions.problem()),
+            "Draw a line over each body that stands out in this frame", problem=view_problem),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),
@@ -240,47 +218,33 @@ COMMANDS = (
     Command("track", "Track to last ▸", "", lambda c: films.track(c, 1),
             "Carry the curves on to the last frame", "film",
             problem=lambda c: films.tracking_problem(c, 1)),
-    Command("around", "Refit around", "", lambda c: films.around(c),
+    Command("around", "Refit around", "", films.around,
             "Carry the curves that you corrected in this frame, or the selected ones of them,\n"
             "to the frames before and after it, as far as that changes anything", "film",
-            problem=lambda c: films.around_problem(c)),
+            problem=films.around_problem),
 )  # fmt: skip
 
 
 class Commands:
-    """The commands that act on a controller, bound to `keys` of its viewer, by their ids.
-
-    The keys of napari's layers and of other plugins come first: these are only heard where
-    nobody else wants them.
-    """
+    """The commands that act on a controller, by keys that nobody else in its viewer wants."""
 
     def __init__(self, controller: Controller, table: tuple[Command, ...] = COMMANDS):
         self._controller, self._viewer = controller, controller.viewer
-        self._commands = {command.id: command for command in table}
+        self.table = {command.id: command for command in table}
         self.keys: dict[str, str] = {}
-        self._bound: dict[str, tuple[Any, Callable[[ViewerModel], None]]] = {}
+        self._bound: dict[Any, Callable[[ViewerModel], None]] = {}
         self.rebind({})
 
-    def __iter__(self) -> Iterator[Command]:
-        return iter(self._commands.values())
-
-    def __getitem__(self, name: str) -> Command:
-        return self._commands[name]
-
     def run(self, name: str) -> None:
-        """Do it, if it can be done; says why not where no text in the dock does so already.
-
-        What is for curves is for the one that is pointed at, where none is selected.
-        """
-        command, c = self._commands[name], self._controller
+        """Do it, to the curve that is pointed at where none is selected; or say why not."""
+        command, c = self.table[name], self._controller
         problem = self._problem(command)
         if not problem and command.curves:
             if not c.selection:
                 pick(c)
-            if len(c.selection) not in command.curves:
+            if problem := self._unselected(command):
                 one = 1 in command.curves
-                way = ", or point at it" if one else ": click one, Shift-click the other"
-                problem = f"Select {words.wanted(command.curves)}{way}."
+                problem += ", or point at it." if one else ": click one, Shift-click the other."
         if not problem:
             command.run(c)
         elif command.place:
@@ -288,36 +252,34 @@ class Commands:
 
     def tip(self, name: str) -> str:
         """Say what a command does, and by which key."""
-        command = self._commands[name]
         key = f" ({self.keys[name]})" if self.keys[name] else ""
-        return f"{command.tip}{key}{command.about(self._controller)}"
+        return f"{self.table[name].tip}{key}{self.table[name].about(self._controller)}"
 
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
-        command = self._commands[name]
-        problem, selected = self._problem(command), len(self._controller.selection)
-        if not problem and command.curves and selected not in command.curves:
-            return f"Select {words.wanted(command.curves)}"
-        return problem
+        return self._problem(self.table[name]) or self._unselected(self.table[name])
 
     def _problem(self, command: Command) -> str:
         if self._controller.progress and not command.meanwhile:
             return RUNNING
         return command.problem(self._controller)
 
+    def _unselected(self, command: Command) -> str:
+        wanted = command.curves
+        if wanted is None or len(self._controller.selection) in wanted:
+            return ""
+        return f"Select {words.wanted(wanted)}"
+
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
-        command = self._commands[name]
+        command = self.table[name]
         if command.place == "review" and self.keys[name]:  # where there is room for it
             return f"{command.name} ({self.keys[name]})"
         return command.label(self._controller) if command.label else command.name
 
     def rebind(self, keys: Mapping[str, str]) -> None:
-        """Give commands other keys, by their ids; with an empty one, none.
-
-        A key does one thing: a command that was given it gets it before one that usually has it.
-        """
-        usual = {command.id: command.key for command in self}
+        """Give commands other keys; one that was given a key gets it before its usual owner."""
+        usual = {command.id: command.key for command in self.table.values()}
         wanted = {name: keys.get(name, key) for name, key in usual.items()}
         last = sorted(wanted, key=lambda name: wanted[name] != usual[name])
         owners = {wanted[name]: name for name in last}
@@ -332,16 +294,16 @@ class Commands:
             if self._controller.is_meant():
                 self.run(name)
 
-        press.__name__, press.__doc__ = name, self._commands[name].tip
+        press.__name__, press.__doc__ = name, self.table[name].tip
         taken = self._viewer.keymap.get(key)
         # One that is ours is of a dock that was closed, or shown again: this one takes over.
         if taken is None or getattr(taken, "__module__", "") == __name__:
-            self._bound[name] = key, press
+            self._bound[key] = press
             self._viewer.bind_key(key, press, overwrite=True)
 
     def close(self) -> None:
         """Give all keys back."""
-        for key, bound in self._bound.values():
-            if self._viewer.keymap.get(key) is bound:
+        for key, press in self._bound.items():
+            if self._viewer.keymap.get(key) is press:
                 self._viewer.bind_key(key, None)
         self._bound.clear()

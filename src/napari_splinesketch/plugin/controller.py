@@ -15,45 +15,41 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import same_file
-from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin import engine, files, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
-from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.files import export, labels_of
 from napari_splinesketch.plugin.films import Suggestions
-from napari_splinesketch.plugin.keeper import Keeper, Notice
+from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers import drawn
-from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import is_result
+from napari_splinesketch.plugin.layers.pictures import is_result
+from napari_splinesketch.plugin.layers.results import WORKS, Work
 from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
 
 SAVING = "Saving"
-KNOWN_AFTER = 2.0
-"""Seconds after which the time that is left is worth a guess."""
+KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 
 class Controller(Keeper):
-    """Does what the user asks for; widgets show what came of it.
+    """Does what the user asks for; widgets show what came of it."""
 
-    With `at_once` a line is refined as soon as it is drawn. `order` puts curves into the order in
-    which they are gone through: the worst first, unless a table shows another one. `left` is about
-    how long what runs still will, s; None where nobody knows.
-    """
+    request = request
 
     def __init__(self, viewer: ViewerModel):
         super().__init__(viewer)
         self.at_once = False
+        # In which curves are gone through: the worst first, or as a table shows them.
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
-        self.left: float | None = None
+        self.left: float | None = None  # s until what runs is done, about; None if unknown
         self._closed = False
         # The same question has the same answer.
         self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
         self._pair = self.choices.image, self.choices.sketches
-        self._job: Job | None = None
+        self._job: engine.Job | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
+        self._frames = 0  # of that image, as it began
         self._told: list[Image] = []
         self._began = 0.0
         self.suggestions = Suggestions(self)
@@ -67,8 +63,6 @@ class Controller(Keeper):
         self.changes.edited.connect(self._on_edited)
         # Later: napari is still busy with the line.
         self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
-
-    request = request
 
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
@@ -105,12 +99,11 @@ class Controller(Keeper):
         cancelled: Callable[[], str] = lambda: "Nothing was changed.",
         on: Work | None = None,
     ) -> None:
-        """Do something, called "Refining" or the like, in a thread, with its progress in the dock.
+        """Do something in a thread, called "Refining" or the like, with its progress in the dock.
 
-        `work` is called there with a function to report progress to, `see` whenever there is some,
-        `done` with what came of it: it calls `finish` when all is shown. `cancelled` is called when
-        the user cancels, and says what has become of what was done by then. What runs ends when a
-        layer is removed that it is `on`.
+        `work` reports progress, which `see` is given; `done` is given what came of it, and calls
+        `finish` when all is shown; `cancelled` says what has become of what was done by then. What
+        runs ends when a layer is removed that it is `on`.
         """
         if self.progress:
             return
@@ -123,21 +116,21 @@ class Controller(Keeper):
             done(outcome)
 
         def failed(message: str) -> None:
-            text = f"{name} failed, nothing was changed. {message}"
-            if name == SAVING:
-                text = f"Not saved: {message.partition(': ')[2]}"
-            self.finish(Notice("failed", text))
+            said = f"{name} failed, nothing was changed. {message}"
+            unsaved = f"Not saved: {message.partition(': ')[2]}"
+            self.finish(unsaved if name == SAVING else said, "failed")
 
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
-        self._job = Job(work)
+        self._frames = frame_count(on.image) if on else 0
+        self._job = engine.Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
         self._job.done.connect(show)
         self._job.failed.connect(failed)
         self._job.start()
-        self.tell(Notice())
+        self.tell()
         self.changes.busy.emit()
 
     @property
@@ -145,20 +138,20 @@ class Controller(Keeper):
         """Whether Cancel can still keep what runs from changing anything."""
         return self._job is not None
 
-    def finish(self, notice: Notice) -> None:
+    def finish(self, text: str = "", kind: Kind = "done") -> None:
         """End what runs, and say what came of it."""
         if self._job:
             self._job.cancel()
         if self._on:
             self._on.move()
         self._job = self.progress = self._on = None
-        self.tell(notice)
+        self.tell(text, kind)
         self.changes.busy.emit()
 
     def cancel(self) -> None:
         """Stop what runs; everything stays as it was."""
         if self._job:
-            self.finish(Notice("cancelled", f"Cancelled. {self._cancelled()}"))
+            self.finish(f"Cancelled. {self._cancelled()}", "cancelled")
 
     @property
     def steps(self) -> History[Any]:
@@ -177,27 +170,23 @@ class Controller(Keeper):
             self.knots.close()
             return
         record = self.state.by_key.get(self.selected) if self.selected else None
-        if self.work is None or record is None or record.locked:
-            locked = record is not None and record.locked
-            self.say("The curve is locked." if locked else "Select one curve to edit its knots.")
+        if self.work is None or record is None:
+            self.say("Select one curve to edit its knots.")
+        elif record.locked:
+            self.say("The curve is locked.")
         else:
             self.knots = KnotEditing(self, self.work, record)
             self.changes.mode.emit()
 
-    def draw(self) -> None:
-        """Draw lines into the chosen layer, or into a new one where there is none."""
-        if self.choices.sketches is None:
-            self.new_sketches()
-        else:
-            drawn.begin_drawing(self.choices.sketches, self.viewer)
-
-    def draw_or_select(self) -> None:
-        """Draw lines; or, while drawing, go back to selecting curves."""
+    def draw(self, *, or_select: bool = False) -> None:
+        """Draw lines into the chosen layer, or a new one; or, while drawing, select curves."""
         layer, curves = self.choices.sketches, self.work and self.work.layer("curves")
-        if layer is not None and curves is not None and drawn.drawing(self.viewer, layer):
+        if layer is None:
+            self.new_sketches()
+        elif or_select and curves is not None and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
         else:
-            self.draw()
+            drawn.begin_drawing(layer, self.viewer)
 
     def new_sketches(self) -> None:
         """Add a layer of sketches that lies on the image, ready for drawing."""
@@ -206,14 +195,14 @@ class Controller(Keeper):
 
     def export(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
-        work = self.work
+        work, name = self.work, Path(path).name
         if work is None or not work.records or self.progress:
             return
         images = [layer for layer in self.viewer.layers if isinstance(layer, Image)]
         if any(same_file(path, i.source.path) for i in images if i.source.path):
-            self.say(f"Not saved: {Path(path).name} is an image that is open; choose another name.")
+            self.say(f"Not saved: {name} is an image that is open; choose another name.")
             return
-        labels = labels_of(work, rejected=False)
+        labels = files.labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:
             self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
@@ -221,10 +210,10 @@ class Controller(Keeper):
 
         def done(lost: Sequence[str]) -> None:
             without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
-            text = f"Saved {words.count(written, 'curve')} to {Path(path).name}{without}. "
-            self.finish(Notice("done", f"{text}{words.together(lost)}".rstrip()))
+            text = f"Saved {words.count(written, 'curve')} to {name}{without}. "
+            self.finish(f"{text}{words.together(lost)}".rstrip())
 
-        order = partial(export, path, labels, overwrite)
+        order = partial(files.export, path, labels, overwrite)
         self.start(order, done, SAVING, cancelled=lambda: "Nothing was written.")
 
     def close(self) -> None:
@@ -237,11 +226,10 @@ class Controller(Keeper):
         self.viewer.layers.events.inserted.disconnect(self._on_inserted)
         self._soon.cancel()
         super().close()
-        self.finish(Notice())
+        self.finish()
         self.actions.close()
 
     def _on_inserted(self, event: Any) -> None:
-        """Show a film where work begins: its first frame, or the first with lines."""
         image, layer = self.choices.image, self.choices.sketches
         if image is None or self.records() or frame_count(image) < 2:
             return
@@ -252,6 +240,9 @@ class Controller(Keeper):
             go_to_frame(self.viewer, image, min(frames))
 
     def _on_edited(self) -> None:
+        if self._on and frame_count(self._on.image) != self._frames:
+            name = self._on.image.name
+            self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
         layer = self.choices.sketches
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()
@@ -271,21 +262,17 @@ class Controller(Keeper):
         self.changes.progress.emit()
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
-        targets = plan.targets
-        ids = [target.id for target in targets]
+        ids = [target.id for target in plan.targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
-        fresh = [
-            Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn)
-            for t, curve in zip(targets, curves, strict=True)
-        ]
+        pairs = zip(plan.targets, curves, strict=True)
+        fresh = [Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn) for t, curve in pairs]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
-        state = work.state.set_aside([(plan.frame, t.id) for t in targets if t.again])
+        state = work.state.set_aside([(plan.frame, t.id) for t in plan.targets if t.again])
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
             waited = perf_counter() - self._began
-            said = f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s."
-            self.finish(Notice("done", said))
+            self.finish(f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s.")
             self._refine_at_once()
 
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
@@ -300,7 +287,6 @@ class Controller(Keeper):
             self._refine_at_once()
 
     def _refine_at_once(self) -> None:
-        """Refine what was drawn meanwhile, while the user wants that."""
         if self.at_once and not self.knots and self.request().scope == "new":
             self.refine()
 
@@ -309,21 +295,20 @@ class Controller(Keeper):
         pair = self.choices.image, self.choices.sketches
         if pair != self._pair:
             self._pair = pair
-            self.tell(Notice())
+            self.tell()
             if self.knots:
                 self.knots.close()
         there = set(self.viewer.layers)
-        gone = [work for work in self.works if not {work.image, work.sketches} <= there]
-        self.works = [work for work in self.works if work not in gone]
-        # Later: napari is still busy with the layer that it tells of.
-        for work in gone:
-            half = self.drawing.drop(work)  # what is half shown goes with it
-            if half:
+        for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
+            self.works.remove(work)
+            work.sketches.metadata.get(WORKS, [work]).remove(work)
+            half = self.drawing.runs.pop(work, None)  # what is half shown goes with it
+            if half or work.image not in there:
+                # Later: napari is still busy with the layer that it tells of.
                 QTimer.singleShot(0, work.remove)
             if half or (self.progress and self._on is work):
                 name = (work.sketches if work.image in there else work.image).name
-                said = f"{name!r} was removed: what was running on it ended."
-                self.finish(Notice("cancelled", said))
+                self.finish(f"{name!r} was removed: what was running on it ended.", "cancelled")
         for work in self.works:
             if work.deleted():
                 QTimer.singleShot(0, partial(self._let_go, work))

@@ -18,32 +18,21 @@ from qtpy.QtWidgets import QCheckBox, QFileDialog, QFrame, QLabel, QSizePolicy, 
 from superqt import QElidingLabel
 
 from napari_splinesketch.labels.formats import WRITERS
-from napari_splinesketch.plugin import engine, widgets, words
+from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
 from napari_splinesketch.plugin.layers.space import frame_count
 from napari_splinesketch.plugin.saver import Saver
-from napari_splinesketch.plugin.widgets import (
-    Button,
-    CommandButton,
-    CommandButtons,
-    Folded,
-    LayerChoice,
-    MenuButton,
-    TextLabel,
-)
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.review import ReviewPanel
 
 TITLE = "Splinesketch"
-WARM_UP_AFTER_MS = 500
-"""The window is shown first."""
-LINES = 5
-"""Of text that there is always room for above Export, so that nothing moves."""
+WARM_UP_AFTER_MS = 500  # the window is shown first
+LINES = 5  # of text that there is always room for above Export, so that nothing moves
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
-"""A menu button as narrow as its text."""
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
@@ -78,67 +67,66 @@ class SplinesketchDock(QWidget):
 
     def _build(self) -> None:
         controller, actions = self.controller, self.controller.actions
-        choices, add = controller.choices, controller.new_sketches
-        self.image = LayerChoice(choices, Image, "Image", "The image that the bodies are in")
-        tip = "The Shapes layer with your rough lines; it is never changed"
-        self.sketches = LayerChoice(choices, Shapes, "Sketches", tip, add)
-        self.draw = CommandButton(actions, "draw", controller.draw)
-        self.suggest = CommandButton(actions, "suggest")
-        self.sensitivity = widgets.SuggestSlider(controller.suggestions)
-        self.settings_form = widgets.SettingsForm(controller)
+        self.image = ui.LayerChoice(controller, Image)
+        self.sketches = ui.LayerChoice(controller, Shapes)
+        self.draw = ui.CommandButton(actions, "draw", controller.draw)
+        self.suggest = ui.CommandButton(actions, "suggest")
+        self.sensitivity = ui.SuggestSlider(controller.suggestions)
+        self.settings_form = ui.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
         self.colour_by = self.settings_form.widgets["colour_by"]
-        self.at_once = QCheckBox(actions["at_once"].name)
-        self.refine = CommandButton(actions, "refine")
+        self.at_once = QCheckBox(actions.table["at_once"].name)
+        self.refine = ui.CommandButton(actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         scopes = {name: partial(controller.refine, scope) for scope, name in words.SCOPES.items()}
-        self.more = MenuButton("▾", "Refine the selected curves, or all again", scopes)
+        self.more = ui.MenuButton("▾", "Refine the selected curves, or all again", scopes)
         self.more.setStyleSheet(MORE_LOOK)
         self.more.setMinimumWidth(20)
-        self.curve = CommandButtons(actions, "curve", 4)
+        self.curve = ui.CommandButtons(actions, "curve", 4)
         self.curve.setStyleSheet("QPushButton { padding: 3px 1px; }")
-        self.track = CommandButtons(actions, "film", 2)
-        self.steps = CommandButtons(actions, "steps", 2)
+        self.track = ui.CommandButtons(actions, "film", 2)
+        self.steps = ui.CommandButtons(actions, "steps", 2)
         self.undo, self.redo = self.steps.buttons.values()
-        self.results, self.legend = TextLabel(), TextLabel()
+        self.results, self.legend = ui.TextLabel(), ui.TextLabel()
         self.results.setToolTip("Curves of this frame: good, to check (?) and failed (!)")
         self.legend.setWordWrap(False)  # or a scroll bar that comes would make itself necessary
         tip = "Show the table of curves and the plots of the selected one"
-        self.review = Button("Review", tip, self._show_or_hide_panel)
+        self.review = ui.Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
-        self.eyes = widgets.EyeBox(controller)
+        self.eyes = ui.EyeBox(controller)
         self.said = QLabel()
         self.said.setWordWrap(True)
         self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
-        self.notes = Folded("Model", "What this image needed of the model, and why", self.said)
-        self.settings = Folded("Settings", "Options, kept for next time", self.settings_form)
+        tip = "What this image needed of the model, and why"
+        self.notes = ui.Folded("Model", tip, self.said)
+        tip = "Options, kept for next time"
+        self.settings = ui.Folded("Settings", tip, self.settings_form)
         self.offer = OfferBox(controller, self.saver)
-        self.stage, self.notice, self.hint = TextLabel(), TextLabel(), TextLabel()
-        self.progress = widgets.ProgressBox(controller.cancel)
-        self.export = Button("Export…", "", self._ask_where)
+        self.stage, self.notice, self.hint = ui.TextLabel(), ui.TextLabel(), ui.TextLabel()
+        self.progress = ui.ProgressBox(controller)
+        self.export = ui.Button("Export…", "", self._ask_where)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
         self.saved.setEllipsesWidth(8)  # napari's style pads labels, which superqt does not know
 
     def _lay_out(self) -> None:
         texts, below, self.content = QWidget(), QWidget(), QWidget()
-        chosen = widgets.form(self.image, self.sketches, self.preset)
+        chosen = ui.form(self.image, self.sketches, self.preset)
         rows = (
             *(chosen, [self.draw, self.suggest], self.sensitivity, self.at_once),
             *((self.refine, self.more), self.curve, self.track, (self.results, self.review)),
             *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
-        widgets.stack(self.content, *rows, margin=4).addStretch(1)
-        widgets.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
+        ui.stack(self.content, *rows, margin=4).addStretch(1)
+        ui.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
         texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        widgets.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
-        widgets.stack(self, widgets.Column(self.content), below).setStretch(0, 1)
+        ui.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
+        ui.stack(self, ui.Column(self.content), below).setStretch(0, 1)
         self.setMinimumWidth(220)
 
     def _connect(self) -> None:
-        """Let each part listen to the kinds of changes that it shows, and to no others."""
         controller, c = self.controller, self.controller.changes
         listeners: dict[Callable[[], None], tuple[Any, ...]] = {
             self.image.show_state: (c.layers,),
@@ -160,10 +148,7 @@ class SplinesketchDock(QWidget):
         self.at_once.clicked.connect(controller.toggle_at_once)
 
     def _settle(self) -> None:
-        """Leave what there is by now out of Python's search for garbage, while the dock is seen.
-
-        The search would fall into a refinement, and napari asks for it whenever a layer goes.
-        """
+        """Keep Python from looking for garbage in what is there by now, amid a refinement."""
         gc.collect()
         if self.isVisible():
             gc.freeze()
@@ -176,15 +161,14 @@ class SplinesketchDock(QWidget):
             self.close_work()
 
     def _show_or_hide_panel(self) -> None:
-        if self.panel is not None:
-            self._hide_panel()
-            return
-        # Plots take 0.4 s to import: not before they are wanted.
-        from napari_splinesketch.plugin.review import open_panel
+        if self.panel is None:
+            # Plots take 0.4 s to import: not before they are wanted.
+            from napari_splinesketch.plugin.review import open_panel
 
-        self.panel = open_panel(self.controller)
-        self.panel.closed.connect(self._on_panel_closed)
-        self.review.setChecked(True)
+            self.panel = open_panel(self.controller)
+            self.panel.closed.connect(self._on_panel_closed)
+        else:
+            self._hide_panel()
 
     def _hide_panel(self) -> None:
         if self.panel is not None:
@@ -218,7 +202,6 @@ class SplinesketchDock(QWidget):
         self.saver.flush()
 
     def _show_commands(self) -> None:
-        """Show what can be done now, and what there is to do."""
         controller, records = self.controller, self.controller.records()
         image, running, steps = controller.choices.image, controller.progress, controller.steps
         self.curve.setVisible(bool(records or controller.state.deleted))
@@ -236,11 +219,9 @@ class SplinesketchDock(QWidget):
         self._show_selected()
 
     def _show_selected(self) -> None:
-        """Show what can be done with the selected curves, and what is doubtful about one."""
         controller, chosen = self.controller, self.controller.selected_records()
-        self.curve.say(words.selected(chosen, controller.frame))
-        for each in (self.curve, self.track):
-            each.show_state()
+        self.curve.show_state(words.selected(chosen, controller.frame))
+        self.track.show_state()
         said = words.doubts(chosen) or self._to_do
         self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
@@ -261,11 +242,10 @@ class SplinesketchDock(QWidget):
     def _show_running(self) -> None:
         controller = self.controller
         self.stage.say(words.stage(controller.progress, controller.left))
-        self.progress.show_progress(controller.progress, controller.cancellable)
-        self.notice.say(words.notice(controller.notice.kind, controller.notice.text))
+        self.progress.show_state()
+        self.notice.say(words.notice(*controller.notice))
 
     def _show_saved(self) -> None:
-        """Say where work is saved: a folder appears beside the user's data."""
         place, image = self.saver.place, self.controller.choices.image
         source = image.source.path if image else None
         said = words.saved(place, source, self.controller.settings.save_work)
@@ -277,9 +257,12 @@ class SplinesketchDock(QWidget):
         if image is None:
             return
         folder = Path(image.source.path).parent if image.source.path else Path.home()
-        if answer := ask_where(self, folder, f"{image.name}_labels"):
-            path, overwrite = answer
-            self.controller.export(path, overwrite=overwrite)
+        name, kinds = str(folder / f"{image.name}_labels{DEFAULT}"), ";;".join(KINDS)
+        chosen, kind = QFileDialog.getSaveFileName(self, "Export curves", name, kinds)
+        if chosen:
+            path = with_ending(chosen, KINDS.get(kind, DEFAULT))
+            # The dialog has asked about the name as it was typed.
+            self.controller.export(path, overwrite=path == chosen)
 
 
 class OfferBox(QFrame):
@@ -289,52 +272,33 @@ class OfferBox(QFrame):
         super().__init__()
         self._controller, self._saver = controller, saver
         self.setFrameShape(QFrame.Shape.StyledPanel)
-        self.said, self.problem = TextLabel(), TextLabel()
-        tips = (
-            "Bring the saved lines and curves back, in a layer of their own",
-            "Do not ask again; the saved work stays on the disk",
-            "Take these curves up as results, as they were judged",
-        )
-        self.resume = Button("Resume", tips[0], saver.resume)
-        self.decline = Button("Ignore saved work", tips[1], saver.decline)
-        self.labels = Button("", tips[2], saver.take_up)
+        self.said, self.problem = ui.TextLabel(), ui.TextLabel()
+        tip = "Bring the saved lines and curves back, in a layer of their own"
+        self.resume = ui.Button("Resume", tip, saver.resume)
+        tip = "Do not ask again; the saved work stays on the disk"
+        self.decline = ui.Button("Ignore saved work", tip, saver.decline)
+        tip = "Take these curves up as results, as they were judged"
+        self.labels = ui.Button("", tip, saver.take_up)
         rows = self.said, (self.resume, self.decline), self.labels, self.problem
-        widgets.stack(self, *rows, margin=4)
+        ui.stack(self, *rows, margin=4)
 
     def show_state(self) -> None:
         """Show what is offered now."""
         offers, curves = self._saver.offers(), self._saver.brought
+        for each, shown in ((self.resume, offers), (self.decline, offers), (self.labels, curves)):
+            each.setVisible(bool(shown))
         for each in (self.resume, self.labels):
             each.setEnabled(self._controller.progress is None)
-        for each in (self.resume, self.decline):
-            each.setVisible(bool(offers))
         self.said.say(words.offered(list(offers.values())))
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
-        self.labels.setVisible(bool(curves))
         self.problem.say(words.notice("failed", self._saver.problem))
         self.setVisible(bool(curves or offers or self._saver.problem))
-
-
-def ask_where(parent: QWidget, folder: Path, name: str) -> tuple[Path, bool] | None:
-    """Let the user choose a file, and say whether it may be replaced; None if she does not.
-
-    The dialog asks about the name as it was typed, not about one that was given an ending.
-    """
-    chosen, kind = QFileDialog.getSaveFileName(
-        parent, "Export curves", str(folder / f"{name}{DEFAULT}"), ";;".join(KINDS)
-    )
-    if not chosen:
-        return None
-    path = with_ending(chosen, KINDS.get(kind, DEFAULT))
-    return Path(path), path == chosen
 
 
 def with_ending(path: str, suffix: str) -> str:
     """Give a path the ending of the chosen format, in the place of any that it has.
 
-    Dialogs keep the ending when another format is chosen: `labels.json`, then COCO, becomes
-    `labels.coco.json`. A name that ends like another format is left alone while the format is the
-    one that was proposed: then the name says what is wanted.
+    A name that ends like another format is left alone while the format is the one proposed.
     """
     low, suffixes = path.lower(), set(KINDS.values())
     known = suffixes | {Path(f"x{each}").suffix for each in suffixes}

@@ -14,41 +14,29 @@ from qtpy.QtCore import QObject, QTimer, Signal  # pyright: ignore[reportPrivate
 from napari_splinesketch.engine.settings import MARGIN, Asked, PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.grids import Grid, Patch
+from napari_splinesketch.plugin import model
 from napari_splinesketch.plugin.layers.space import Block
-from napari_splinesketch.plugin.model import (
-    Line,
-    Record,
-    Refined,
-    lengths_of,
-    lying_over,
-    new_among,
-)
+from napari_splinesketch.plugin.model import Line, Record, Refined
 from napari_splinesketch.tracking import Tracked, View
 
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import Suggestions
 
-POLL_MS = 50
-"""How often the window looks after a thread: at most 20 updates a second."""
-PATIENCE = 20.0
-"""How long leaving Python waits for a thread: ending amid a compilation would crash, s."""
+POLL_MS = 50  # how often the window looks after a thread: at most 20 updates a second
+PATIENCE = 20.0  # s that leaving Python waits for a thread: ending amid a compilation would crash
 
 _log = logging.getLogger(__name__)
 _warm = threading.Event()
 
 
 def _options(how: Asked, size: float) -> dict[str, Any]:
-    """Options of the engine for pixels of some size; half-widths are in px of the image."""
     return {"polarity": how.polarity, "half_width": how.half_width and how.half_width / size}
 
 
 def run(
     block: Block, lines: Sequence[Line], fixed: Sequence[Curve], how: Asked, on_progress: OnProgress
 ) -> Refined:
-    """Read the pixels and refine; to be called in a thread.
-
-    Lines, and neighbours that were refined before, are in px of the image.
-    """
+    """Read the pixels and refine lines beside curves that stay, px; to be called in a thread."""
     on_progress(Progress("reading the image", 0.0))
     pixels, grid = block.read(), block.grid
     lines = [grid.to_block(line) for line in lines]
@@ -61,7 +49,7 @@ def run(
     options = {"fixed": [grid.curve_to_block(curve) for curve in fixed], "on_progress": tell}
     result = refine(pixels, lines, how.preset, **_options(how, grid.size), **options)
     # The part of the image that the engine explains, as `engine.refine` has it.
-    points, margin = np.concatenate(lines), MARGIN + lengths_of(lines).max() / 2
+    points, margin = np.concatenate(lines), MARGIN + model.lengths_of(lines).max() / 2
     corners = points.min(axis=0) - margin, points.max(axis=0) + margin
     return taken(result, grid, [grid.curve_to_image(curve) for curve in result.curves], corners)
 
@@ -75,27 +63,17 @@ def taken(result: Refinement, grid: Grid, curves: Sequence[Curve], corners: Any 
     return Refined(tuple(curves), patch, result.model.notes, region)
 
 
-def refine(
-    image: np.ndarray, lines: Sequence[Line], preset: PresetName, **options: Any
-) -> Refinement:
+def refine(image: np.ndarray, lines: Sequence[Line], preset: PresetName, **how: Any) -> Refinement:
     """Call the engine, importing it when it is first needed."""
     from napari_splinesketch.engine.refine import refine
 
-    return refine(image, lines, preset, **options)
+    return refine(image, lines, preset, **how)
 
 
 def suggest(
-    block: Block,
-    drawn: Sequence[Line],
-    here: Sequence[Record],
-    how: Asked,
-    on_progress: OnProgress,
+    block: Block, drawn: Sequence[Line], here: Sequence[Record], how: Asked, on_progress: OnProgress
 ) -> "Suggestions":
-    """Read the pixels and find lines over bodies without a line or a curve, px of the image.
-
-    Nor is there one that Refine would take for a curve `here` drawn again. To be called in a
-    thread. To choose among the lines takes milliseconds.
-    """
+    """Read the pixels and find lines over bodies without a line or a curve, px; in a thread."""
     from napari_splinesketch.engine.find.suggest import prepare
 
     on_progress(Progress("reading the image", 0.0))
@@ -103,8 +81,9 @@ def suggest(
     on_progress(Progress("looking for bodies", 0.2))
     found = prepare(pixels, **_options(how, grid.size))
     lines = [grid.to_image(line) for line in found.lines]
-    new = new_among(lines, [*drawn, *(record.curve.points for record in here)])
-    new &= np.array([not over for over in lying_over(lines, here)], dtype=bool)
+    new = model.new_among(lines, [*drawn, *(record.curve.points for record in here)])
+    # Nor one that Refine would take for a curve drawn again.
+    new &= np.array([not over for over in model.lying_over(lines, here)], dtype=bool)
     fresh = tuple([line for line, chosen in zip(lines, new, strict=True) if chosen])
     return replace(found, lines=fresh, strength=found.strength[new])
 
@@ -116,10 +95,7 @@ def track(
     take: Callable[[Tracked], None],
     on_progress: OnProgress,
 ) -> None:
-    """Carry curves from frame to frame, and give each to `take`; to be called in a thread.
-
-    `carry` is one of the ways of `tracking`; `block` chooses what to read of a frame for lines.
-    """
+    """Carry curves from frame to frame, by a way of `tracking`, and `take` them; in a thread."""
     sizes: list[float] = []
 
     def read(frame: int, lines: Sequence[Line]) -> View:
@@ -135,16 +111,13 @@ def track(
 
 
 def warm_up(_: OnProgress) -> None:
-    """Import JAX and compile what the first click needs, once; to be called in a thread.
-
-    And what Review needs: its plots take 0.4 s to import.
-    """
+    """Import JAX and compile what the first click needs, once; to be called in a thread."""
     if not _warm.is_set():
         _warm.set()
         from napari_splinesketch.engine.warmup import warm_up
 
         warm_up()
-        import_module("napari_splinesketch.plugin.plots")
+        import_module("napari_splinesketch.plugin.plots")  # for Review: they take 0.4 s
 
 
 class _Worker(threading.Thread):
@@ -155,10 +128,9 @@ class _Worker(threading.Thread):
         self.news: Progress | None = None
         self.outcome: tuple[str, Any] | None = None
         self.cancelled = False
-        self._work = [work]
+        self._work = [work]  # to be taken out: a job that is done holds no arrays
 
     def run(self) -> None:
-        """Do the work; whoever still holds the job does not hold the arrays that it worked on."""
         try:
             self.outcome = "done", self._work.pop()(self._report)
         except Exception as error:
@@ -172,12 +144,7 @@ class _Worker(threading.Thread):
 
 
 class Job(QObject):
-    """Work in a thread of its own, of which the window hears through signals.
-
-    The thread leaves its news, and a timer of the window's thread takes them; the function that it
-    reports to returns False once the job was cancelled. Such a job is never heard of again,
-    whatever its thread still does.
-    """
+    """Work in a thread of its own, of which the window hears through signals, unless cancelled."""
 
     progressed = Signal(object)
     done = Signal(object)

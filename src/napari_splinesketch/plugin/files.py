@@ -24,21 +24,13 @@ from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.geometry import thinned
-from napari_splinesketch.labels import (
-    Label,
-    Labels,
-    LabelsError,
-    read_labels,
-    shapes_csv,
-    table,
-    write_labels,
-)
-from napari_splinesketch.labels.formats import WRITERS, claiming
+from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
+from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.slot import OWNER, ROLE
+from napari_splinesketch.plugin.layers.pictures import OWNER, ROLE
 from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.synthetic import rotate, scene
@@ -49,22 +41,16 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 PLUGIN = "napari-splinesketch"
-KNOTS = 10
-"""Of a curve that was read from a file: as many as the engine gives most bodies."""
+KNOTS = 10  # of a curve that was read from a file: as many as the engine gives most bodies
 READ = "the file does not say why"
-LABELS = "napari-splinesketch labels"
-"""Key of a layer's metadata under which the labels that it was read from are kept."""
+LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
 LayerData = tuple[Any, dict[str, Any], str]
 SEED = 4
 SIZE = (192, 192)
-TURN = 20
-"""How far the lines over the generated bodies are turned, degrees."""
-
+TURN = 20  # how far the lines over the generated bodies are turned, degrees
 AXES = ("t", "y", "x")
-WINDOW = (1300, 860)
-"""Size of the demo's window, px."""
-FIT_AFTER_MS = 300
-"""The window takes its size first."""
+WINDOW = (1300, 860)  # size of the demo's window, px
+FIT_AFTER_MS = 300  # the window takes its size first
 
 
 def get_reader(path: str | list[str]) -> Callable[[str | list[str]], list[LayerData]] | None:
@@ -76,17 +62,12 @@ def get_reader(path: str | list[str]) -> Callable[[str | list[str]], list[LayerD
 
 
 def _napari_s_own(path: str | list[str]) -> Any:
-    """Hand tables of others on to napari: see `open_tables`."""
     paths = [path] if isinstance(path, str) else path
     return npe2.read(paths, stack=False, plugin_name="napari")
 
 
 def open_tables() -> None:
-    """Let napari open tables without asking for a reader: ours, which hands on what is not ours.
-
-    Left alone where the user has chosen one, or a third plugin reads tables. It is a setting of
-    the user's, so a message says it.
-    """
+    """Let napari open tables with our reader, unless the user or a plugin wants another; say so."""
     plugins = get_settings().plugins
     others = set(get_readers("any.csv")) - {"napari", PLUGIN}
     if not others and get_preferred_reader("any.csv") is None:
@@ -110,11 +91,8 @@ def read(path: str | list[str]) -> list[LayerData]:
 
 
 def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
-    """Write a layer of lines in the format of the path's ending; say what it cannot hold.
-
-    napari has asked before it replaces a file; a name that it could not ask for, because the
-    ending was missing, is not replaced.
-    """
+    """Write a layer of lines in the format of the path's ending; say what it cannot hold."""
+    # napari has asked before it replaces a file, but not for a name whose ending was missing.
     named = path if Path(path).suffix else path + WRITERS[0].suffix
     lost = write_labels(named, labels_of_layer(data, meta), overwrite=named == path)
     if lost:
@@ -125,10 +103,7 @@ def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
 def export(
     path: str | Path, labels: Labels, overwrite: bool, on_progress: OnProgress
 ) -> tuple[str, ...]:
-    """Write labels, in a thread; the path's ending says the format. Gives what that cannot hold.
-
-    Once `on_progress` returns False, nothing is written.
-    """
+    """Write labels, in a thread; give what it cannot hold. Cancelled, it writes nothing."""
     steps, reached = count(1), 0.0
 
     def tell(done: float | None) -> None:
@@ -161,10 +136,7 @@ def labels_of(work: Work, *, rejected: bool = True) -> Labels:
 
 
 def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:
-    """Label the lines of a Shapes layer, whose vertices and attributes they are.
-
-    A line that is a known curve keeps all that is known of it; any other one is a sketch.
-    """
+    """Label the lines of a Shapes layer: known curves with all that is known of them."""
     kept = meta.get("metadata", {})
     origin = labels_of(kept[OWNER]) if OWNER in kept else kept.get(LABELS, Labels())
     known = {(label.frame, label.curve): label for label in origin.labels}
@@ -214,10 +186,7 @@ def layer_of_labels(labels: Labels, name: str) -> LayerData:
 
 
 def read_with(layer: Shapes) -> Labels:
-    """Give the labels that a layer was read from; none where it was not.
-
-    Of a table that napari itself has opened, which takes the lines alone, the rest is read now.
-    """
+    """Give the labels that a layer was read from; of a table, also if napari has opened it."""
     source = layer.source
     if LABELS not in layer.metadata and source.reader_plugin == "napari" and source.path:
         try:
@@ -232,17 +201,13 @@ def read_with(layer: Shapes) -> Labels:
 
 
 def _placed(labels: Labels, ndim: int) -> dict[str, Any]:
-    """Give scale and units of a layer that shows labels, as far as they are known."""
     first, units = ndim - 2, labels.units
     placed = {"scale": (*[1.0] * first, *labels.scale)} if labels.scale else {}
     return placed | ({"units": (*["pixel"] * first, units, units)} if units else {})
 
 
 def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
-    """Take labels that were read for curves, numbered from 1, to go on with them.
-
-    Sketches are left out. Gives how many are beyond the last of so many `frames`, too.
-    """
+    """Take labels that were read for curves; count those beyond the last of so many frames."""
     curves = [label for label in labels.labels if label.status != "sketch"]
     here = [label for label in curves if label.frame < frames]
     first = int(any(label.curve == 0 for label in here))
@@ -291,10 +256,7 @@ def _lines(name: str, lines: Sequence[np.ndarray], shape: tuple[int, ...]) -> di
 
 
 def open_demo(*, block: bool = True) -> Viewer:
-    """Open a window with worms, rough lines over some of them, and the dock.
-
-    Unless it may `block` until the window is closed, running it is left to the caller.
-    """
+    """Open a window with worms, lines over some of them, and the dock; run it if it may `block`."""
     import napari
     from qtpy.QtCore import QTimer
 

@@ -13,11 +13,10 @@ from superqt.utils import qdebounced
 from napari_splinesketch import tracking
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.plugin.plan import OPEN
+from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -26,29 +25,19 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-PREVIEW_AFTER_MS = 60
-"""Suggestions follow the slider when it has stood still for so long."""
-SUGGEST = "Suggest lines"
-"""The name of the step."""
+PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
+SUGGEST = "Suggest lines"  # the name of the step
 
 
 class Suggestions:
-    """Lines over bodies that nobody has drawn.
-
-    The `sensitivity` is from 0, only what stands out, to 1, also what is faint or short.
-    """
+    """Lines over bodies that nobody has drawn."""
 
     def __init__(self, controller: Controller):
-        self.sensitivity = 0.5
+        self.sensitivity = 0.5  # from 0, only what stands out, to 1, also what is faint or short
         self._controller = controller
-        self._last: tuple[Work, int, engine.Suggestions] | None = None
-        """Where the last lines are, and what others are chosen from when the slider moves."""
+        # Work and frame of the last lines, and what others are chosen from when the slider moves.
+        self._last: Any = None
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
-
-    def problem(self) -> str:
-        """Why no lines can be suggested, or nothing."""
-        image = self._controller.choices.image
-        return space.plane_problem(self._controller.viewer, image) if image is not None else OPEN
 
     def suggest(self) -> None:
         """Suggest lines in the frame in view, in the place of those that were not taken up."""
@@ -79,20 +68,22 @@ class Suggestions:
         self._put(work.state.suggested(frame, ()), SUGGEST, self._controller.finish)
 
     def _choose(self) -> None:
-        """Choose lines for another sensitivity, from what was found before in what is in view."""
         c = self._controller
         if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
             history = self._last[0].history
             again = history.done == SUGGEST
             self._put(history.value, "" if again else SUGGEST, c.tell)
 
-    def _put(self, before: State, what: str, tell: Callable[[Notice], None]) -> None:
+    def _put(self, before: State, what: str, tell: Callable[[str], None]) -> None:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
-        assert self._last is not None
         work, frame, found = self._last
-        lines = found.choose(self.sensitivity)
-        over = partial(tell, Notice("done", words.suggested(len(lines))))
-        state = before.suggested(frame, lines)
+        state = before.suggested(frame, found.choose(self.sensitivity))
+        refined = before.suggested(frame, ()).suggestions
+
+        def over() -> None:
+            there = work.positions(set(state.suggestions).difference(refined))
+            tell(words.suggested(len(there)))
+
         if state.suggestions != work.state.suggestions:
             self._controller.apply(what, state, over, work)
         else:
@@ -101,7 +92,7 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    problem, image = c.suggestions.problem(), c.choices.image
+    problem, image = view_problem(c), c.choices.image
     if problem or image is None:
         return problem
     if not 0 <= c.frame + way < space.frame_count(image):
@@ -120,17 +111,15 @@ def track(c: Controller, way: int, most: int | None = None) -> None:
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
     known = corrected_at(c.state, c.frame, c.selection)
-    return c.suggestions.problem() or ("" if known else NOT_CORRECTED)
+    return view_problem(c) or ("" if known else NOT_CORRECTED)
 
 
 def around(c: Controller) -> None:
     """Carry corrected curves of the frame in view both ways, until nothing changes."""
     if c.work is not None:
         at, last = c.frame, space.frame_count(c.work.image)
-        curves = {
-            t: {r.id: r.curve for r in here if r.usable}
-            for t, here in by_frame(c.work.records).items()
-        }
+        known = by_frame(c.work.records)
+        curves = {t: {r.id: r.curve for r in known[t] if r.usable} for t in known}
         carry = partial(tracking.around, there=lambda frame: curves.get(frame, {}))
         going = Tracking(c, c.work, (range(at + 1, last), range(at - 1, -1, -1)), corrected=at)
         going.start(carry, corrected_at(c.state, at, c.selection))
@@ -138,30 +127,26 @@ def around(c: Controller) -> None:
 
 @dataclass(eq=False)
 class Tracking:
-    """Curves that are carried over some `frames`, and taken over as they come.
-
-    Where they were `corrected` in a frame, those around it are fitted again: then the `frames` are
-    those of both ways. The `results` are still to be taken over.
-    """
+    """Curves carried over frames, or fitted again around one, taken over as they come."""
 
     controller: Controller
     work: Work
-    frames: Sequence[Any]
+    frames: Sequence[Any]  # those of both ways around a frame that was `corrected`
     corrected: int | None = None
-    results: list[Tracked] = field(default_factory=list)
+    results: list[Tracked] = field(default_factory=list)  # still to be taken over
     _taken: list[Tracked] = field(default_factory=list)
 
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
         """Begin, by one of the ways of `tracking`."""
         c, image = self.controller, self.work.image
-        given = {
-            frame: Given(
-                {r.id: r.curve for r in here if _decided(r) and r.usable},
-                whole=all(r.decided for r in here),
-            )
-            for frame, here in by_frame(self.work.records).items()
-        }
-        run = partial(carry, self.frames, bodies, given=lambda t: given.get(t, NOTHING_GIVEN))
+        known = by_frame(self.work.records)
+
+        def given(frame: int) -> Given:
+            here = known.get(frame)
+            mine = {r.id: r.curve for r in here or () if _decided(r) and r.usable}
+            return Given(mine, whole=all(r.decided for r in here)) if here else NOTHING_GIVEN
+
+        run = partial(carry, self.frames, bodies, given=given)
         block = partial(space.block_around, image)
         run = partial(engine.track, run, block, c.how(image), self.results.append)
         c.start(run, self.over, "Tracking", self.take, self.cancelled, on=self.work)
@@ -184,13 +169,13 @@ class Tracking:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
         self.take()
         controller, work = self.controller, self.work
-        notice = Notice("done", words.tracked(self._taken, self.corrected))
         if work is controller.work and len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
             space.go_to_frame(controller.viewer, work.image, self.frames[0])
             there = [key for key in work.state.by_key if key[0] == self.frames[0]]
             controller.select(key for key in there if key[1] in numbers)
-        controller.show(work, partial(controller.finish, notice))
+        said = words.tracked(self._taken, self.corrected)
+        controller.show(work, partial(controller.finish, said))
 
     def cancelled(self) -> str:
         """Say what became of it when the user has cancelled."""
@@ -200,11 +185,7 @@ class Tracking:
 
 
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
-    """Give the bodies that are known in a frame or not long before on that way.
-
-    What comes before tells how they move; one that is not in the frame itself is out of sight
-    there, unless it was deleted.
-    """
+    """Give the bodies that are known in a frame, or before on that way and out of sight there."""
     ways: dict[int, list[tuple[int, Curve]]] = {}
     for record in sorted(state.records, key=lambda r: way * r.frame):
         if record.usable and 0 <= way * (frame - record.frame) < PATIENCE:
@@ -218,10 +199,7 @@ def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
 
 
 def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[Body, ...]:
-    """Give the bodies that the user has corrected in a frame and that are in others as well.
-
-    Of the selected curves, if any of them is in the frame.
-    """
+    """Give the bodies corrected in a frame and known beside it: of selected curves, if any."""
     beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
     here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
     mine = [record for record in here if record.drawn or record.edited]
@@ -236,14 +214,11 @@ def taken_in(state: State, tracked: Tracked) -> State:
         return state
     decided = {r.id for r in state.records if r.frame == frame and _decided(r)}
     deleted = {r.id for r in state.deleted if r.frame == frame}
-    fresh = [
-        Record(number, frame, sketch, curve, drawn=False)
-        for number, sketch, curve in zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
-        if number not in decided | deleted
-    ]
+    new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
+    left = decided | deleted
+    fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
 
 
 def _decided(record: Record) -> bool:
-    """Whether the user has decided on a curve, or made it by hand."""
     return record.decided or record.drawn or record.edited

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -15,8 +15,8 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin.choices import Choices, Settings
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
-from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import OWNER, Drawing
+from napari_splinesketch.plugin.layers.pictures import Drawing
+from napari_splinesketch.plugin.layers.results import Work, works_in
 from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
@@ -25,23 +25,19 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.knots import KnotEditing
 
 NOTHING = State()
+Kind = Literal["none", "done", "cancelled", "failed"]
+Last = Callable[[], None] | None
 
 
-@dataclass(frozen=True)
-class Notice:
+class Notice(NamedTuple):
     """What the last action came to, where its results do not say it."""
 
-    kind: Literal["none", "done", "cancelled", "failed"] = "none"
+    kind: Kind = "none"
     text: str = ""
 
 
 class Keeper:
-    """Keeps the curves of each image, as the user corrects and judges them.
-
-    `progress` is where what runs stands, None when nothing does; `notice` what the last action
-    came to; `drawing` brings the layers in step with what is known. `works` are all that is known,
-    of every image through every layer of sketches.
-    """
+    """Keeps the curves of each image, as the user corrects and judges them."""
 
     actions: Commands
     knots: KnotEditing | None = None
@@ -51,16 +47,13 @@ class Keeper:
         self.changes = Changes(instance=self)
         self.choices = Choices(viewer, self.changes)
         self.settings = choices.load()
-        self.progress: Progress | None = None
+        self.progress: Progress | None = None  # of what runs
         self.notice = Notice()
         self.drawing = Drawing(self._on_not_shown)
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
-        there = set(viewer.layers)
-        owners = dict.fromkeys(layer.metadata.get(OWNER) for layer in viewer.layers)
-        works = [owner for owner in owners if isinstance(owner, Work)]
-        self.works = [work for work in works if {work.image, work.sketches} <= there]
+        self.works = works_in(viewer)
         for work in self.works:
             self._attend(work)
         self._end = choices.on_change(lambda: self._take(choices.load()))
@@ -69,9 +62,7 @@ class Keeper:
     def work(self) -> Work | None:
         """What is known of the chosen image through the chosen sketches; None without both."""
         image, sketches = self.choices.image, self.choices.sketches
-        if image is None or sketches is None:
-            return None
-        return self.work_on(image, sketches)
+        return self.work_on(image, sketches) if image and sketches else None
 
     def work_on(self, image: Image, sketches: Shapes) -> Work:
         """Give what is known of an image through a layer of sketches."""
@@ -106,7 +97,7 @@ class Keeper:
 
     def records(self, frame: int | None = None) -> tuple[Record, ...]:
         """Give the curves of a frame, or of all."""
-        records = self.state.records
+        records = self.work.records if self.work else ()
         return records if frame is None else tuple([r for r in records if r.frame == frame])
 
     @property
@@ -135,44 +126,33 @@ class Keeper:
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
-        self.tell(Notice("failed", text))
+        self.tell(text, "failed")
 
-    def tell(self, notice: Notice) -> None:
+    def tell(self, text: str = "", kind: Kind = "done") -> None:
         """Tell the user what came of something."""
+        notice = Notice(kind, text) if text else Notice()
         if notice != self.notice:
             self.notice = notice
             self.changes.said.emit()
 
-    def apply(
-        self,
-        what: str,
-        state: State,
-        last: Callable[[], None] = lambda: None,
-        work: Work | None = None,
-    ) -> None:
-        """Put a state in the place of the present one, as a step that can be taken back.
+    def apply(self, what: str, state: State, last: Last = None, work: Work | None = None) -> None:
+        """Put a state in the place of the present one: the one way to change what is known.
 
-        Every change of what is known goes through here, of the chosen layers or of other `work`.
-        `what` is done, for the tooltip of Undo: "Accept curve 3"; `last` is called when it is
-        shown. Without `what` it is part of the last step.
+        `what` is done, for the tooltip of Undo: "Accept curve 3"; without it, it is part of the
+        last step. `last` is called when it is shown.
         """
         if work := work or self.work:
             if what:
-                self.tell(Notice())
+                self.tell()
                 work.history.apply(what, state)
             else:
                 work.history.amend(state)
             self.show(work, last)
 
-    def show(self, work: Work, last: Callable[[], None] = lambda: None) -> None:
+    def show(self, work: Work, last: Last = None) -> None:
         """Let the layers show what is known, and then call something."""
-
-        def shown() -> None:
-            last()
-            self.changes.shown.emit()
-
         self.changes.curves.emit()
-        self.drawing.start(work, work.show(), shown)
+        self.drawing.start(work, work.show(), last, self.changes.shown.emit)
 
     def undo(self) -> None:
         """Take back the last step."""
@@ -197,8 +177,7 @@ class Keeper:
 
     def restore(self, *keys: Key) -> None:
         """Bring deleted curves back, the latest if none are named."""
-        chosen = keys or tuple(map(key_of, self.state.deleted[-1:]))
-        if chosen:
+        if chosen := keys or tuple(map(key_of, self.state.deleted[-1:])):
             self._change("Restore", chosen, State.restored)
             self.select(chosen)
 
@@ -219,7 +198,7 @@ class Keeper:
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
         self._end()
-        self.drawing.stop()
+        self.drawing.runs.clear()
         for work in self.works:
             work.changes = Changes()
         self.works.clear()
@@ -235,7 +214,6 @@ class Keeper:
         self.changes.settings.emit()
 
     def _colour(self, work: Work) -> None:
-        """Let the colours of curves say what the user wants them to."""
         if work.colour((self.settings.colour_by, ruler_of(work.image))):
             self.show(work)
 
@@ -247,7 +225,6 @@ class Keeper:
             self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
 
     def _attend(self, work: Work) -> None:
-        """Hear of the user's doings in layers of results."""
         work.changes = self.changes
         self._colour(work)
 
@@ -255,21 +232,17 @@ class Keeper:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""
         if work in self.works and work.deleted():  # not one whose other layers went, too
             work.remove()
-            if work.records:
-                left = State(suggestions=work.state.suggestions)
-                work.history.apply("Remove the curves", left)
+            if work.state.records:
+                work.history.apply("Remove the curves", State(suggestions=work.state.suggestions))
                 self.show(work)  # and put away its knots, which says nothing
-                said = "The curves are gone with their layer. Undo brings them back."
-                self.tell(Notice("done", said))
+                self.tell("The curves are gone with their layer. Undo brings them back.")
 
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
-        if self.work and not self.progress:
-            what = way(self.work.history)
-            if what:
-                self.tell(Notice("done", f"{said}: {what[0].lower()}{what[1:]}."))
-                self.show(self.work)
+        if self.work and not self.progress and (what := way(self.work.history)):
+            self.tell(f"{said}: {what[0].lower()}{what[1:]}.")
+            self.show(self.work)
 
     def _on_not_shown(self, error: Exception) -> None:
         self.progress = None
-        self.tell(Notice("failed", f"The results could not be shown. {error}"))
+        self.say(f"The results could not be shown. {error}")
         self.changes.busy.emit()

@@ -14,35 +14,29 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
-from napari_splinesketch.plugin.keeper import Notice
+from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
 from napari_splinesketch.plugin.model import Record, key_of
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
-FEWEST = 3
-"""Knots of any curve."""
+FEWEST = 3  # knots of any curve
 HELP = "Drag the knots. Enter refines from there, Done keeps the curve as it is, Esc undoes it all."
-COLOUR, HEAD = palette.MOVING, palette.TRUTH
-"""The first knot is the head: it stands out."""
+COLOUR, HEAD = palette.MOVING, palette.TRUTH  # the first knot is the head: it stands out
 LOOK = {"border_width": 0.15, "border_color": "black", "visible": True}
-SIZE = 11.0
-"""Of a knot, px of the screen: napari's own limits would draw nothing but its border."""
+SIZE = 11.0  # of a knot, px of the screen: napari's own limits would draw nothing but its border
 DONE = (ActionType.ADDED, ActionType.CHANGED, ActionType.REMOVED)
 
 
 class KnotEditing:
-    """Shows the knots of a curve until the user is done; every drag is a step that she can undo.
-
-    `number` is that of the curve.
-    """
+    """Shows the knots of a curve until the user is done; every drag is a step that she can undo."""
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
         self.number, self._key = record.id, key_of(record)
+        self._step = f"Move knots of curve {record.id}"
         self._controller, self._work, self._before = controller, work, work.state
         self._active, self._dropped = layers.selection.active, False
         maker = Maker(Points, f"knots of curve {record.id}", lambda work: [object()], self._made)
@@ -66,7 +60,7 @@ class KnotEditing:
             (controller.changes.curves, self._show),
         )
         self._show()
-        controller.tell(Notice("none", HELP))
+        controller.tell(HELP, "none")
 
     def close(self) -> None:
         """Show the knots no longer; the curve stays as they are."""
@@ -80,7 +74,7 @@ class KnotEditing:
         self._slot.remove()
         if self._active in layers:
             layers.selection.active = self._active
-        controller.tell(Notice())
+        controller.tell()
         controller.changes.mode.emit()
 
     def refine(self) -> None:
@@ -95,16 +89,16 @@ class KnotEditing:
         while history.done == self._step and history.value is not self._before:
             history.undo()
         if history.undone == self._step:
-            history.forget_undone()
+            history.amend(history.value)  # lets nothing be done again
         self.close()
         self._controller.show(self._work)
 
     @property
-    def _step(self) -> str:
-        return f"Move knots of curve {self.number}"
+    def _record(self) -> Record | None:
+        return self._work.state.by_key.get(self._key)
 
     def _made(self, work: Work, _: object) -> Made | None:
-        record = work.state.by_key.get(self._key)
+        record = self._record
         if record is None or record.locked:
             return None
         places = in_stack(work.image, record.frame, record.curve.knots[:, :2])
@@ -114,15 +108,13 @@ class KnotEditing:
 
     def _show(self, event: object = None) -> None:
         """Show the knots where they are by now; none where the curve is gone, or their layer."""
-        layer = self._slot.layer
-        if layer is not None:
-            with layer.events.data.blocker():
+        if self._slot.layer is not None:
+            with self._slot.layer.events.data.blocker():
                 next(self._slot.update())
-        if self._slot.layer is None:
+        if self._slot.layer is None or self._record is None:
             self.close()
         else:
-            curve = self._work.state.by_key[self._key].curve
-            self._work.move(self._key[0], [curve.points])
+            self._work.move(self._key[0], [self._record.curve.points])
 
     def _follow(self, layer: Points, event: Any) -> Iterator[None]:
         """Draw the curve at every move: napari's own event comes when the button is released."""
@@ -139,16 +131,15 @@ class KnotEditing:
             QTimer.singleShot(0, self._take)
 
     def _take(self) -> None:
-        """Let the curve be as the knots are that were dropped."""
-        layer, record = self._slot.layer, self._work.state.by_key.get(self._key)
+        c, layer, record = self._controller, self._slot.layer, self._record
         dropped, self._dropped = self._dropped, False
-        if not dropped or self._controller.knots is not self or layer is None or record is None:
+        if not dropped or c.knots is not self or layer is None or record is None:
             return
         knots = np.array(layer.data[:, -2:], dtype=float)
-        if not FEWEST <= len(knots) <= len(record.curve.knots):
-            self._controller.say(f"Move knots, or delete them; {FEWEST} stay at least.")
+        if FEWEST <= len(knots) <= len(record.curve.knots):
+            fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
+            c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
+            c.tell(HELP, "none")
+        else:
+            c.say(f"Move knots, or delete them; {FEWEST} stay at least.")
             self._show()
-            return
-        fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
-        self._controller.apply(self._step, self._work.state.with_records(fresh), work=self._work)
-        self._controller.tell(Notice("none", HELP))

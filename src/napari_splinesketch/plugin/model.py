@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate, count, pairwise
 from operator import attrgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -22,26 +22,17 @@ V = TypeVar("V", bound=Hashable)
 T = TypeVar("T")
 A = ParamSpec("A")
 Line = Float[np.ndarray, "N 2"]
-Key = tuple[int, int]
-"""(frame, id) of a record."""
+Key = tuple[int, int]  # (frame, id) of a record
 
-SAME = 2
-"""Decimals of a pixel to which a line is the same as before."""
-SAMPLES = 16
-"""Points at which two lines are compared."""
-WITHIN = 1.25
-"""A line that lies so near to a curve, in half-widths on average, is over the same body: lines over
-bodies that touch are two apart."""
-LIKE = 0.6
-"""Such a line is as long as the curve but for this factor, either way."""
-LEAST = 1.5
-"""Half-width that counts at least, px: a hand is no steadier."""
-SAME_BODY = 0.25
-"""Lines that lie so near to each other, in lengths of the shorter one, mean the same body."""
-STEPS = 200
-"""That are remembered, at most."""
-WEIGHT = 2**29
-"""What the values that are remembered may hold, bytes."""
+SAME = 2  # decimals of a pixel to which a line is the same as before
+SAMPLES = 16  # points at which two lines are compared
+# A line is over the body of a curve that it lies so near to, in half-widths on average, and is as
+# long as but for a factor: lines over bodies that touch are two apart.
+WITHIN, LIKE = 1.25, 0.6
+LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
+SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
+STEPS = 200  # that are remembered, at most
+WEIGHT = 2**29  # what the values that are remembered may hold, bytes
 
 
 class Changes(SignalGroup):
@@ -65,21 +56,16 @@ class Changes(SignalGroup):
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A curve of one frame, and the (N, 2) sketch it was refined from, px.
+    """A curve of one frame, and the (N, 2) sketch it was refined from, px."""
 
-    Numbers go from 1; the same body keeps its own when it is refined again. What is `locked` stays
-    as it is then; what the user has changed since is `edited`. `drawn` says whether the sketch is a
-    line of hers, rather than what another curve left.
-    """
-
-    id: int
+    id: int  # from 1; the same body keeps it when it is refined again
     frame: int
     sketch: Line
     curve: Curve
     review: Review = "open"
-    locked: bool = False
-    drawn: bool = True
-    edited: bool = False
+    locked: bool = False  # stays as it is
+    drawn: bool = True  # the sketch is a line of the user's, not what another curve left
+    edited: bool = False  # changed by the user since
 
     @property
     def decided(self) -> bool:
@@ -102,15 +88,12 @@ class Suggestion:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A refinement in pixels of the image: a curve for each line that was given.
-
-    `notes` say what the scene needed and why, one sentence each; `region` are the (low, high)
-    corners of the part of the reconstruction that bodies are drawn in.
-    """
+    """A refinement in pixels of the image: a curve for each line that was given."""
 
     curves: tuple[Curve, ...]
     patch: Patch
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the scene needed and why, one sentence each
+    # (low, high) corners of the part of the reconstruction that bodies are drawn in
     region: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 
@@ -129,8 +112,7 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     return found
 
 
-key_of: Callable[[Record], Key] = attrgetter("frame", "id")
-"""Gives what tells a record from all others."""
+key_of: Callable[[Record], Key] = attrgetter("frame", "id")  # tells it from others
 
 
 def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:
@@ -168,8 +150,7 @@ def print_of_sketch(record: Record) -> bytes:
 def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
     """Give each sketch of a frame, px, the number it had before, or one that nobody has.
 
-    A sketch that was moved or edited is recognised while it lies, on average, within half of its
-    length of where it was.
+    It is recognised while it lies, on average, within half of its length of where it was.
     """
     ids = [0] * len(lines)
     if known and lines:
@@ -178,15 +159,11 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
         for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
             if distance[i, j] < reach[i]:
                 ids[i] = known[j].id
-    new = max([record.id for record in (*known, *others)], default=0)
-    for i, number in enumerate(ids):
-        if not number:
-            ids[i] = new = new + 1
-    return ids
+    new = count(1 + max([record.id for record in (*known, *others)], default=0))
+    return [number or next(new) for number in ids]
 
 
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
-    """Mean distance of every line to every other, whichever way they were drawn, px."""
     others = np.array([resample(line, SAMPLES) for line in b])
     both = np.stack([others, others[:, ::-1]])
     apart = (np.linalg.norm(both - resample(line, SAMPLES), axis=3) for line in a)
@@ -230,17 +207,12 @@ def _apart(line: Line, record: Record) -> float:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The curves of an image and what came with them: reconstructions and notes by frame.
-
-    Whatever the plugin shows and the user may want to take back belongs in here: one step of
-    undo is one such value. The latest are last among the `patches`, and among the `deleted`, whose
-    lines are not refined again.
-    """
+    """The curves of an image and what came with them: what the user may want to take back."""
 
     records: tuple[Record, ...] = ()
     suggestions: tuple[Suggestion, ...] = ()
-    deleted: tuple[Record, ...] = ()
-    patches: Mapping[int, Patch] = field(default_factory=dict)
+    deleted: tuple[Record, ...] = ()  # the latest is last; their lines are not refined again
+    patches: Mapping[int, Patch] = field(default_factory=dict)  # by frame, the latest is last
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     @property
@@ -284,20 +256,15 @@ class State:
         return [record for key in sorted(set(keys)) if (record := self.by_key.get(key)) is not None]
 
     def suggested(self, frame: int, lines: Sequence[Line]) -> "State":
-        """Suggest lines in a frame, in the place of those that have not become curves.
-
-        A line that was suggested before is the same suggestion still.
-        """
+        """Suggest lines in a frame, in the place of those that have not become curves."""
         there = [record for record in (*self.records, *self.deleted) if record.frame == frame]
         refined = set(map(print_of_sketch, there))
         prints = prints_of([one.line for one in self.suggestions])
         known = {(one.frame, p): one for one, p in zip(self.suggestions, prints, strict=True)}
         kept = {key: one for key, one in known.items() if key[0] != frame or key[1] in refined}
         keys = [(frame, printed) for printed in prints_of(lines)]
-        wanted = {
-            key: known.get(key) or Suggestion(frame, line)
-            for key, line in zip(keys, lines, strict=True)
-        }
+        pairs = zip(keys, lines, strict=True)
+        wanted = {key: known.get(key) or Suggestion(frame, line) for key, line in pairs}
         return replace(self, suggestions=tuple((kept | wanted).values()))
 
     def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
@@ -307,12 +274,9 @@ class State:
         before = older.pop(frame, None)
         if before and any(r.frame == frame and key_of(r) not in keys for r in self.records):
             patch = patched(before, patch, *refined.region)
-        return replace(
-            self.with_records(*fresh),
-            deleted=tuple(record for record in self.deleted if key_of(record) not in keys),
-            patches={**older, frame: patch},
-            notes={**self.notes, frame: refined.notes},
-        )
+        left = tuple([record for record in self.deleted if key_of(record) not in keys])
+        patches, notes = {**older, frame: patch}, {**self.notes, frame: refined.notes}
+        return replace(self.with_records(*fresh), deleted=left, patches=patches, notes=notes)
 
 
 def bytes_beside(state: State, other: State) -> int:
@@ -323,10 +287,7 @@ def bytes_beside(state: State, other: State) -> int:
 
 
 class History(Generic[T]):
-    """A value, the ones before it, and those that were taken back.
-
-    `weigh` gives the bytes that a value holds and does not share with the one before it.
-    """
+    """A value, the ones before it, and those taken back; `weigh` gives what each adds, bytes."""
 
     def __init__(self, value: T, weigh: Callable[[T, T], int] = lambda new, old: 0):
         self._weigh = weigh
@@ -351,11 +312,17 @@ class History(Generic[T]):
     def apply(self, what: str, value: T) -> None:
         """Put a value in the place of the present one; `what` says why."""
         self._at += 1
-        self._put(what, value)
+        self.amend(value, what)
 
-    def amend(self, value: T) -> None:
+    def amend(self, value: T, what: str = "") -> None:
         """Put a value in the place of the present one, as part of the last step."""
-        self._put(self.done, value)
+        self._steps[self._at :] = [(what or self.done, value)]
+        # The oldest go where there are too many, or too heavy ones.
+        values = [value for _, value in self._steps[::-1]]
+        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
+        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
+        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
+        self._at = kept
 
     def undo(self) -> str:
         """Go back by one value; give what was taken back, or nothing."""
@@ -368,16 +335,3 @@ class History(Generic[T]):
         what = self.undone
         self._at += bool(what)
         return what
-
-    def forget_undone(self) -> None:
-        """Let nothing be done again."""
-        del self._steps[self._at + 1 :]
-
-    def _put(self, what: str, value: T) -> None:
-        """Make a value the last; drop the oldest where there are too many, or too heavy ones."""
-        self._steps[self._at :] = [(what, value)]
-        values = [value for _, value in self._steps[::-1]]
-        weights = accumulate(self._weigh(old, new) for new, old in pairwise(values))
-        kept = min(sum(weight <= WEIGHT for weight in weights), STEPS)
-        self._steps = [("", values[kept]), *self._steps[len(values) - kept :]]
-        self._at = kept

@@ -17,43 +17,33 @@ if TYPE_CHECKING:
 
 Scope = Literal["new", "selected", "all"]
 BEGIN = "Press Draw lines, then draw a line over each body."
-OPEN = "Open an image: drop a file on the window, or File > Open Sample."
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A curve to refine, by its number, from its sketch, px, or from where the user has put it.
-
-    It is `new` if there is no such curve yet, `drawn` if its sketch is a line in the user's layer,
-    and `again` if that is a second line over a body that has a curve, which it replaces.
-    """
+    """A curve to refine, by its number, from its sketch, px, or from where the user has put it."""
 
     id: int
     sketch: Line
     start: Line
-    new: bool = True
-    drawn: bool = True
-    again: bool = False
+    new: bool = True  # there is no such curve yet
+    drawn: bool = True  # the sketch is a line in the user's layer
+    again: bool = False  # over a body that has a curve, which it replaces
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a refinement of one frame would do: the curves that it moves, or takes as they are.
-
-    `decided` and `deleted` lines are left out, as their curves were accepted or locked, or deleted;
-    curves without a line any more, the `orphans`, stay. The `problem` says why there is nothing to
-    do for the lines that are `drawn`.
-    """
+    """What a refinement of one frame would do: the curves that it moves, or takes as they are."""
 
     scope: Scope = "new"
     targets: tuple[Target, ...] = ()
     fixed: tuple[Curve, ...] = ()
-    decided: int = 0
-    orphans: tuple[int, ...] = ()
-    deleted: int = 0
+    decided: int = 0  # lines left out, as their curves were accepted or locked
+    orphans: tuple[int, ...] = ()  # curves without a line any more; they stay
+    deleted: int = 0  # lines left out, as their curves were deleted
     frame: int = 0
     drawn: Drawn = field(default_factory=Drawn)
-    problem: str = ""
+    problem: str = ""  # why there is nothing to do
 
 
 def make_plan(
@@ -68,11 +58,7 @@ def make_plan(
 
     A line is new if it has no curve, and changed if its curve was refined from another one. What
     the user has accepted or locked never moves; what she rejected or deleted is left alone until
-    she changes its line or selects it.
-
-    The scope is "new" for lines that are new or changed, and curves changed by hand; "selected" for
-    the `chosen` lines, by their positions, or the curves of the `selection`; "all" for every line
-    and curve that is open.
+    she changes its line or selects it: by its position among the `chosen`, or its curve.
     """
     here = [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]
@@ -96,7 +82,7 @@ def make_plan(
         elif known is not None and known.edited and kept:
             targets.append(Target(number, lines[i], known.curve.points, new=False))
         else:
-            start = _as_known(lines[i], known) if kept else lines[i]
+            start = _as_known(lines[i], known) if known and kept else lines[i]
             targets.append(Target(number, lines[i], start, known is None, again=i in again))
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
@@ -110,15 +96,11 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
         return False
     if known is None or not same:
         return True
-    if gone:
-        return False
-    return known.edited or (scope == "all" and known.review == "open")
+    return not gone and (known.edited or (scope == "all" and known.review == "open"))
 
 
-def _as_known(line: Line, known: Record | None) -> Line:
+def _as_known(line: Line, known: Record) -> Line:
     """Let a line run as its curve does, which the user may have turned."""
-    if known is None:
-        return line
     ends = known.curve.points[[0, -1]]
     straight = np.linalg.norm(ends - line[[0, -1]], axis=1).sum()
     turned = np.linalg.norm(ends - line[[-1, 0]], axis=1).sum()
@@ -138,8 +120,7 @@ def _matched(
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
     carried = [r for r in here if r.id in elsewhere and not (r.drawn or r.decided)]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
-    others = model.identify(rest, left, (*state.records, *state.deleted))
-    numbers = iter(others)
+    numbers = iter(model.identify(rest, left, (*state.records, *state.deleted)))
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
 
@@ -157,11 +138,18 @@ def _drawn_again(
     return found
 
 
+def view_problem(c: "Controller") -> str:
+    """Why nothing can be drawn or found in what is in view, or nothing."""
+    image = c.choices.image
+    if image is None:
+        return "Open an image: drop a file on the window, or File > Open Sample."
+    return plane_problem(c.viewer, image)
+
+
 def request(c: "Controller", scope: Scope = "new") -> Plan:
     """Say what Refine would do now; selected lines go before those that are new."""
-    image, layer, selection = c.choices.image, c.choices.sketches, c.selection
-    problem = plane_problem(c.viewer, image) if image is not None else OPEN
-    if problem or image is None:
+    layer, selection = c.choices.sketches, c.selection
+    if problem := view_problem(c):
         return Plan(problem=problem)
     frame, drawn, marked = c.frame, c.drawn, frozenset[int]()
     if layer is None:

@@ -20,18 +20,12 @@ from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph
 
-SMALL = "8pt"
-"""Size of the text."""
-LEFT = 38
-"""Room for the numbers at the left, px: both plots begin at the same place whatever they show."""
-AFTER_MS = 30
-"""Plots are drawn when what they show has stood still for so long: that takes as much again."""
-LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"
-"""Colours of lines that can be told apart by everybody, in dark windows and in light ones."""
-SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")
-"""From negative over zero to positive, in colours that can be told apart by everybody."""
-SHARE = 98.0
-"""Of the values that the colours span, %: few that stand out do not flatten the others."""
+SMALL = "8pt"  # size of the text
+LEFT = 38  # room for the numbers at the left, px: both plots begin at the same place
+AFTER_MS = 30  # without a change, until plots are drawn: that takes as much again
+LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"  # told apart in dark and light windows
+SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")  # told apart by everybody
+SHARE = 98.0  # of the values that the colours span, %: few that stand out do not flatten the others
 EMPTY = "Select a curve to see its half-width along it", "… and what the model leaves unexplained"
 RESIDUAL = "Image − model, across"
 NO_MODEL = "There is no model of this frame to compare with"
@@ -39,20 +33,15 @@ NO_MODEL = "There is no model of this frame to compare with"
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A quantity along a curve, (P,), or of its body over the frames too, (T, P).
-
-    Its values are NaN where nothing is known, and `sd` is how far they may be off. The `distance`
-    from the first point is in the unit; over frames it is the mean one, and the `frames` are the
-    first and the last. Where values are `signed`, zero is in the middle of the colours, or a line.
-    """
+    """A quantity along a curve, (P,), or of its body over the frames too, (T, P), or NaN."""
 
     title: str
     unit: str
-    distance: Along
+    distance: Along  # from the first point, in the unit; the mean over frames
     values: Float[np.ndarray, "*T P"]
-    signed: bool = True
-    sd: Along | None = None
-    frames: tuple[int, int] = (0, 0)
+    signed: bool = True  # zero is in the middle of the colours, or a line
+    sd: Along | None = None  # how far values may be off
+    frames: tuple[int, int] = (0, 0)  # first and last
 
     @property
     def span(self) -> tuple[float, float]:
@@ -68,10 +57,8 @@ def profiles(work: Work, record: Record, ruler: Ruler) -> tuple[Plot | str, ...]
     sd = np.nan_to_num(ruler.across(curve, curve.sd), posinf=0.0)
     unit, along, width = ruler.unit, ruler.along(curve.points), half_widths(curve, ruler)
     rest = residual_along(work.image, patch, record) if patch else None
-    return (
-        Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd),
-        NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest),
-    )
+    plot = Plot(f"Half-width ± sd ({unit})", unit, along, width, False, sd)
+    return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 
 
 def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Plot, ...]:
@@ -96,10 +83,7 @@ def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Plot, ...]:
 
 
 class CurvePlots(pg.GraphicsLayoutWidget):
-    """Half-width and residual against arc length, or two pictures over the frames.
-
-    `theme` is the name of one of napari's.
-    """
+    """Half-width and residual against arc length, or two pictures over the frames."""
 
     def __init__(self, theme: str):
         super().__init__()
@@ -122,10 +106,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         self._soon()
 
     def show_plots(self, *plots: Plot | str, frame: int = 0) -> None:
-        """Draw two plots of a curve, or of its body with a frame marked; or say why there is none.
-
-        Without any, it says what there would be to see.
-        """
+        """Draw two plots, of a body with a frame marked, or say why there is none."""
         self.shown, self._frame = plots or EMPTY, frame
         self._soon()
 
@@ -144,7 +125,6 @@ class CurvePlots(pg.GraphicsLayoutWidget):
                 each.layout.activate()
 
     def _add_plot(self, made: Plot) -> Any:
-        """Add empty axes: numbers are written in full, and keys belong to the canvas."""
         plot = self._plots.addPlot()
         plot.setTitle(made.title, size=SMALL, color=self._text)
         # Over all columns, or a long title would push the other plot out of view.
@@ -161,7 +141,6 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         axis.setStyle(tickFont=self._font, maxTickLevel=0, hideOverlappingLabels=False)
 
     def _add_line(self, made: Plot) -> None:
-        """Draw a line, broken where it is not known, and how far it may be off."""
         plot, x, y = self._add_plot(made), made.distance, made.values
         known = np.isfinite(y)
         if made.sd is not None:
@@ -176,7 +155,6 @@ class CurvePlots(pg.GraphicsLayoutWidget):
             plot.plot(x, y, pen=pg.mkPen(LINE, width=1.5), connect="finite")
 
     def _add_picture(self, made: Plot) -> None:
-        """Draw a picture, time downwards, with the colours beside it."""
         plot, (first, last) = self._add_plot(made), made.frames
         colours = SIGNED if made.signed else RAMP
         ramp = pg.ColorMap(np.linspace(0, 1, len(colours)), colours)

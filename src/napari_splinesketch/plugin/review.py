@@ -13,7 +13,6 @@ from qtpy import QtWidgets as qt
 from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
-from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
@@ -27,13 +26,10 @@ from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
 NAME = "Curves"
-PLOTTED = ("Along it", "Curvature, speed", "Velocity")
-"""What the plots show; the pictures over time come in pairs."""
+PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time come in pairs
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
-HEIGHT = 210
-"""Preferred, px: leaves most of a laptop's window to the canvas."""
-SHARES = [740, 530]
-"""Of the width: table and plots."""
+HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
+SHARES = [740, 530]  # of the width: table and plots
 SHOWN: dict[str, Callable[[Record, int], bool]] = {
     "all": lambda record, frame: True,
     "to check": lambda record, frame: record.review == "open" and record.curve.status != "good",
@@ -48,10 +44,7 @@ MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
-    """Shows records, all or some, the worst first until the user wants another order.
-
-    Its `records` are row by row; `curve_at` gives any curve by frame and id, shown or not.
-    """
+    """Shows records, all or some, the worst first until the user wants another order."""
 
     def __init__(self, parent: QtCore.QObject | None = None):
         super().__init__(parent)
@@ -65,15 +58,9 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
-    def body(self, number: int) -> dict[int, Curve]:
-        """Curves of one body, by frame."""
-        return {r.frame: r.curve for r in self._asked[0] if r.id == number}
-
-    def show(
-        self, records: Sequence[Record], ruler: Ruler, shown: str = "all", frame: int = 0
-    ) -> None:
-        """Show records, all or some, in the order that was chosen; the frame is the one in view."""
-        asked = records, shown, frame if shown == "this frame" else 0
+    def show(self, records: Sequence[Record], ruler: Ruler, shown: str = "all", t: int = 0) -> None:
+        """Show records, all or some, in the order that was chosen; frame `t` is in view."""
+        asked = records, shown, t if shown == "this frame" else 0
         if (ruler, asked) != (self.ruler, self._asked):
             self.ruler, self._asked = ruler, asked
             self.curve_at = {key_of(r): r.curve for r in records}.get
@@ -130,8 +117,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
 class CurvesTable(qt.QTableView):
     """Shows curves, one a row; all keys but those that move are the viewer's."""
 
+    # The user went to a row: its record's key.
     picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
-    """The user went to a row: its record's key."""
 
     def __init__(self, model: CurvesModel):
         super().__init__()
@@ -262,23 +249,23 @@ class ReviewPanel(qt.QWidget):
         elif not at:
             self.plots.show_plots(*profiles(work, chosen[0], ruler))
         else:
-            number, frame = key_of(chosen[0])[::-1]
-            made = pictures(self.model.body(number), ruler)[2 * at - 2 : 2 * at]
+            frame, number = key_of(chosen[0])
+            body = {r.frame: r.curve for r in controller.records() if r.id == number}
+            made = pictures(body, ruler)[2 * at - 2 : 2 * at]
             self.plots.show_plots(*(made or (ONE_FRAME.format(number),)), frame=frame)
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
-        if (clipboard := qt.QApplication.clipboard()) is not None:
-            clipboard.setText(self._as_text("\t"))
+        clipboard: Any = qt.QApplication.clipboard()
+        clipboard.setText(self._as_text("\t"))
 
     def _as_text(self, mark: str) -> str:
         model = self.model
         return as_text(model.records, model.ruler, model.curve_at, separator=mark)
 
     def _ask_where(self) -> None:
-        chosen, _ = qt.QFileDialog.getSaveFileName(
-            self, "Save the table", "curves.csv", "CSV (*.csv)"
-        )
+        title, name, kind = "Save the table", "curves.csv", "CSV (*.csv)"
+        chosen, _ = qt.QFileDialog.getSaveFileName(self, title, name, kind)
         try:
             if chosen:
                 with atomic(chosen, overwrite=True) as temporary:
@@ -287,7 +274,6 @@ class ReviewPanel(qt.QWidget):
             self.controller.say(f"The table was not saved: {error}")
 
     def _show_rows(self) -> None:
-        """Show what the user wants to see, which may depend on the frame in view."""
         c, shown = self.controller, self.shown.currentText().lower()
         self.model.show(c.records(), c.ruler, shown, c.frame)
 

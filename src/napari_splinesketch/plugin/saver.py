@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, product
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from napari.layers import Image, Shapes
+from napari.layers import Image
 from platformdirs import user_data_path
 from psygnal import Signal
 from qtpy.compat import isalive
@@ -28,44 +28,32 @@ from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import read_with, records_of
-from napari_splinesketch.plugin.keeper import Notice
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
+from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.slot import is_result
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape
 
-DELAY_MS = 700
-"""From a change to its being written, at least; more changes meanwhile go together."""
-AGAIN_MS = 5000
-"""After something that failed, until it is tried again."""
-LOOKED_AT = 2**20
-"""Most pixels of a frame that tell one image from another."""
-LONGEST_NAME = 255
-"""Of a file or folder, bytes; disks take no longer ones."""
-OLD = ".old"
-"""Added to the name of a folder that is not offered again."""
-LETTERS, DIGITS = 50, 12
-"""Of a layer's name and of the checksum, in a folder's name."""
+DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
+AGAIN_MS = 5000  # after something that failed, until it is tried again
+LOOKED_AT = 2**20  # most pixels of a frame that tell one image from another
+LONGEST_NAME = 255  # of a file or folder, bytes; disks take no longer ones
+OLD = ".old"  # added to the name of a folder that is not offered again
+LETTERS, DIGITS = 50, 12  # of a layer's name and of the checksum, in a folder's name
 _log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class Home:
-    """Where work on an image is saved: `about` is what its sessions say of the image.
+    """Where work on an image is saved, and what was found there and elsewhere."""
 
-    The `place` for new sessions is None until the image was looked at; sessions `found` there and
-    elsewhere were not begun here. `unread` says which could not be read, `unsaved` why not all is
-    written, `job` is who looks or writes now, in a thread.
-    """
-
-    about: Mapping[str, object] = field(default_factory=dict)
-    place: Path | None = None
-    found: dict[Path, Head] = field(default_factory=dict)
-    unread: str = ""
-    unsaved: str = ""
-    job: Job | None = None
+    about: Mapping[str, object] = field(default_factory=dict)  # what sessions say of the image
+    place: Path | None = None  # of new sessions, once the image was looked at
+    found: dict[Path, Head] = field(default_factory=dict)  # sessions that were not begun here
+    unread: str = ""  # why a session could not be read
+    unsaved: str = ""  # why not all is written
+    job: Job | None = None  # who looks or writes now, in a thread
 
     def save(
         self, name: str, look: Callable[[], None], orders: Sequence[tuple[Folder, Session]]
@@ -91,11 +79,7 @@ class Home:
         return self
 
     def look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
-        """Find out which image it is, and what is saved of it.
-
-        New work goes where the user wants it, or beside the file, or with the user's own data where
-        that is not possible; what is there is found, whatever its folder is called.
-        """
+        """Find out which image it is, where its work goes, and what is saved of it."""
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
         # Of a layer's name, what any disk takes.
@@ -123,16 +107,8 @@ class Home:
         self.place = parents[0] / called
 
 
-_folders: WeakKeyDictionary[Image, WeakKeyDictionary[Shapes, Folder]] = WeakKeyDictionary()
-"""Where an image's work through a layer of sketches is saved, whichever dock looks after it."""
-
-
 class Saver(QObject):
-    """Saves sketches and curves of all images in the window on every change, in threads.
-
-    An image has a thread of its own, that others need not wait for: it finds out which image it is,
-    once, and writes its work. The saver ends with its parent.
-    """
+    """Saves sketches and curves on every change, those of each image in a thread of its own."""
 
     found = Signal(description="There is work to go on with, or none any more, or elsewhere")
 
@@ -140,13 +116,9 @@ class Saver(QObject):
         super().__init__(parent)
         self._controller = controller
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
-        self._choice = controller.settings.save_work, controller.settings.work_folder
+        self._choice = self._chosen
+        self._left: set[Path | None] = set()
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
-        # Also layers without results, which a dock before this one has looked after.
-        there = controller.choices.layers
-        for image, sketches in product(there(Image), there(Shapes)):
-            if sketches in _folders.get(image, ()):
-                controller.work_on(image, sketches)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
             (changes.layers, self._soon),
@@ -159,27 +131,26 @@ class Saver(QObject):
         self._soon()
 
     @property
+    def _chosen(self) -> tuple[bool, str]:
+        return self._controller.settings.save_work, self._controller.settings.work_folder
+
+    @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         home, work = self._home if self._choice[0] else None, self._controller.work
-        path = self.folder(work).path if work else None
+        path = work.folder.path if work else None
         return home and home.place and (path.parent if path else home.place)
 
     @property
     def problem(self) -> str:
         """Why something is not saved, or could not be found, or nothing."""
         layers = self._controller.viewer.layers
-        homes = (home for image, home in self._homes.items() if image in layers)
+        homes = [home for image, home in self._homes.items() if image in layers]
         return " ".join(filter(None, chain.from_iterable((h.unsaved, h.unread) for h in homes)))
-
-    def folder(self, work: Work) -> Folder:
-        """Say where work is saved; without a path, as long as there is nothing to save."""
-        known = _folders.setdefault(work.image, WeakKeyDictionary())
-        return known.setdefault(work.sketches, Folder())
 
     def offers(self) -> Mapping[Path, Head]:
         """Give the work that was found for the chosen image, the latest first."""
-        mine = {self.folder(work).path for work in self._controller.works}
+        mine = self._left.union(work.folder.path for work in self._controller.works)
         found = self._home.found.items() if self._home else ()
         others = [pair for pair in found if pair[0] not in mine]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
@@ -196,8 +167,8 @@ class Saver(QObject):
             controller.drawing.start(image, chain.from_iterable(every), over)
 
         def over() -> None:
-            text = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
-            controller.finish(Notice("failed", text) if problems else Notice())
+            said = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+            controller.finish(said if problems else "", "failed")
 
         def read(_: object) -> list[Found]:
             return [sessions.reopen(path, frames, size) for path in offers]
@@ -212,12 +183,10 @@ class Saver(QObject):
             return
         drawn, every = session.drawn, [shape.frame == EVERY for shape in session.drawn]
         layer = empty_layer(image, session.layer, flat=bool(drawn) and all(every))
-        points = [
-            s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn
-        ]
+        data = [s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn]
         try:
             style = line_style(size_of(image))
-            yield from add_shapes(layer, points, [s.kind for s in drawn], **style)
+            yield from add_shapes(layer, data, [s.kind for s in drawn], **style)
             if image not in controller.viewer.layers:
                 raise ValueError("the image was removed")
             controller.viewer.layers.append(layer)
@@ -229,7 +198,7 @@ class Saver(QObject):
             problems.append(f"{path}: {type(error).__name__}: {error}.")
             folder.release()
         else:
-            _folders.setdefault(image, WeakKeyDictionary())[layer] = folder
+            controller.work_on(image, layer).folder = folder
             self._forget(path)
 
     def decline(self) -> None:
@@ -281,7 +250,6 @@ class Saver(QObject):
 
     @property
     def _home(self) -> Home | None:
-        """Where work on the chosen image is saved."""
         image = self._controller.choices.image
         return self._home_of(image) if image else None
 
@@ -289,10 +257,9 @@ class Saver(QObject):
         return self._homes.setdefault(image, Home())
 
     def _leave(self, works: Sequence[Work]) -> None:
-        """Write what is still to be written, and let others have the folders of some work."""
         self.flush()
         for work in works:
-            self.folder(work).release()
+            work.folder.release()
 
     def _forget(self, path: Path) -> None:
         if self._home:
@@ -305,15 +272,15 @@ class Saver(QObject):
             self._soon()
 
     def _on_settings(self) -> None:
-        choice = self._controller.settings.save_work, self._controller.settings.work_folder
-        if self._choice != choice:
+        if self._choice != self._chosen:
             # Elsewhere from now on, or no more: what is saved stays where it is.
             self._leave(self._controller.works)
-            before, self._choice = self._choice, choice
-            if before[1] != choice[1]:
+            before, self._choice = self._choice, self._chosen
+            if before[1] != self._choice[1]:
                 self._homes.clear()
                 for work in self._controller.works:
-                    _folders.pop(work.image, None)
+                    self._left.add(work.folder.path)
+                    work.folder = Folder()
             self._soon()
             self.found.emit()
 
@@ -322,13 +289,12 @@ class Saver(QObject):
         if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
         for work in going:
-            path = self.folder(work).path
+            path = work.folder.path
             with suppress(OSError, LabelsError):
                 if path and (head := sessions.summary(path)):
                     self._home_of(work.image).found[path] = head
 
     def _save(self) -> None:
-        """Look at images that are not known yet, and write what has changed, in threads."""
         images = {work.image for work in self._controller.works}
         for image in {self._controller.choices.image, *images} - {None}:
             home = self._home_of(image)
@@ -340,13 +306,11 @@ class Saver(QObject):
                 home.job.start()
 
     def _task(self, image: Image) -> Callable[[], Home] | None:
-        """Take a snapshot of what is to be found out about an image, and written of it.
-
-        The thread changes a copy of what is known: the window learns all of it when it is done.
-        """
+        """Take a snapshot of what is to be found out about an image, and written of it."""
+        # The thread changes a copy: the window learns all of it when it is done.
         (wanted, chosen), home = self._choice, replace(self._home_of(image))
         works = [work for work in self._controller.works if work.image is image]
-        every = [(self.folder(work), _session(work)) for work in works if wanted]
+        every = [(work.folder, _session(work)) for work in works if wanted]
         orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
         if not wanted or (home.place and not orders):
             return None
@@ -367,7 +331,6 @@ class Saver(QObject):
 
 
 def _session(work: Work) -> Session:
-    """Take a snapshot of what is known and drawn."""
     image, layer = work.image, work.sketches
     shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
     every = layer.ndim < image.ndim

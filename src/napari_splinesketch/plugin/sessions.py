@@ -1,8 +1,7 @@
 """Saved work: for each layer of sketches a folder, with a head, and a page and a picture a frame.
 
-Each file is written whole or not at all, and a folder has one owner at a time. Files are read as if
-anybody had written them: no more memory is taken than a small multiple of what they may hold, and
-whatever is wrong is a `LabelsError` that names file and place.
+Files are read as if anybody had written them: no more memory is taken than a small multiple of what
+they may hold, and whatever is wrong is a `LabelsError` that names file and place.
 """
 
 import json
@@ -32,13 +31,11 @@ from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
 FORMAT = 1
-EVERY = -1
-"""The frame of sketches that belong to all of them."""
+EVERY = -1  # the frame of sketches that belong to all of them
 VERTICES = {"line": range(2, 3), "path": range(2, 2**31), "polygon": range(3, 2**31),
             "rectangle": range(4, 5), "ellipse": range(4, 5)}  # fmt: skip
 """The kinds of shapes that napari has, and how many vertices they may have."""
-LONGEST_NAME = 1000
-"""Of a layer, letters."""
+LONGEST_NAME = 1000  # of a layer, letters
 HEAD = "session.json"
 FRAME = re.compile(r"frame-(\d{1,18}|every)\.(json|npz)")
 
@@ -186,7 +183,6 @@ def _name(frame: int, ending: str = "json") -> str:
 
 
 def _files_of(session: Session) -> dict[str, Any]:
-    """Give what belongs into each file: pages, the head that counts them; slow pictures last."""
     state = session.state
     parts: dict[str, Mapping[int, Sequence[Any]]] = {
         "sketches": by_frame(session.drawn),
@@ -194,16 +190,15 @@ def _files_of(session: Session) -> dict[str, Any]:
         "deleted": by_frame(state.deleted),
         "notes": state.notes,
     }
-    pages: dict[str, Any] = {
-        _name(frame): {name: tuple(part.get(frame, ())) for name, part in parts.items()}
-        for frame in sorted(set[int]().union(*parts.values()))
+    frames = sorted(set[int]().union(*parts.values()))
+    pages = {
+        _name(t): {name: tuple(part.get(t, ())) for name, part in parts.items()} for t in frames
     }
     pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
     return {**pages, HEAD: (session.layer, pages), **pictures}
 
 
 def _write(path: Path, what: Any, session: Session) -> None:
-    """Write the head, a page, or a picture of part of a frame, whole or not at all."""
     drawn, known = session.drawn, session.state.records
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, Patch):
@@ -229,14 +224,10 @@ def _write(path: Path, what: Any, session: Session) -> None:
 
 
 class Folder:
-    """Where a session is saved: what has changed of it is written, by one window at a time.
-
-    Its `path` is None while there is none; one that is given is owned at once, and BusyError says
-    that another window has it. Nobody else writes there until `release`, or until the process ends.
-    """
+    """Where a session is saved: what has changed of it is written, by one window at a time."""
 
     def __init__(self, path: Path | None = None):
-        self.path, self._lock = path, ExitStack()
+        self.path, self._lock = path, ExitStack()  # owned until `release`, or until Python ends
         self._left: int | None = None  # when it had been written last as others were let in
         self._written: dict[str, object] = {}  # what files hold, where that is known
         if path is not None:
@@ -249,11 +240,7 @@ class Folder:
             self._lock.close()
 
     def write(self, session: Session, parent: Path | None = None) -> None:
-        """Bring the files in step with a session.
-
-        Where there is no folder, or another window has gone on there since, it gets one in its
-        `parent`. A picture that no longer fits goes first.
-        """
+        """Bring the files in step with a session; in a new folder if others went on there."""
         path, files, known = self._find(parent or Path()), _files_of(session), self._written
         for name in filter(FRAME.fullmatch, [file.name for file in path.iterdir()]):
             stale = name.endswith("npz") and known.get(name) is not files.get(name)
@@ -323,9 +310,9 @@ def summary(path: Path) -> Head | None:
 
 
 def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple[str, ...]]:
-    """Read a session, and say in one sentence each what could not be read.
+    """Read a session of an image of so many frames of (H, W) px, and say what could not be read.
 
-    A damaged file costs its own frame, not the others. The image has so many frames of (H, W) px.
+    A damaged file costs its own frame, not the others.
     """
     head, problems = Head.read(path / HEAD), list[str]()
     drawn, records, deleted = list[Shape](), list[Record](), list[Record]()
@@ -352,15 +339,11 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
 
 
-Found = tuple[Path, Session | None, Folder, tuple[str, ...]]
-"""Where a session was read, the folder that it goes on in, and what could not be read."""
+Found = tuple[Path, Session | None, Folder, tuple[str, ...]]  # what was not read is last
 
 
 def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:
-    """Read a session that no other window has.
-
-    It goes on in a new folder where this cannot be written to, or not all of it could be read.
-    """
+    """Read a session that no other window has; it goes on elsewhere if it is not read whole."""
     try:
         folder = Folder(path)
     except BusyError as error:

@@ -6,45 +6,41 @@ from typing import Any
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
-from napari.layers import Layer
+from napari.layers import Image, Layer, Shapes
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
 
-from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.choices import FORM, Choices, Settings
+from napari_splinesketch.plugin.choices import FORM, Settings
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
 
-NARROW = 60
-"""Least width of a combo box, px: a dock of 250 px has room for it beside its label."""
+NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it beside its label
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
+CHOSEN: dict[type[Layer], tuple[str, str]] = {
+    Image: ("Image", "The image that the bodies are in"),
+    Shapes: ("Sketches", "The Shapes layer with your rough lines; it is never changed"),
+}
 APART = ("preset", "colour_by")
-DECIMALS = 3
-"""Of half-widths."""
-SENSITIVITY_TIP = (
-    "Sensitivity of Suggest: to the left only what stands out,\n"
-    "to the right also what is faint or short"
-)
+DECIMALS = 3  # of half-widths
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class Button(qt.QPushButton):
     """A button that leaves the keys to the canvas when it is clicked."""
 
-    def __init__(self, text: str = "", tip: str = "", run: Callable[[], object] | None = None):
+    def __init__(self, text: str = "", tip: str = "", run: Callable[[], object] = lambda: None):
         super().__init__(text)
         self.setToolTip(tip)
         self.setMinimumWidth(30)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        if run is not None:
-            self.clicked.connect(lambda: run())
+        self.clicked.connect(lambda: run())
 
     def allow(self, problem: str, tip: str) -> None:
         """Enable it, or let its tooltip say why not."""
@@ -69,10 +65,7 @@ class MenuButton(Button):
 def stack(
     widget: qt.QWidget, *rows: qt.QWidget | Sequence[qt.QWidget], margin: int = 0
 ) -> qt.QVBoxLayout:
-    """Lay widgets out below each other in a widget.
-
-    Those of a list share a row evenly; of others, the first one takes what is left.
-    """
+    """Lay widgets out below each other; those of a list share a row, of a tuple the first grows."""
     column = _tight(qt.QVBoxLayout(widget), margin)
     for each in rows:
         if isinstance(each, qt.QWidget):
@@ -86,7 +79,7 @@ def stack(
 
 
 def form(*rows: Any) -> qt.QWidget:
-    """Lay magicgui's widgets out below each other, with their labels beside or in them."""
+    """Lay magicgui's widgets out below each other, with their labels."""
     made = qt.QWidget()
     layout = _tight(qt.QFormLayout(made))
     layout.setRowWrapPolicy(qt.QFormLayout.RowWrapPolicy.WrapLongRows)
@@ -123,8 +116,8 @@ class CommandButtons(qt.QWidget):
         super().__init__()
         self.title = QElidingLabel()
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
-        self.title.hide()
-        self.buttons = {c.id: CommandButton(actions, c.id) for c in actions if c.place == place}
+        names = [name for name, command in actions.table.items() if command.place == place]
+        self.buttons = {name: CommandButton(actions, name) for name in names}
         grid = qt.QWidget()
         layout = _tight(qt.QGridLayout(grid))
         for i, made in enumerate(self.buttons.values()):
@@ -134,13 +127,10 @@ class CommandButtons(qt.QWidget):
             layout.setColumnStretch(i % columns, 1)
         stack(self, self.title, grid)
 
-    def show_state(self) -> None:
-        """Show what can be done now."""
+    def show_state(self, title: str = "") -> None:
+        """Show what can be done now, below a title."""
         for made in () if self.isHidden() else self.buttons.values():
             made.show_state()
-
-    def say(self, title: str) -> None:
-        """Show a title."""
         self.title.setText(title)
         self.title.setToolTip(title)
         self.title.setVisible(bool(title))
@@ -176,12 +166,12 @@ class Folded(qt.QWidget):
         self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.title.setStyleSheet("QToolButton { border: none; background: transparent; }")
         stack(self, self.title, content)
-        self.title.toggled.connect(self._on_toggled)
-        self._on_toggled(False)
+        self.title.toggled.connect(self._fold)
+        self._fold(False)
 
-    def _on_toggled(self, on: bool) -> None:
-        self.title.setArrowType(Qt.ArrowType.DownArrow if on else Qt.ArrowType.RightArrow)
-        self.content.setVisible(on)
+    def _fold(self, open_: bool) -> None:
+        self.title.setArrowType(Qt.ArrowType.DownArrow if open_ else Qt.ArrowType.RightArrow)
+        self.content.setVisible(open_)
 
 
 class Column(qt.QScrollArea):
@@ -205,47 +195,36 @@ class Column(qt.QScrollArea):
 
 
 class LayerChoice(qt.QComboBox):
-    """A choice of layers of a kind; `add` makes one more.
+    """A choice of the image, or of the sketches, which may be a new layer."""
 
-    Long names are shortened in the middle, rather than widening the dock: those of an image and its
-    sketches differ at the end.
-    """
-
-    def __init__(
-        self,
-        choices: Choices,
-        kind: type[Layer],
-        label: str,
-        tip: str,
-        add: Callable[[], object] | None = None,
-    ):
+    def __init__(self, controller: Controller, kind: type[Layer]):
         super().__init__()
-        self.label, self.native = label, self
+        self.native, (self.label, self._tip) = self, CHOSEN[kind]
         self.choices: list[Layer | None] = []
-        self._made, self._kind, self._tip, self._add = choices, kind, tip, add
+        self._controller, self._kind = controller, kind
         self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(NARROW)
         self.activated.connect(self._pick)
 
     def show_state(self) -> None:
         """Offer the layers that there are now, and show the chosen one."""
-        found, chosen = self._made.layers(self._kind), self._made.chosen(self._kind)
-        self.choices = [*found, *([None] if self._add and found else [])]
+        choices = self._controller.choices
+        found, chosen = choices.layers(self._kind), choices.chosen(self._kind)
+        self.choices = [*found, *([None] if self._kind is Shapes and found else [])]
         self.clear()
         self.addItems([layer.name if layer else "New layer" for layer in self.choices])
         self.setCurrentIndex(self.choices.index(chosen) if chosen in self.choices else -1)
-        self.setToolTip("\n".join([self._tip, *([chosen.name] if chosen else [])]))
+        self.setToolTip(f"{self._tip}\n{chosen.name}" if chosen else self._tip)
         self.setEnabled(bool(found))
 
     def _pick(self, index: int) -> None:
-        layer = self.choices[index]
-        if layer is None and self._add is not None:
-            self._add()
+        if (layer := self.choices[index]) is None:
+            self._controller.new_sketches()
         else:
-            self._made.choose(self._kind, layer)
+            self._controller.choices.choose(self._kind, layer)
 
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
-        """Show a name that has an end."""
+        """Shorten a long name in the middle: those of an image and its sketches end differently."""
         super().initStyleOption(option)
         if option is not None and (style := self.style()) is not None:
             parts = qt.QStyle.ComplexControl.CC_ComboBox, qt.QStyle.SubControl.SC_ComboBoxEditField
@@ -257,24 +236,23 @@ class LayerChoice(qt.QComboBox):
 class ProgressBox(qt.QWidget):
     """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
 
-    def __init__(self, cancel: Callable[[], None]) -> None:
+    def __init__(self, controller: Controller) -> None:
         super().__init__()
+        self._controller = controller
         self.bar = qt.QProgressBar()
-        self.bar.setRange(0, 100)
         self.bar.setToolTip("Progress")
         self.bar.setMinimumWidth(NARROW)
-        self.cancel = Button("Cancel", "Stop", cancel)
+        self.cancel = Button("Cancel", "Stop", controller.cancel)
         stack(self, (self.bar, self.cancel))
         policy = self.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.setSizePolicy(policy)
-        self.hide()
 
-    def show_progress(self, progress: Progress | None, cancellable: bool) -> None:
-        """Show where it stands, and whether it can be cancelled; None when nothing runs."""
-        self.cancel.setEnabled(cancellable)
-        if progress is not None:
-            self.bar.setValue(round(100 * progress.fraction))
+    def show_state(self) -> None:
+        """Show where what runs stands, and whether it can be cancelled."""
+        progress = self._controller.progress
+        self.cancel.setEnabled(self._controller.cancellable)
+        self.bar.setValue(round(100 * progress.fraction) if progress else 0)
         self.setVisible(progress is not None)
 
 
@@ -288,13 +266,12 @@ class EyeBox(qt.QWidget):
         asked = {MAKERS[role].title: partial(self._ask, role) for role in ASKED}
         more = MenuButton("More", "Show more: residual, background, uncertainty, masks", asked)
         self.entries = dict(zip(ASKED, more.entries, strict=True))
-        for role, entry in self.entries.items():
-            entry.setToolTip(MAKERS[role].tip)
         for role, button in self.buttons.items():
             button.clicked.connect(partial(self._ask, role))
         self._eyes: dict[str, Any] = {**self.buttons, **self.entries}
-        for eye in self._eyes.values():
+        for role, eye in self._eyes.items():
             eye.setCheckable(True)
+            eye.setToolTip(MAKERS[role].tip if role in ASKED else eye.toolTip())
         made = [*self.buttons.values(), more]
         stack(self, made[:3], made[3:])
 
@@ -321,7 +298,10 @@ class SuggestSlider(qt.QWidget):
         self.slider = qt.QSlider(Qt.Orientation.Horizontal)
         self.slider.setMinimumWidth(40)
         self.slider.setAccessibleName("Sensitivity")
-        self.slider.setToolTip(SENSITIVITY_TIP)
+        self.slider.setToolTip(
+            "Sensitivity of Suggest: to the left only what stands out,\n"
+            "to the right also what is faint or short"
+        )
         self.slider.setRange(0, 100)
         self.slider.setValue(round(100 * suggestions.sensitivity))
         self.slider.valueChanged.connect(lambda v: suggestions.change_sensitivity(v / 100))
@@ -348,14 +328,12 @@ class SettingsForm(qt.QWidget):
         self.half_width.setSpecialValueText("auto")
         self.half_width.lineEdit().installEventFilter(self)
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
-        beside = partial(self._take, "work_folder", "")
-        stack(
-            self,
-            form(*(made for name, made in self.widgets.items() if name not in APART)),
-            Button("Change keys…", KEYS_TIP, run),
-            Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder),
-            Button("Save work beside the image", FOLDER_TIP, beside),
-        )
+        chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
+        keys = Button("Change keys…", KEYS_TIP, run)
+        elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
+        back = partial(self._take, "work_folder", "")
+        beside = Button("Save work beside the image", FOLDER_TIP, back)
+        stack(self, chosen, keys, elsewhere, beside)
 
     def show_state(self) -> None:
         """Show what is chosen, silently; lengths in the unit of the image."""

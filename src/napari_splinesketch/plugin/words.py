@@ -8,14 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin.columns import (
-    COLOURED,
-    RAMP,
-    STATUS_WORDS,
-    Look,
-    scale_of,
-    three_digits,
-)
+from napari_splinesketch.plugin import columns
+from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS, Look, three_digits
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -36,10 +30,8 @@ EYES: dict[str, tuple[str, str]] = {
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
 SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
-NUMBERS_SHOWN = 6
-"""Most bodies or frames that are named."""
-ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}
-"""What is said of bodies that end, by how the reason begins; of others that they are lost."""
+NUMBERS_SHOWN = 6  # most bodies or frames that are named
+ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # how a reason begins
 NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 
@@ -52,9 +44,7 @@ def count(number: int, thing: str) -> str:
 
 def curves(keys: Sequence[Key]) -> str:
     """Name curves of one frame, or count those of several: "curve 3", "4 curves"."""
-    if len(keys) == 1:
-        return f"curve {keys[0][1]}"
-    return count(len(keys), "curve")
+    return f"curve {keys[0][1]}" if len(keys) == 1 else count(len(keys), "curve")
 
 
 def button(plan: "Plan") -> str:
@@ -133,12 +123,12 @@ def doubts(records: Sequence[Record]) -> str:
 def legend(records: Sequence[Record], look: Look) -> str:
     """Say what the colours of curves stand for; rich text."""
     by, ruler = look
-    scale = scale_of(records, look)
+    scale = columns.scale_of(records, look)
     if scale is None:
         return LEGEND if by == "status" else ""
     low, high = map(three_digits, scale)
     blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in RAMP)
-    unit = f" {ruler.unit}" if COLOURED[by].kind == "length" else ""
+    unit = f" {ruler.unit}" if columns.COLOURED[by].kind == "length" else ""
     return f"{low} {blocks} {high}{unit}"
 
 

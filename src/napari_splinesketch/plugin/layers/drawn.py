@@ -20,36 +20,25 @@ from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.looks import line_width
 
 LINES = ("line", "path")
-SHORTEST = 2.0
-"""Anything shorter is a stray click, px."""
-SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")
-"""Modes in which napari shows what is selected; while drawing, the last line always is."""
-BREATH_MS = 5
-"""Between two short steps of a long change, in which the window lives."""
-MANY = 200
-"""With so many sketches, what follows from several edits in a row is worked out once."""
-CHUNK = 50
-"""Shapes added at once: napari takes about as long for one of them as for so many."""
-CLICK = 4.0
-"""A mouse that moves less between press and release has clicked, px of the screen."""
-FADED = 0.3
-"""How opaque a line is that has become a curve."""
+SHORTEST = 2.0  # anything shorter is a stray click, px
+SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")  # modes that show a selection
+BREATH_MS = 5  # between two short steps of a long change, in which the window lives
+MANY = 200  # with so many sketches, what follows from several edits in a row is worked out once
+CHUNK = 50  # shapes added at once: napari takes about as long for one of them as for so many
+CLICK = 4.0  # px of the screen: a mouse that moves less while it is pressed has clicked
+FADED = 0.3  # how opaque a line is that has become a curve
 COLOUR = palette.SKETCH
-SUFFIX = " sketches"
-"""What the name of a new layer ends with; layers of results drop it."""
+SUFFIX = " sketches"  # what the name of a new layer ends with; layers of results drop it
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """The sketches of one frame, px, and the position of each in its layer.
-
-    Left out are `strays`, too short to mean anything, and shapes of other kinds: {"rectangle": 2}.
-    """
+    """The sketches of one frame, px, and the position of each in its layer."""
 
     lines: tuple[Float[np.ndarray, "N 2"], ...] = ()
     numbers: tuple[int, ...] = ()
-    strays: int = 0
-    unusable: Mapping[str, int] = field(default_factory=dict)
+    strays: int = 0  # left out, as too short to mean anything
+    unusable: Mapping[str, int] = field(default_factory=dict)  # of other kinds: {"rectangle": 2}
 
 
 def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Drawn:
@@ -95,13 +84,10 @@ def selected_in(layer: Shapes) -> frozenset[int]:
 
 
 def new_sketch_layer(viewer: ViewerModel, image: Image, *, now: bool = True) -> Shapes:
-    """Add an empty layer that lies on the image, ready for drawing lines in the frame in view.
-
-    Ready `now`, or a little later: to add a layer and to draw it first takes napari 0.1 s each.
-    """
+    """Add an empty layer that lies on the image, ready for drawing `now` or a little later."""
     layer = empty_layer(image, image.name + SUFFIX, visible=now)
     viewer.layers.append(layer)
-    if now:
+    if now:  # to add a layer and to draw it first takes napari 0.1 s each
         begin_drawing(layer)
     else:
         QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
@@ -135,13 +121,11 @@ def drawing(viewer: ViewerModel, layer: Shapes) -> bool:
 
 
 def clicked(viewer: ViewerModel, layer: Shapes) -> bool:
-    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees.
-
-    napari makes it as long along both axes, and measures that along the last one.
-    """
+    """Whether the user draws, and the last shape is but a click: a short line at 45 degrees."""
     if not drawing(viewer, layer) or not layer.nshapes or layer.shape_type[-1] != "line":
         return False
     down, right = np.diff(layer.data[-1], axis=0)[0, -2:]
+    # napari makes it as long along both axes, and measures that along the last one.
     short = abs(right) < CLICK * space.screen_pixel(viewer, layer)[-1]
     return bool(short and np.isclose(down, right, rtol=1e-3))
 
@@ -156,9 +140,8 @@ def add_shapes(
 ) -> Iterator[slice]:
     """Add shapes to a layer, some at each step; gives which. Vertices are made when needed.
 
-    An empty layer is hidden until all but the last few are in it: to draw a layer again and again
-    takes napari longer than to fill it. Colours and widths are as `Shapes.add` takes them, for all
-    or in a list.
+    An empty layer is hidden meanwhile: to draw it again and again takes napari longer than to fill
+    it. Colours and widths are as `Shapes.add` takes them, for all or in a list.
     """
     made = iter(shapes)
     veiled = layer.visible and layer.nshapes == 0 and len(kinds) > CHUNK

@@ -15,33 +15,23 @@ from napari_splinesketch.plugin.model import Record, once
 Line = Float[np.ndarray, "_ 2"]
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
-MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}
-"""Written beside the curve's number: colour alone never says the status. The worst is last."""
-STEP = 1.1
-"""Between breadths that differ: for less, lines are not drawn again."""
-BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}
-"""Breadth of the line, relative."""
+MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}  # the worst is last
+STEP = 1.1  # between breadths that differ: for less, lines are not drawn again
+BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}  # of lines, relative
 RIBBON_SDS = 2.0
-UNKNOWN_REACH = 3.0
-"""From centreline to edge where no width is known, px."""
-LEAST = 12
-"""Pieces of one side of an outline."""
+UNKNOWN_REACH = 3.0  # from centreline to edge where no width is known, px
+LEAST = 12  # pieces of one side of an outline
 PIECES = 24, 99, 600
 """Vectors of a line at least and at most, and of all lines together, about: napari's thumbnail
 alone takes 20 µs for each."""
 NOTICEABLE_RESIDUAL = 0.25
 NOTICEABLE_SD = 0.5
 """What weighs the same when the worst curve is looked for: share of the contrast, px."""
-LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0
-"""Width and height of a letter, and how far a mark is from its body's halo, px of the screen."""
-GAP, LEAST_GAP = 1.2, 4.0
-"""From a body's edge to its halo: relative to a curve's line, and px of the screen at least."""
-MOST = 60
-"""Marks at once: more are not read, and napari's time for text grows with their number."""
-GOLDEN = (np.sqrt(5) - 1) / 2
-"""Steps of so much fill the interval from 0 to 1 evenly."""
-PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)
-"""Where along a curve a mark may stand, the best first."""
+LETTER, LINE_HEIGHT, BESIDE = 10.0, 16.0, 1.0  # of a mark, px of the screen; how far from a halo
+GAP, LEAST_GAP = 1.2, 4.0  # from edge to halo: in breadths of a line, and px of the screen at least
+MOST = 60  # marks at once: more are not read, and napari's time for text grows with their number
+GOLDEN = (np.sqrt(5) - 1) / 2  # steps of so much fill the interval from 0 to 1 evenly
+PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)  # where along a curve a mark may stand, the best first
 
 
 @once
@@ -134,10 +124,7 @@ def severity(curve: Curve) -> tuple[int, float]:
 def readable(
     records: Sequence[Record], view: View
 ) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
-    """Choose the curves whose marks can be read, the worst first, and where each mark stands.
-
-    Among curves that are equally bad, those chosen are spread over the frame.
-    """
+    """Choose curves whose marks can be read, the worst first, spread over the view; with places."""
     frame = [record for record in records if record.frame == view.frame]
     here = [record for record in frame if MARKS[record.curve.status]]
     if not here:
@@ -174,7 +161,6 @@ def mark_of(record: Record) -> str:
 
 @once
 def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
-    """Points of a curve beside which its mark may stand, and the way there: above it first."""
     at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
     across = (edges(curve.points, np.ones(len(curve.points)))[0] - curve.points)[at]
     return curve.points[at], np.where(across[:, :1] > 0, -across, across)

@@ -1,52 +1,195 @@
-"""Layers that are made of what is known: one table says what of, and how.
-
-Reconstruction, outlines, halos and marks are always there; residual, background, uncertainty and
-masks are made when the user asks for them, and follow what is known while they are in view.
-"""
+"""Layers of ours that lie on an image: what each is made of, and how it follows what is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+import logging
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from napari.layers import Image, Labels, Points, Shapes, Vectors
+from napari.components import ViewerModel
+from napari.layers import Image, Labels, Layer, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
+from qtpy.QtCore import QTimer
 
-from napari_splinesketch import palette
+from napari_splinesketch import grids, palette
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.grids import (
-    Along,
-    Grid,
-    Patch,
-    Picture,
-    Planes,
-    across,
-    film_of,
-    mean_across,
-    slices,
-)
+from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
-from napari_splinesketch.plugin.layers.slot import Made, Maker
 from napari_splinesketch.plugin.model import Record, by_frame
 from napari_splinesketch.raster import label_image
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
+ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"  # keys of a layer's metadata
+STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
+FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
+STYLES: dict[type[Layer], dict[str, Any]] = {
+    Vectors: {"vector_style": "line"},
+    Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},
+}
+"""How layers of a kind look unless something else is said: points are there for their text."""
+_log = logging.getLogger(__name__)
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
-TYPICAL = 0.995
-"""Share of the residuals that the colours span."""
-THIN = 0.5
-"""Breadth of outlines and halos, relative to a curve's line."""
-HALO = 2.0
-"""Breadth of halos at least, px of the screen."""
+TYPICAL = 0.995  # share of the residuals that the colours span
+THIN = 0.5  # breadth of outlines and halos, relative to a curve's line
+HALO = 2.0  # breadth of halos at least, px of the screen
+
+
+def is_result(layer: Layer) -> bool:
+    """Whether a layer shows results, and so is neither image nor sketches."""
+    return ROLE in layer.metadata
+
+
+@contextmanager
+def undisturbed(viewer: ViewerModel) -> Iterator[None]:
+    """Change layers without taking the active one from the user."""
+    selection = viewer.layers.selection
+    active, chosen = selection.active, set(selection)
+    try:
+        yield
+    finally:
+        if active is None and selection.active is not None:
+            selection.clear()
+            selection.update(chosen.intersection(viewer.layers))
+        elif active in viewer.layers and active is not selection.active:
+            selection.active = active
+
+
+class Made(NamedTuple):
+    """What a layer shows, what goes with that and is set each time, and how it looks at first."""
+
+    data: Any
+    always: Mapping[str, Any] = {}
+    look: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Maker:
+    """What a layer is made of; it stays as it is while its source does."""
+
+    kind: type[Layer]
+    name: str
+    source: Callable[[Work], Sequence[Any]]
+    make: Callable[[Work, Any], Made | None]
+    title: str = ""  # in the menu, and then it is there only when asked for
+    tip: str = ""
+    nothing: str = "There is nothing to show yet: refine first."  # where None is made
+
+
+class Slot:
+    """The place of a layer that shows what its maker makes of a work; empty until it is made."""
+
+    def __init__(self, role: str, maker: Maker, work: Work):
+        self.maker, self.work = maker, work
+        named = {"name": f"{work.name} {maker.name}", "metadata": {ROLE: role, OWNER: work}}
+        self._named = named | STYLES.get(maker.kind, {})
+        self._layer: Layer | None = None
+        self._source: Sequence[Any] | None = None
+
+    @property
+    def layer(self) -> Any:
+        """The layer, or None where there is none or the user has removed it."""
+        return self._layer if self._layer in self.work.viewer.layers else None
+
+    @property
+    def shown(self) -> bool:
+        """Whether the layer is there and in view."""
+        return self.layer is not None and self.layer.visible
+
+    @property
+    def made(self) -> bool:
+        """Whether we have made the layer, and not taken it away."""
+        return self._layer is not None
+
+    def make(self, *data: Any, **how: Any) -> Any:
+        """Make the layer; without data, an empty one to be filled by `update`."""
+        image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
+        size = {} if data else {"ndim": image.ndim}
+        layer = kind(*data, **size, **space.placement(image) | self._named | how)
+        # Pictures over the image, all else over everything.
+        at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
+        # napari selects what is added: undone silently, as to tell of it twice takes as long again.
+        with layers.selection.events.blocker_all(), undisturbed(self.work.viewer):
+            layers.insert(at, layer)
+        layer.editable = kind not in (Shapes, Labels)  # results are not drawn into
+        layer.events.visible.connect(self.work.on_visible)
+        self._layer, self._source = layer, None
+        return layer
+
+    def update(self) -> Iterator[None]:
+        """Bring it in step with what is known; takes a step where that is not what it shows."""
+        layer, source, kind = self.layer, self.maker.source(self.work), self.maker.kind
+        if source == self._source and (layer is not None or not self.maker.title):
+            return
+        made = self.maker.make(self.work, source)
+        if made is None:
+            self.remove()
+        elif layer is None:
+            how = {**made.always, "visible": self.maker.title > "", **made.look}
+            how |= {"multiscale": False} if kind in (Image, Labels) else {}
+            self.make(made.data, **how)
+        else:
+            if kind is Points:  # text of other points does not fit these
+                layer.selected_data = set()
+                layer.text = {"string": {"constant": ""}}
+            layer.data = made.data
+            for name, value in made.always.items():
+                # napari draws everything again for a breadth, even for the same.
+                if not (isinstance(value, float) and np.all(getattr(layer, name) == value)):
+                    setattr(layer, name, value)
+        self._source = source
+        yield
+
+    def remove(self) -> None:
+        """Take the layer away, if it is there."""
+        if self.layer is not None:
+            with undisturbed(self.work.viewer):
+                self.work.viewer.layers.remove(self.layer)
+        self._layer = None
+
+
+class Drawing:
+    """Changes layers in many short steps, its `runs`; the window lives in between."""
+
+    def __init__(self, failed: Callable[[Exception], None]):
+        self._failed = failed
+        self.runs: dict[Hashable, tuple[Iterator[object], list[Any]]] = {}
+
+    def start(
+        self, key: Hashable, steps: Iterator[object], *last: Callable[[], None] | None
+    ) -> None:
+        """Take steps, in the place of others of the same key; then call `last`, also of those."""
+        before = self.runs.get(key)
+        self.runs[key] = steps, [*(before[1] if before else ()), *filter(None, last)]
+        if not before:
+            QTimer.singleShot(FIRST_MS, partial(self._go_on, key))
+
+    def _go_on(self, key: Hashable) -> None:
+        if key not in self.runs:
+            return
+        try:
+            next(self.runs[key][0])
+        except StopIteration:
+            for last in self.runs.pop(key)[1]:
+                last()
+        except Exception as error:
+            _log.exception("The results could not be shown")
+            self.runs.pop(key, None)
+            self._failed(error)
+        else:
+            QTimer.singleShot(STEP_MS, partial(self._go_on, key))
 
 
 def _patches(work: Work) -> list[Any]:
-    return list(work.state.patches.items())
+    frames = space.frame_count(work.image)  # a film may have been cut short
+    return [(frame, patch) for frame, patch in work.state.patches.items() if frame < frames]
 
 
 def _curves(work: Work) -> list[Any]:
@@ -59,15 +202,15 @@ def _film(
     make: Callable[[int, Patch], Picture] = lambda frame, patch: patch.pixels,
     look: Mapping[str, Any] | None = None,
 ) -> Made | None:
-    """Pictures of the frames that are known; they look like the image unless something is said."""
+    image = work.image
     if not patches:
         return None
-    film, grid = film_of(dict(patches), space.frame_shape(work.image), make)
+    film, grid = grids.film_of(dict(patches), space.frame_shape(image), make)
     if look is None:
-        image, (low, high) = work.image, work.image.contrast_limits
+        low, high = image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
         look["contrast_limits"] = (float(low or 0), float(high or 0))
-    return Made(film, space.placement_on(work.image, grid), look)
+    return Made(film, space.placement_on(image, grid), look)
 
 
 def _rest(image: Image, frame: int, grid: Grid, model: Picture) -> Picture:
@@ -98,10 +241,7 @@ def _lines(
     width: float,
     **look: Any,
 ) -> Made:
-    """Show lines, each with its frame, px, in one colour or each in its own.
-
-    napari draws thousands of vectors in the time of a shape.
-    """
+    """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:
         return Made(np.zeros((0, 2, work.image.ndim)))
     counts = np.array([len(line) for _, line in lines])
@@ -134,12 +274,11 @@ def _halos(work: Work, _: object) -> Made:
     gap, breadth = looks.gap(curves, work.screen), looks.breadth(curves)
     drawn = looks.coarse([looks.halo(curve, gap) for curve in curves])
     lines = [(record.frame, line) for record, line in zip(work.selected, drawn, strict=True)]
-    colours = [palette.MOVING] * len(lines)
-    return _lines(work, lines, colours, max(THIN * breadth, HALO * work.screen))
+    width = max(THIN * breadth, HALO * work.screen)
+    return _lines(work, lines, [palette.MOVING] * len(lines), width)
 
 
-def _in_view(work: Work) -> list[tuple[Record, tuple[float, ...]]]:
-    """The curves whose marks are in view, and where these stand."""
+def _in_view(work: Work) -> list[Any]:
     found = looks.readable(work.records, space.view_of(work.viewer, work.image))
     return [(record, tuple(place.tolist())) for record, place in found]
 
@@ -163,14 +302,13 @@ def _moving(work: Work, _: object) -> Made | None:
 
 
 def _masks(work: Work, _: object) -> Made:
-    """Label image of each frame: a pixel's value is the number of its curve."""
     size, records = space.size_of(work.image), by_frame(work.records)
 
     def mask(frame: int) -> Picture:
         here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(frame, ())]
         return label_image(here, size, np.int32)
 
-    planes = Planes((*space.frame_shape(work.image), *size), np.int32, mask)
+    planes = grids.Planes((*space.frame_shape(work.image), *size), np.int32, mask)
     return Made(planes, space.placement(work.image))
 
 
@@ -194,22 +332,18 @@ MAKERS: dict[str, Maker] = {
     "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
                    "A Labels layer: pixels have their curve's number"),
 }  # fmt: skip
-ASKED = [role for role, maker in MAKERS.items() if maker.title]
-"""The layers that are there only when the user asks for them."""
+ASKED = [role for role, maker in MAKERS.items() if maker.title]  # only when the user asks
 
 
 def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
-    """Average image minus reconstruction across a body; None where the image is not there.
-
-    Only the pixels around the body are read.
-    """
+    """Average image minus reconstruction across a body; None where the image is not there."""
     points = patch.grid.to_block(record.curve.points)
     half_width = record.curve.half_width / patch.grid.size
-    places = across(points, half_width)
+    places = grids.across(points, half_width)
     low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
     high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
     if (high <= low).any():
         return None
     grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    rest = _rest(image, record.frame, grid, patch.pixels[slices(low, high)])
-    return None if np.isnan(rest).all() else mean_across(rest, points - low, half_width)
+    rest = _rest(image, record.frame, grid, patch.pixels[grids.slices(low, high)])
+    return None if np.isnan(rest).all() else grids.mean_across(rest, points - low, half_width)

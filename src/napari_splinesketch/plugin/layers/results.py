@@ -15,24 +15,23 @@ from superqt.utils import qthrottled
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
-from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
-from napari_splinesketch.plugin.layers.slot import Slot
+from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
+from napari_splinesketch.plugin.sessions import Folder
 
+WORKS = "napari-splinesketch works"
+"""Key of the metadata of sketches: what is known through them, whichever dock looks after it."""
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
-ERASE = ("Delete", "Backspace")
-"""With which napari deletes shapes."""
-AFTER_MS = 120
-"""Marks and halos follow the camera when it has stood still for so long."""
+ERASE = ("Delete", "Backspace")  # with which napari deletes shapes
+AFTER_MS = 120  # marks and halos follow the camera when it has stood still for so long
 
 
 class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
-    _shown: Sequence[Record] = ()
-    """In the order of the layer, unless that was made since."""
+    _shown: Sequence[Record] = ()  # in the order of the layer, unless that was made since
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
@@ -74,7 +73,6 @@ class CurveLines(Slot):
         yield
 
     def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
-        """Draw curves, some at a time when they are needed."""
         for start in range(0, len(records), drawn.CHUNK):
             some = records[start : start + drawn.CHUNK]
             lines = thinned([record.curve.points for record in some])
@@ -82,21 +80,24 @@ class CurveLines(Slot):
                 yield space.in_stack(self.work.image, record.frame, line)
 
 
+@model.once
+def _within(state: State, frames: int) -> tuple[Record, ...]:
+    return tuple([record for record in state.records if record.frame < frames])
+
+
 class Work:
     """The curves of an image, how they came about, and the layers that show them.
 
-    The layers of results come with the first of them; the suggested lines are among the sketches.
-    `selection` are (frame, id) of curves that are selected; some may be gone. `look` is what the
-    colours of curves say, `slots` are the places of the layers. One dock listens to `changes`, and
-    so hears what the user does in the layers.
+    Layers of results come with the first of them; suggested lines are among the sketches. One dock
+    listens to `changes`, and so hears what the user does in the layers.
     """
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self.viewer = image, sketches, viewer
-        self.changes = Changes()
-        self.selection: tuple[Key, ...] = ()
+        self.changes, self.folder = Changes(), Folder()  # where it is saved
+        self.selection: tuple[Key, ...] = ()  # some of them may be gone
         self.history: History[State] = History(State(), bytes_beside)
-        self.look: columns.Look = ("status", space.Ruler())
+        self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
         self.slots = {
@@ -107,6 +108,7 @@ class Work:
         self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
+        sketches.metadata.setdefault(WORKS, []).append(self)
 
     @property
     def name(self) -> str:
@@ -125,8 +127,8 @@ class Work:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """The curves of all frames."""
-        return self.state.records
+        """The curves of all frames that the image has: a film may have been cut short."""
+        return _within(self.state, space.frame_count(self.image))
 
     @property
     def selected(self) -> tuple[Record, ...]:
@@ -156,17 +158,15 @@ class Work:
     def show(self) -> Iterator[object]:
         """Bring the layers in step with what is known by then, a little at each step.
 
-        napari takes about 0.1 s to add a layer and as long to draw it first, and longer beside
-        full ones: the window may live in between, and layers are added before any is filled.
+        napari takes 0.1 s to add a layer and to draw it first, and longer beside full ones: the
+        window may live in between, and layers are added before any is filled.
         """
-        steps: Iterator[object] = chain(self._suggest(), self._add(), self._follow())
+        steps = chain[object](self._suggest(), self._add(), self._follow(), self._fade())
         while self.image in self.viewer.layers:
             with self._by_us():
                 if next(steps, steps) is steps:
-                    break
+                    return
             yield
-        yield
-        self._fade()
 
     def _follow(self, *roles: str) -> Iterator[None]:
         """Let layers follow what is known; where roles are named, those of them in view."""
@@ -185,7 +185,8 @@ class Work:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
         slot = self.slots["preview"]
         if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
-            self.moving = [(frame, line) for line in looks.coarse(lines)]
+            there = frame < space.frame_count(self.image)
+            self.moving = [(frame, line) for line in looks.coarse(lines) if there]
             with self._by_us():
                 next(slot.update(), None)
 
@@ -223,18 +224,14 @@ class Work:
                     yield
 
     def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
-        """Say where among the sketches lines are that were suggested, and are as they were.
-
-        A line that the user has moved, changed or deleted is hers: it is not touched again.
-        """
+        """Say where among the sketches lines are that were suggested, and not touched."""
         prints = {self._suggested[one].tobytes() for one in suggestions if one in self._suggested}
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
     def _suggest(self) -> Iterator[object]:
-        """Add and remove suggested lines, some at each step."""
         layer, wanted = self.sketches, self.state.suggestions
-        if not {self.image, layer} <= set(self.viewer.layers):
+        if layer not in self.viewer.layers:
             return
         gone = set(self._suggested).difference(wanted)
         old = self.positions(gone)
@@ -253,10 +250,11 @@ class Work:
             style = drawn.line_style(space.size_of(self.image))
             yield from drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
 
-    def _fade(self) -> None:
+    def _fade(self) -> Iterator[None]:
         """Let the lines that have become curves step back behind them, and no others."""
+        yield
         layer = self.sketches
-        if not {self.image, layer} <= set(self.viewer.layers) or not layer.nshapes:
+        if layer not in self.viewer.layers or not layer.nshapes:
             return
         refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
         frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
@@ -304,3 +302,10 @@ class Work:
             yield
         if layer.mode == "pan_zoom" and far < drawn.CLICK:
             self.changes.clicked.emit(shift)
+
+
+def works_in(viewer: ViewerModel) -> list[Work]:
+    """Find what an earlier dock knew of the layers that are still there."""
+    there = viewer.layers
+    works = {work: None for layer in there for work in layer.metadata.get(WORKS, ())}
+    return [work for work in works if work.image in there and work.sketches in there]

@@ -1,8 +1,7 @@
 """Where things are: layers' coordinates, units, frames and pixels, seen from the image.
 
-napari keeps units apart from transforms: a layer's `data_to_world` speaks the layer's own unit,
-the window draws every layer in the smallest unit of all of them, and in none where they do not
-match. What lies where is decided here as the window draws it.
+A layer's `data_to_world` speaks the layer's own unit; the window draws every layer in the smallest
+unit of all of them, and in none where they do not match. So it is here.
 """
 
 from collections.abc import Sequence
@@ -21,16 +20,11 @@ from napari_splinesketch.grids import Grid, slices
 from napari_splinesketch.plugin.model import lengths_of
 
 Points = Float[np.ndarray, "N D"]
-PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")
-"""What says where a layer lies."""
-WHOLE_FRAME = 2**22
-"""Frames in memory of up to this many pixels are given whole."""
-LARGEST_BLOCK = 2**24
-"""A coarser level of a multiscale image is read where a block would have more pixels."""
-MARGIN = 64
-"""Kept around the sketches beside the length of the longest, px."""
-LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
-"""Rec. 709."""
+PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")  # of a layer
+WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
+LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
+MARGIN = 64  # kept around the sketches beside the length of the longest, px
+LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # Rec. 709
 
 
 @dataclass(frozen=True)
@@ -58,10 +52,9 @@ class Ruler:
 
 
 def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -> Points:
-    """Take points from a layer's data to those of another in the viewer, as an image's pixels.
+    """Take (N, layer.ndim) points of a layer's data to pixels of an image, frame axes first.
 
-    They are (N, layer.ndim), at full resolution, frame axes first. The viewer's units decide, and
-    its sliders for axes that `layer` lacks.
+    The viewer's units decide, and its sliders for axes that `layer` lacks.
     """
     world = to_world(viewer, layer, points)
     missing = image.ndim - layer.ndim
@@ -94,7 +87,6 @@ def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
 
 
 def _ratio(unit: pint.Unit, other: pint.Unit) -> float:
-    """How many of the other unit make one."""
     base = pint.get_application_registry().get_base_units
     return float(base(unit)[0] / base(other)[0])
 
@@ -164,10 +156,7 @@ def view_of(viewer: ViewerModel, image: Image) -> View:
 def look_at(
     viewer: ViewerModel, image: Image, frame: int, points: Float[np.ndarray, "N 2"]
 ) -> None:
-    """Go to a frame and bring the middle of some points, px of the image, to the canvas's.
-
-    It stays beside the middle where the canvas would show what is beyond the image.
-    """
+    """Go to a frame and bring some points, px, to the middle, but not what is beyond the image."""
     view, last = view_of(viewer, image), np.subtract(size_of(image), 1)
     half = np.minimum((view.high - view.low) / 2, last / 2)
     middle = np.clip((points.min(axis=0) + points.max(axis=0)) / 2, half, last - half)
@@ -260,10 +249,7 @@ class Block:
 
 
 def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> Block:
-    """Choose what to read of a frame for some sketches, px, at least one.
-
-    Of a multiscale image, the finest level that is not too large is taken.
-    """
+    """Choose what to read of a frame for some sketches, px, at the finest level not too large."""
     shapes = _shapes(image)
     points = np.clip(np.concatenate(lines), 0, shapes[0] - 1)
     margin = MARGIN + lengths_of(lines).max()
@@ -280,10 +266,7 @@ def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 
 
 
 def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Block | None:
-    """Find the pixels of an image that (H, W) places on a grid stand for.
-
-    None where the image has no such pixels any more: its data may have been replaced.
-    """
+    """Find the pixels that (H, W) places on a grid stand for; None if the image has none now."""
     shapes = _shapes(image)
     steps = shapes[0] / shapes
     level = next((i for i, step in enumerate(steps) if np.allclose(step, grid.step)), None)
@@ -307,7 +290,6 @@ def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
 def _block(
     image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
 ) -> Block:
-    """The pixels from `start` to `stop` of a level."""
     level, shapes = _level(image, number), _shapes(image)
     step = shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
