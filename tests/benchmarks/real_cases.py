@@ -65,6 +65,9 @@ USUAL = 4.0
 """Half-width of bodies of which none is known, px."""
 RIGHT = "right"
 """Name of the set of sketches that are right already, 1 px off."""
+STRAIGHT, ENDS_OFF = "straight", 0.5
+"""Name of the set of straight lines between both ends, which are off by so many half-widths
+(standard deviation, row and column)."""
 
 Line = Float[np.ndarray, "N 2"]
 Split = Literal["tune", "held"]
@@ -166,6 +169,14 @@ def _json(path: Path, otherwise: Any) -> Any:
 
 def _lines(lines: Sequence) -> tuple[Line, ...]:
     return tuple(np.asarray(line, dtype=float) for line in lines)
+
+
+def straightened(case: Case) -> Case:
+    """The same with straight lines between both ends, each a fraction of a half-width off."""
+    rng = np.random.default_rng(crc32(case.name.encode()))
+    off = ENDS_OFF * case.half_width
+    lines = [line[[0, -1]] + rng.normal(0, off, (2, 2)) for line in case.references]
+    return replace(case, sketches={STRAIGHT: tuple(lines)})
 
 
 def jittered(case: Case) -> Case:

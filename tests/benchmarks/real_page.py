@@ -31,6 +31,11 @@ def write(rows: Sequence[Row], cases: Sequence[Case]) -> None:
     chart(rows)
 
 
+def write_straight(rows: Sequence[Row]) -> None:
+    """Write the table of sketches that are straight lines."""
+    insert("straight", methods_table(rows), PAGE)
+
+
 def write_fresh(rows: Sequence[Row], cases: Sequence[Case]) -> None:
     """Write the section of the images that nothing was chosen on."""
     insert("fresh", fresh_tables(rows, cases), PAGE)

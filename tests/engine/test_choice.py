@@ -169,7 +169,7 @@ def test_a_curve_that_leaves_its_path_again_stays_on_it(monkeypatch):
     line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
     sketch = np.column_stack([np.full(5, 46.2), np.linspace(17, 103, 5)])
     monkeypatch.setattr(
-        finding.strip, "ordered_paths", lambda _, sketch, __, reaches: [sketch] * len(reaches)
+        finding.strip, "paths_along", lambda _, sketch, __, reaches, **___: [sketch] * len(reaches)
     )
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     free, held = (_refined_with(monkeypatch, most, drawn([line]), sketch) for most in (99.0, -99.0))
@@ -242,9 +242,29 @@ def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():
     evidence = np.zeros(SHAPE)
     evidence[43:46, 20:50] = evidence[43:46, 58:100] = 1
     sketch = np.array([[47.0, 17.0], [40.0, 60.0], [46.0, 104.0]])
-    [path] = strip.ordered_paths(evidence, sketch, 2.0, [12.0])
+    [path] = strip.paths_along(evidence, sketch, 2.0, [12.0])
     assert np.abs(path[3:-3, 0] - 44).max() < 2
     assert path[[0, -1], 1] == pytest.approx([20, 99], abs=4)
+
+
+def test_a_path_between_both_ends_follows_a_bow_and_does_not_run_on():
+    evidence, angle = np.zeros(SHAPE), np.linspace(0, np.pi, 400)
+    rows, columns = (60 - 30 * np.sin(angle)).round(), (60 - 30 * np.cos(angle)).round()
+    evidence[rows.astype(int), columns.astype(int)] = evidence[60, 90:115] = 1
+    evidence = ndimage.grey_dilation(evidence, 3)
+    sketch = np.array([[60.0, 30.0], [60.0, 90.0]])
+    path = strip.paths_along(evidence, sketch, 2.0, [40.0], between_ends=True)[-1]
+    assert np.abs(path[[0, -1]] - sketch).max() < 1
+    assert abs(np.hypot(path[:, 0] - 60, path[:, 1] - 60) - 30).max() < 3
+
+
+def test_a_straight_line_means_the_part_between_its_ends():
+    """Beyond one of them the body goes on; a stroke over it all means all of it."""
+    line = np.column_stack([45 + 6 * np.sin(np.arange(101) / 16), np.arange(10.0, 111)])
+    image, part = drawn([line]), line[:70]
+    straight, whole = (refine(image, [s]).curves[0] for s in (part[[0, -1]], line[::5]))
+    assert np.linalg.norm(straight.points[[0, -1]] - part[[0, -1]], axis=1).max() < 3
+    assert np.linalg.norm(whole.points[[0, -1]] - line[[0, -1]], axis=1).max() < 3
 
 
 def test_routes_run_on_from_the_nearest_and_none_repeats_a_piece():
@@ -271,9 +291,9 @@ def test_no_pieces_no_routes():
 def test_two_sketches_do_not_take_one_body():
     lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (38.0, 52.0)]
     sketches = [np.array([[row, 20.0], [row, 100.0]]) for row in (43.0, 53.0)]
-    starts = found(drawn(lines), sketches).starts
-    for start, line in zip(starts, lines, strict=True):
-        assert away(start.line, line) < HALF_WIDTH
+    curves = refine(drawn(lines), sketches).curves
+    for curve, line in zip(curves, lines, strict=True):
+        assert np.abs(curve.points[:, 0] - line[0, 0]).max() < 0.3
 
 
 def test_a_sketch_that_is_right_already_keeps_its_body():

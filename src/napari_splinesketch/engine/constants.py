@@ -102,7 +102,7 @@ STRIP_LEFT_OUT = 0.1  # cost of a step of the sketch that is left out
 STRIP_EXTRA = 0.5  # cost of a step beyond the sketch's ends
 STRIP_EXTRA_MOST = 0.6  # largest cost of a step beyond the ends before they are chosen
 STRIP_SEEN = 0.4  # evidence above this speaks for a step, below against it
-STRIP_REACHES = (1.0, 0.4)  # shares of the reach within which paths along the sketch are looked for
+MINIMAL_FLOOR = 0.2  # what a minimal path adds to the evidence, whose inverse a step costs
 NARROW_HW = 1.0  # a clicked sketch is also searched within this of its line ...
 NARROW_PX = 1.0  # ... plus this
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
@@ -131,6 +131,8 @@ HIT_SHARE = 0.004  # plus this share of a clicked sketch's length: long bodies a
 VERTICES_MOST = 12  # most vertices of a sketch that are compared (speed)
 SHAPE_COST = 1.5  # cost of a path whose shape is not that of an unclicked line ...
 SHAPE_HW = 0.5  # ... measured by how far its vertices stay off after the best shift and turn
+ENDS_COST = 2.0  # cost of a path that does not end where a line of two points does ...
+ENDS_SAMPLES = 4  # ... or where no body is seen at so many of its last points (speed)
 # numbers of vertices of a sketch that was clicked, and not drawn in one stroke (by design):
 CLICKED = range(3, 61)
 CLICKED_APART_PX = 4.0  # least mean distance between clicked vertices (by design)

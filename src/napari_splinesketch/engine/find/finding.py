@@ -194,10 +194,8 @@ def _candidates(
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
     reach, clicked = reach_of(sketch, half_width), scoring.clicked(sketch)
-    reaches = [share * reach for share in const.STRIP_REACHES]
-    if clicked:
-        reaches.append(min(const.NARROW_HW * half_width + const.NARROW_PX, reach))
-    own = strip.ordered_paths(evidence, sketch, half_width, reaches)
+    reaches = [reach, min(const.NARROW_HW * half_width + const.NARROW_PX, reach)][: 1 + clicked]
+    own = strip.paths_along(evidence, sketch, half_width, reaches, between_ends=len(sketch) == 2)
     own += [sketch] * clicked
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     lines = smoothed([*lines, *own], const.PATH_SMOOTH_HW * half_width)
@@ -246,7 +244,7 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
         wide = wider.start + int(first + np.argmax(part >= const.WIDTH_ENOUGH * part.max()))
         reaches = [const.HOLLOW_MIDDLE_HW * WIDTHS[wide]]
-        [line] = strip.ordered_paths(seen.evidence(wide), sketch, WIDTHS[wide], reaches)
+        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], reaches)
         line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
         sampled = spline.resample(line, const.SCORE_SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):

@@ -60,12 +60,15 @@ def features(
     at = np.ascontiguousarray(lines.transpose(2, 1, 0))
     drawn, usual = spline.resample(sketch, samples), tolerance(sketch, half_width, samples)
     apart = _distance(at - drawn.T[:, :, None]) / usual[:, None]
-    sharpest = _kinks(at, total, half_width)
+    seen, sharpest = _sampled(evidence, at), _kinks(at, total, half_width)
+    missed = _missed(at, sketch, half_width, ~goes_on(evidence, at, half_width))
+    if len(sketch) == 2:
+        missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width)
     return np.column_stack(
         [
-            1 - np.minimum(_sampled(evidence, at) / const.SURE_EVIDENCE, 1).mean(0),
+            1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0),
             np.log1p(apart.mean(0)),
-            _missed(at, sketch, half_width, ~goes_on(evidence, at, half_width)),
+            missed,
             np.clip(sharpest - const.USUAL_BEND, 0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
@@ -131,6 +134,20 @@ def _missed(
     off = np.concatenate([least, ends])
     careful = float(np.clip(len(sketch), *const.CLICKED_WEIGHT))
     return const.GOES_ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(0) / near**2)
+
+
+def _ends_missed(
+    at: Float[Array, "2 S C"], seen: Float[Array, "S C"], sketch: Line, half_width: float
+) -> Float[Array, " C"]:
+    """(C,) from 0 to 1, by how much paths miss the ends of a sketch, or no body is seen there.
+
+    Bounded: a line that was turned misses all ends, and then they say nothing.
+    """
+    away = _distance(at[:, [0, -1]] - sketch[[0, -1]].T[:, :, None])
+    few = const.ENDS_SAMPLES
+    seen = np.stack([seen[:few].mean(0), seen[-few:].mean(0)])
+    near = np.exp(-0.5 * (away / hit(half_width)) ** 2)
+    return (1 - near * (seen > const.BODY_EVIDENCE)).mean(0)
 
 
 def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:

@@ -1,10 +1,11 @@
-"""Paths that keep the sketch's order: the image straightened along the sketch."""
+"""Paths along the sketch: the image straightened along it, and the cheapest ways through that."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
+from skimage.graph import MCP_Geometric
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
@@ -13,14 +14,20 @@ from napari_splinesketch.engine.types import Array
 Line = Float[Array, "N 2"]
 
 
-def ordered_paths(
-    evidence: Float[Array, "H W"], sketch: Line, half_width: float, reaches: Sequence[float]
+def paths_along(
+    evidence: Float[Array, "H W"],
+    sketch: Line,
+    half_width: float,
+    reaches: Sequence[float],
+    *,
+    between_ends: bool = False,
 ) -> list[Line]:
     """The paths with the most evidence that run along a sketch, each within a reach of it.
 
     Dynamic programming over offsets across the sketch (the path is a function of the arc length
     of the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near
-    the sketch's own.
+    the sketch's own. A path `between_ends` comes last: the minimal path from end to end (Cohen and
+    Kimmel 1997), within the first of the reaches.
 
     Parameters
     ----------
@@ -30,6 +37,8 @@ def ordered_paths(
         (N, 2).
     half_width, reaches
         Px.
+    between_ends
+        Whether the sketch's ends are where the body's are.
     """
     length = spline.arc_length(sketch)[-1]
     along, across = (
@@ -57,6 +66,15 @@ def ordered_paths(
     for (at, seen), best in zip(strips, best_of, strict=True):
         ways = np.arange(len(best)), best
         first, last = _ends(seen[ways], extra)
+        found.append(at[ways][first : last + 1])
+    if between_ends:
+        at, seen = strips[0]
+        cost = 1 / (const.MINIMAL_FLOOR + seen.astype(np.float64))
+        first, last = ((row, seen.shape[1] // 2) for row in (extra, extra + count - 1))
+        search = MCP_Geometric(cost, sampling=(along, across))
+        search.find_costs([first], [last])
+        ways = tuple(np.transpose(search.traceback(last)))
+        first, last = _ends(seen[ways], 0)
         found.append(at[ways][first : last + 1])
     return found
 
