@@ -133,6 +133,7 @@ SHAPE_COST = 1.5  # cost of a path whose shape is not that of an unclicked line 
 SHAPE_HW = 0.5  # ... measured by how far its vertices stay off after the best shift and turn
 ENDS_COST = 2.0  # cost of a path that does not end where a line of two points does ...
 ENDS_SAMPLES = 4  # ... or where no body is seen at so many of its last points (speed)
+ENDS_GO_ON = 0.5  # share of that which counts where a body goes on beyond the path
 # numbers of vertices of a sketch that was clicked, and not drawn in one stroke (by design):
 CLICKED = range(3, 61)
 CLICKED_APART_PX = 4.0  # least mean distance between clicked vertices (by design)

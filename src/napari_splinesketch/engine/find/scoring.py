@@ -61,9 +61,10 @@ def features(
     drawn, usual = spline.resample(sketch, samples), tolerance(sketch, half_width, samples)
     apart = _distance(at - drawn.T[:, :, None]) / usual[:, None]
     seen, sharpest = _sampled(evidence, at), _kinks(at, total, half_width)
-    missed = _missed(at, sketch, half_width, ~goes_on(evidence, at, half_width))
+    tips = ~goes_on(evidence, at, half_width)
+    missed = _missed(at, sketch, half_width, tips)
     if len(sketch) == 2:
-        missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width)
+        missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width, tips)
     return np.column_stack(
         [
             1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0),
@@ -137,17 +138,22 @@ def _missed(
 
 
 def _ends_missed(
-    at: Float[Array, "2 S C"], seen: Float[Array, "S C"], sketch: Line, half_width: float
+    at: Float[Array, "2 S C"],
+    seen: Float[Array, "S C"],
+    sketch: Line,
+    half_width: float,
+    tips: Bool[Array, "2 C"],
 ) -> Float[Array, " C"]:
     """(C,) from 0 to 1, by how much paths miss the ends of a sketch, or no body is seen there.
 
-    Bounded: a line that was turned misses all ends, and then they say nothing.
+    Bounded: a line that was turned misses all ends, and then they say nothing. They say less where
+    a body goes on: its tip may be near.
     """
     away = _distance(at[:, [0, -1]] - sketch[[0, -1]].T[:, :, None])
     few = const.ENDS_SAMPLES
-    seen = np.stack([seen[:few].mean(0), seen[-few:].mean(0)])
-    near = np.exp(-0.5 * (away / hit(half_width)) ** 2)
-    return (1 - near * (seen > const.BODY_EVIDENCE)).mean(0)
+    there = np.stack([seen[:few].mean(0), seen[-few:].mean(0)]) > const.BODY_EVIDENCE
+    near = there * np.exp(-0.5 * (away / hit(half_width)) ** 2)
+    return (1 - np.where(tips, near, const.ENDS_GO_ON * near)).mean(0)
 
 
 def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
