@@ -17,7 +17,7 @@ from napari.layers import Image, Layer
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
-from napari_splinesketch.plugin.model import lengths_of
+from napari_splinesketch.plugin.model import Line, lengths_of
 
 Points = Float[np.ndarray, "N D"]
 PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")  # of a layer
@@ -39,7 +39,7 @@ class Ruler:
         """Size of a pixel: the mean of both directions."""
         return (self.scale[0] * self.scale[1]) ** 0.5
 
-    def along(self, points: Float[np.ndarray, "P 2"]) -> Float[np.ndarray, " P"]:
+    def along(self, points: Line) -> Float[np.ndarray, " P"]:
         """Distance from the first point along a line of (row, col), px, in the unit."""
         steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -83,12 +83,7 @@ def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
     if units is None or len(units) < layer.ndim:
         return np.ones(layer.ndim)
     pairs = zip(layer.units, units[-layer.ndim :], strict=True)
-    return np.array([_ratio(own, world) for own, world in pairs])
-
-
-def _ratio(unit: pint.Unit, other: pint.Unit) -> float:
-    base = pint.get_application_registry().get_base_units
-    return float(base(unit)[0] / base(other)[0])
+    return np.array([(1.0 * own).to(world).magnitude for own, world in pairs])
 
 
 def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
@@ -143,19 +138,14 @@ class View(NamedTuple):
 
 def view_of(viewer: ViewerModel, image: Image) -> View:
     """Say what the canvas shows of an image."""
-    camera = viewer.scene.camera
-    world = np.zeros((4, image.ndim))
-    half = np.array(viewer.canvas.size) / 2 / camera.zoom
-    corners = half * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-    world[:, -2:] = np.array(camera.center)[-2:] + corners
-    seen = from_world(viewer, image, world)[:, -2:]
-    pixel = screen_pixel(viewer, image)
+    camera, world = viewer.scene.camera, np.zeros((4, image.ndim))
+    corners = np.array(viewer.canvas.size) * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+    world[:, -2:] = np.array(camera.center)[-2:] + corners / 2 / camera.zoom
+    seen, pixel = from_world(viewer, image, world)[:, -2:], screen_pixel(viewer, image)
     return View(current_frame(viewer, image), seen.min(axis=0), seen.max(axis=0), pixel)
 
 
-def look_at(
-    viewer: ViewerModel, image: Image, frame: int, points: Float[np.ndarray, "N 2"]
-) -> None:
+def look_at(viewer: ViewerModel, image: Image, frame: int, points: Line) -> None:
     """Go to a frame and bring some points, px, to the middle, but not what is beyond the image."""
     view, last = view_of(viewer, image), np.subtract(size_of(image), 1)
     half = np.minimum((view.high - view.low) / 2, last / 2)
@@ -176,8 +166,8 @@ def frame_numbers(image: Image, pixels: Points) -> list[int]:
     leading = frame_shape(image)
     if not leading:
         return [0] * len(pixels)
-    index = np.clip(np.round(pixels[:, :-2]).astype(int), 0, np.array(leading) - 1)
-    return np.asarray(np.ravel_multi_index(tuple(index.T), leading)).tolist()
+    index = np.round(pixels[:, :-2]).astype(int).T
+    return np.asarray(np.ravel_multi_index(tuple(index), leading, mode="clip")).tolist()
 
 
 def frame_shape(image: Image) -> tuple[int, ...]:
@@ -185,7 +175,7 @@ def frame_shape(image: Image) -> tuple[int, ...]:
     return tuple(int(size) for size in image.level_shapes[0][: image.ndim - 2])
 
 
-def in_stack(image: Image, frame: int | Sequence[int], points: Float[np.ndarray, "N 2"]) -> Points:
+def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
     """Put (row, col) points into a frame, or each into its own: data coordinates of the image."""
     shape = frame_shape(image)
     index = np.array(np.unravel_index(frame, shape)).T if shape else np.zeros(0)
@@ -223,7 +213,7 @@ def pixel_size(
         return None, None
     if str(unit_y) == "pixel":
         return (None if size_y == size_x == 1 else (size_y, size_x)), None
-    return (size_y, size_x * _ratio(unit_x, unit_y)), f"{unit_y:~P}"
+    return (size_y, (size_x * unit_x).to(unit_y).magnitude), f"{unit_y:~P}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +228,8 @@ class Block:
     @property
     def whole(self) -> bool:
         """Whether it is all of the frame."""
-        first = len(self.key) - 2
-        height, width = self.level.shape[first : first + 2]
-        return self.key[first:] == (slice(0, int(height)), slice(0, int(width)))
+        sizes = self.level.shape[len(self.key) - 2 : len(self.key)]
+        return self.key[-2:] == tuple(slice(0, int(size)) for size in sizes)
 
     def read(self) -> Real[np.ndarray, "H W"]:
         """Read the pixels, a colour image as luminance; the array is the caller's own."""
@@ -248,50 +237,45 @@ class Block:
         return pixels[..., :3].astype(np.float32) @ LUMINANCE if self.rgb else pixels
 
 
-def block_around(image: Image, frame: int, lines: Sequence[Float[np.ndarray, "N 2"]]) -> Block:
+def block_around(image: Image, frame: int, lines: Sequence[Line]) -> Block:
     """Choose what to read of a frame for some sketches, px, at the finest level not too large."""
-    shapes = _shapes(image)
+    shapes, levels = _levels(image)
     points = np.clip(np.concatenate(lines), 0, shapes[0] - 1)
     margin = MARGIN + lengths_of(lines).max()
     low, high = np.maximum(points.min(0) - margin, 0), np.minimum(points.max(0) + margin, shapes[0])
     sizes = [np.prod((high - low) * shape / shapes[0]) for shape in shapes]
     fine = next((i for i, size in enumerate(sizes) if size <= LARGEST_BLOCK), len(sizes) - 1)
-    level, shape = _level(image, fine), shapes[fine]
-    step = shapes[0] / shape
+    step, shape = shapes[0] / shapes[fine], shapes[fine]
     start = np.floor(low / step).astype(int)
     stop = np.minimum(np.ceil(high / step), shape).astype(int)
-    if isinstance(level, np.ndarray) and np.prod(shape) <= WHOLE_FRAME:
+    if isinstance(levels[fine], np.ndarray) and np.prod(shape) <= WHOLE_FRAME:
         start, stop = np.zeros(2, int), shape
     return _block(image, frame, fine, start, stop)
 
 
 def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Block | None:
     """Find the pixels that (H, W) places on a grid stand for; None if the image has none now."""
-    shapes = _shapes(image)
-    steps = shapes[0] / shapes
-    level = next((i for i, step in enumerate(steps) if np.allclose(step, grid.step)), None)
-    if level is None:
-        return None
+    shapes, _ = _levels(image)
     start = np.rint((grid.origin - (grid.step - 1) / 2) / grid.step).astype(int)
     stop = start + shape
-    if (start < 0).any() or (stop > shapes[level]).any():
-        return None
-    return _block(image, frame, level, start, stop)
+    for level, size in enumerate(shapes):
+        if np.allclose(shapes[0] / size, grid.step):
+            inside = (start >= 0).all() and (stop <= size).all()
+            return _block(image, frame, level, start, stop) if inside else None
+    return None
 
 
-def _level(image: Image, number: int) -> Any:
-    return image.data[number] if image.multiscale else image.data  # pyright: ignore
-
-
-def _shapes(image: Image) -> Int[np.ndarray, "L 2"]:
-    return image.level_shapes[:, image.ndim - 2 : image.ndim]
+def _levels(image: Image) -> tuple[Int[np.ndarray, "L 2"], Any]:
+    """(rows, columns) of each level of an image, and the levels, the finest first."""
+    shapes = image.level_shapes[:, image.ndim - 2 : image.ndim]
+    return shapes, image.data if image.multiscale else [image.data]
 
 
 def _block(
     image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
 ) -> Block:
-    level, shapes = _level(image, number), _shapes(image)
-    step = shapes[0] / shapes[number]
+    shapes, levels = _levels(image)
+    level, step = levels[number], shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
     grid = Grid(step * start + (step - 1) / 2, step)
     leading = np.array(frame_shape(image), dtype=int)
