@@ -56,7 +56,7 @@ def test_nothing_is_left_when_it_comes_to_nothing(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, walking: Any, how: str
 ) -> None:
     if how == "cancel":
-        click(dock.progress.cancel)
+        click(dock.cancel)
     else:
         fake.error = RuntimeError("full")
         fake.go.set()

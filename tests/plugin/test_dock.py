@@ -177,12 +177,12 @@ def test_running_then_cancelled(viewer: Any, dock: SplinesketchDock, fake: FakeE
     fake.go.clear()
     fake.changes = {0: {"points": np.zeros((100, 2))}}
     dock.controller.refine("all")
-    until(lambda: dock.progress.bar.value() == 50)
+    until(lambda: dock.bar.value() == 50)
     assert dock.progress.isVisible()
     assert dock.stage.text() == "Tracing bodies…"
     assert not dock.refine.isEnabled()
     assert "running" in dock.refine.toolTip()
-    click(dock.progress.cancel)
+    click(dock.cancel)
     assert dock.controller.progress is None
     assert "Cancelled" in dock.notice.text()
     assert not dock.refine.isEnabled(), "every line has its curve"

@@ -81,7 +81,7 @@ def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_sugges
 ) -> None:
     viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
     fit_view(viewer)
-    slider = dock.sensitivity.slider
+    slider = dock.sensitivity
     QTest.keyClick(slider, Qt.Key.Key_Home)
     assert dock.controller.suggestions.sensitivity == 0
     press_suggest(dock)
@@ -113,7 +113,7 @@ def test_nothing_new_is_said_and_cancel_changes_nothing(
     assert not dock.undo.isVisible()
     viewer.add_image(film[0], name="worms")
     dock.controller.suggestions.suggest()
-    click(dock.progress.cancel)
+    click(dock.cancel)
     QTest.qWait(1500)
     assert "Nothing was changed" in dock.notice.text()
     assert all(layer.nshapes == 0 for layer in viewer.layers if hasattr(layer, "nshapes"))
@@ -129,7 +129,7 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
         lambda *given, **how: looked.append(1) or prepare(*given, **how),
     )
     press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
     usual = layer.nshapes
     QTest.keyClick(slider, Qt.Key.Key_Home)
     until(lambda: 0 < layer.nshapes < usual, 20)
@@ -149,7 +149,7 @@ def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
 ) -> None:
     viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
     press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
     usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
     layer.data = [moved + 4, *drawn(layer)[2:]]
     viewer.layers.selection.active, layer.mode, layer.selected_data = layer, "select", {2, 3}
@@ -175,7 +175,7 @@ def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(
 ) -> None:
     viewer.add_image(film, name="worms")
     press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.sensitivity.slider
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
     usual = layer.nshapes
     viewer.dims.set_point(0, 1)
     QTest.keyClick(slider, Qt.Key.Key_End)

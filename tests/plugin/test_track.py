@@ -143,7 +143,7 @@ def test_cancelling_keeps_what_is_done(
     until(lambda: (3, 2) in keys(film), 20)
     assert film.progress.isVisible()
     until(lambda: "frame 4" in film.stage.text().lower(), 20)
-    click(film.progress.cancel)
+    click(film.cancel)
     assert "Kept: 2 frames tracked by then" in film.notice.text()
     fake.go.set()
     QTest.qWait(300)

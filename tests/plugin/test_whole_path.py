@@ -91,7 +91,7 @@ def test_cancel_while_it_really_runs(viewer: Any, real: SplinesketchDock) -> Non
     viewer.add_shapes([line[[0, 50, 99]] for line in made.centrelines], shape_type="path")
     click(real.refine)
     until(lambda: real.controller.progress and real.controller.progress.fraction > 0)
-    click(real.progress.cancel)
+    click(real.cancel)
     assert real.refine.isEnabled()
     QTest.qWait(500)
     assert len(viewer.layers) == 2

@@ -40,9 +40,7 @@ class Column:
 
     def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
         """Write a cell of the table."""
-        if self.said is not None:
-            return self.said(record)
-        value = self.value(record, ruler, curve_at)
+        value = self.said(record) if self.said else self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
     def key(self, ruler: Ruler, curve_at: CurveAt) -> Callable[[Record], Any]:
@@ -66,11 +64,7 @@ def half_widths(curve: Curve, ruler: Ruler) -> np.ndarray:
 
 
 def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
-
-    @once
-    def known(curve: Curve, ruler: Ruler) -> float:
-        return float(find(curve, ruler))
-
+    known: Callable[[Curve, Ruler], float] = once(lambda curve, ruler: float(find(curve, ruler)))
     return lambda record, ruler, curve_at: known(record.curve, ruler)
 
 
@@ -155,22 +149,22 @@ def as_text(
 
 def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | None:
     """Give what the ramp spans; None where there are no numbers, or the status is shown."""
-    known = [value for value in _numbers(records, look) if math.isfinite(value)]
-    return (min(known), max(known)) if known else None
+    values = _numbers(records, look)
+    return None if np.isnan(values).all() else (np.nanmin(values), np.nanmax(values))
 
 
 def colours_of(records: Sequence[Record], look: Look) -> list[str]:
     """Give each curve its colour."""
     if look[0] == "status":
         return [COLOURS[record.curve.status] for record in records]
-    low, high = scale_of(records, look) or (0.0, 0.0)
-    values = _numbers(records, look)
+    (low, high), values = scale_of(records, look) or (0.0, 0.0), _numbers(records, look)
     share = (values - low) / (high - low) if high - low > SAME * abs(high) else 0 * values + 0.5
     painted = (_ramp.map(share) * 255).round().astype(int).tolist()
     return ["#{:02x}{:02x}{:02x}".format(*rgb) if known else GREY for *rgb, known in painted]
 
 
 def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:
+    """What the ramp shows of each curve, NaN where it is not known; nothing for the status."""
     by, ruler = look
-    values = [] if by == "status" else [COLOURED[by].value(r, ruler, alone) for r in records]
-    return np.array([value if math.isfinite(value) else math.nan for value in values])
+    values = [COLOURED[by].value(r, ruler, alone) for r in records if by != "status"]
+    return np.where(np.isfinite(values), values, np.nan)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from sys import maxsize
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ else:
 REACH = 8.0  # how far from a curve the pointer may be to mean it, px, where its body is not broader
 RUNNING = "Something is running: wait until it is finished"
 Place = Literal["", "curve", "film", "steps", "review"]  # where a command has a button
-ANY, ONE, TWO = range(1, maxsize), range(1, 2), range(2, 3)  # how many curves a command is for
+ANY, ONE, TWO = "a curve", "one curve", "two curves"  # that have to be selected for a command
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class Command:
     run: Callable[[Controller], object]
     tip: str
     place: Place = ""
-    curves: range | None = None  # how many have to be selected
+    curves: str = ""  # how many have to be selected
     problem: Callable[[Controller], str] = lambda c: ""  # why else it cannot be done now
     label: Callable[[Controller], str] | None = None  # of the button, if not the name
     about: Callable[[Controller], str] = lambda c: ""  # at the end of the tooltip
@@ -99,10 +98,12 @@ def _all_locked(controller: Controller) -> bool:
 
 def pick(controller: Controller, *, add: bool = False) -> None:
     """Select the curve that the pointer is at, beside those selected or instead of them."""
-    found = _pointed(controller)
+    place, here = _place(controller), controller.records(controller.frame)
+    near = [(editing.nearest(record.curve, place)[1], record) for record in here]
+    reached = [(far, r) for far, r in near if far < max(REACH, editing.body_width(r.curve))]
     chosen = controller.selection if add else ()
-    if found is not None:
-        key = key_of(found)
+    if reached:
+        key = key_of(min(reached, key=lambda pair: pair[0])[1])
         chosen = tuple(k for k in chosen if k != key) if key in chosen else (*chosen, key)
     controller.select(chosen)
 
@@ -137,13 +138,6 @@ def go_to(controller: Controller, key: Key) -> None:
     if record is not None and image is not None:
         controller.selected = key
         look_at(controller.viewer, image, record.frame, record.curve.points)
-
-
-def _pointed(controller: Controller) -> Record | None:
-    place, here = _place(controller), controller.records(controller.frame)
-    near = [(editing.nearest(record.curve, place)[1], record) for record in here]
-    reached = [pair for pair in near if pair[0] < max(REACH, editing.body_width(pair[1].curve))]
-    return min(reached, key=lambda pair: pair[0])[1] if reached else None
 
 
 def _edited(record: Record, curve: Curve) -> Record:
@@ -239,12 +233,12 @@ class Commands:
         """Do it, to the curve that is pointed at where none is selected; or say why not."""
         command, c = self.table[name], self._controller
         problem = self._problem(command)
-        if not problem and command.curves:
+        if command.curves and not problem:
             if not c.selection:
                 pick(c)
             if problem := self._unselected(command):
-                one = 1 in command.curves
-                problem += ", or point at it." if one else ": click one, Shift-click the other."
+                two = command.curves == TWO
+                problem += ": click one, Shift-click the other." if two else ", or point at it."
         if not problem:
             command.run(c)
         elif command.place:
@@ -265,17 +259,15 @@ class Commands:
         return command.problem(self._controller)
 
     def _unselected(self, command: Command) -> str:
-        wanted = command.curves
-        if wanted is None or len(self._controller.selection) in wanted:
-            return ""
-        return f"Select {words.wanted(wanted)}"
+        number = len(self._controller.selection)
+        enough = {"": True, ANY: number > 0, ONE: number == 1, TWO: number == 2}[command.curves]
+        return "" if enough else f"Select {command.curves}"
 
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
-        command = self.table[name]
-        if command.place == "review" and self.keys[name]:  # where there is room for it
-            return f"{command.name} ({self.keys[name]})"
-        return command.label(self._controller) if command.label else command.name
+        command, key = self.table[name], self.keys[name]
+        said = command.label(self._controller) if command.label else command.name
+        return f"{said} ({key})" if command.place == "review" and key else said  # with room for it
 
     def rebind(self, keys: Mapping[str, str]) -> None:
         """Give commands other keys; one that was given a key gets it before its usual owner."""

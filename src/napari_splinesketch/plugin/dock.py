@@ -12,9 +12,9 @@ from weakref import WeakSet
 
 from napari.layers import Image, Shapes
 from napari.viewer import Viewer
+from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
-from qtpy.QtWidgets import QCheckBox, QFileDialog, QFrame, QLabel, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from napari_splinesketch.labels.formats import WRITERS
@@ -47,14 +47,14 @@ def _close_all() -> None:
             dock.close_work()
 
 
-class SplinesketchDock(QWidget):
+class SplinesketchDock(qt.QWidget):
     """Shows the controller's state and passes on what the user does."""
 
     def __init__(self, napari_viewer: Viewer):
         super().__init__()
         # napari hands out a proxy, whose layers are never identical with the real ones.
-        viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
-        self.controller = Controller(viewer)
+        self._viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
+        self.controller = Controller(self._viewer)
         self.panel: ReviewPanel | None = None
         self.saver = Saver(self.controller, self)
         open_tables()
@@ -71,11 +71,11 @@ class SplinesketchDock(QWidget):
         self.sketches = ui.LayerChoice(controller, Shapes)
         self.draw = ui.CommandButton(actions, "draw", controller.draw)
         self.suggest = ui.CommandButton(actions, "suggest")
-        self.sensitivity = ui.SuggestSlider(controller.suggestions)
+        self.sensitivity = ui.Sensitivity(controller.suggestions)
         self.settings_form = ui.SettingsForm(controller)
         self.preset = self.settings_form.widgets["preset"]
         self.colour_by = self.settings_form.widgets["colour_by"]
-        self.at_once = QCheckBox(actions.table["at_once"].name)
+        self.at_once = qt.QCheckBox(actions.table["at_once"].name)
         self.refine = ui.CommandButton(actions, "refine")
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
@@ -95,33 +95,38 @@ class SplinesketchDock(QWidget):
         self.review = ui.Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = ui.EyeBox(controller)
-        self.said = QLabel()
-        self.said.setWordWrap(True)
+        self.said = ui.TextLabel()
         self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
         tip = "What this image needed of the model, and why"
         self.notes = ui.Folded("Model", tip, self.said)
-        tip = "Options, kept for next time"
-        self.settings = ui.Folded("Settings", tip, self.settings_form)
+        self.settings = ui.Folded("Settings", "Options, kept for next time", self.settings_form)
         self.offer = OfferBox(controller, self.saver)
         self.stage, self.notice, self.hint = ui.TextLabel(), ui.TextLabel(), ui.TextLabel()
-        self.progress = ui.ProgressBox(controller)
+        self.bar, self.cancel = qt.QProgressBar(), ui.Button("Cancel", "Stop", controller.cancel)
+        self.bar.setToolTip("Progress")
+        self.bar.setMinimumWidth(ui.NARROW)
         self.export = ui.Button("Export…", "", self._ask_where)
         self.saved = QElidingLabel()
         self.saved.setElideMode(Qt.TextElideMode.ElideMiddle)
         self.saved.setEllipsesWidth(8)  # napari's style pads labels, which superqt does not know
 
     def _lay_out(self) -> None:
-        texts, below, self.content = QWidget(), QWidget(), QWidget()
+        texts, below, self.content, self.progress = (qt.QWidget() for _ in range(4))
         chosen = ui.form(self.image, self.sketches, self.preset)
         rows = (
-            *(chosen, [self.draw, self.suggest], self.sensitivity, self.at_once),
+            *(chosen, [self.draw, self.suggest]),
+            *(self.sensitivity.ends, self.sensitivity, self.at_once),
             *((self.refine, self.more), self.curve, self.track, (self.results, self.review)),
             *(self.eyes, self.colour_by.native, self.legend, self.steps, self.notes, self.settings),
         )
         ui.stack(self.content, *rows, margin=4).addStretch(1)
         ui.stack(texts, self.stage, self.notice, self.hint).insertStretch(0, 1)
         texts.setMinimumHeight(LINES * self.fontMetrics().lineSpacing())
-        texts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        texts.setSizePolicy(qt.QSizePolicy.Policy.Preferred, qt.QSizePolicy.Policy.Maximum)
+        ui.stack(self.progress, (self.bar, self.cancel))
+        policy = self.progress.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)  # so that nothing moves
+        self.progress.setSizePolicy(policy)
         ui.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
         ui.stack(self, ui.Column(self.content), below).setStretch(0, 1)
         self.setMinimumWidth(220)
@@ -157,22 +162,19 @@ class SplinesketchDock(QWidget):
         """End what runs when the dock is closed: napari then takes the widget out of it."""
         super().changeEvent(a0)
         if a0 and a0.type() == QEvent.Type.ParentChange and self.parent() is None:
-            self._hide_panel()
+            if self.panel is not None:
+                self._viewer.window.remove_dock_widget(self.panel)
             self.close_work()
 
     def _show_or_hide_panel(self) -> None:
-        if self.panel is None:
-            # Plots take 0.4 s to import: not before they are wanted.
-            from napari_splinesketch.plugin.review import open_panel
-
-            self.panel = open_panel(self.controller)
-            self.panel.closed.connect(self._on_panel_closed)
-        else:
-            self._hide_panel()
-
-    def _hide_panel(self) -> None:
         if self.panel is not None:
-            getattr(self.controller.viewer, "window").remove_dock_widget(self.panel)  # noqa: B009
+            self._viewer.window.remove_dock_widget(self.panel)
+            return
+        # Plots take 0.4 s to import: not before they are wanted.
+        from napari_splinesketch.plugin.review import open_panel
+
+        self.panel = open_panel(self.controller, self._viewer.window)
+        self.panel.closed.connect(self._on_panel_closed)
 
     def _on_panel_closed(self) -> None:
         if self.panel is not None:
@@ -191,7 +193,7 @@ class SplinesketchDock(QWidget):
         """Take a title that fits: napari's has the plugin's name in brackets, and is cut off."""
         super().showEvent(a0)
         window = self.window()
-        for label in window.findChildren(QLabel) if window else ():
+        for label in window.findChildren(qt.QLabel) if window else ():
             if label.text().startswith(f"{TITLE} ("):
                 label.setText(TITLE)
 
@@ -226,10 +228,10 @@ class SplinesketchDock(QWidget):
         self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
     def _show_results(self) -> None:
-        controller, work = self.controller, self.controller.work
-        records, here = controller.records(), controller.records(controller.frame)
+        controller, frame = self.controller, self.controller.frame
+        records, here = controller.records(), controller.records(frame)
         self.results.say(words.summary(here))
-        notes = work.state.notes.get(controller.frame, ()) if work and here else ()
+        notes = controller.state.notes.get(frame, ()) if here else ()
         self.notes.setVisible(bool(notes))
         self.said.setText(words.notes(notes))
         for each in (self.eyes, self.colour_by.native):
@@ -240,9 +242,11 @@ class SplinesketchDock(QWidget):
         self.legend.say(words.legend(records, look) if records else "")
 
     def _show_running(self) -> None:
-        controller = self.controller
-        self.stage.say(words.stage(controller.progress, controller.left))
-        self.progress.show_state()
+        controller, progress = self.controller, self.controller.progress
+        self.stage.say(words.stage(progress, controller.left))
+        self.cancel.setEnabled(controller.cancellable)
+        self.bar.setValue(round(100 * progress.fraction) if progress else 0)
+        self.progress.setVisible(progress is not None)
         self.notice.say(words.notice(*controller.notice))
 
     def _show_saved(self) -> None:
@@ -258,20 +262,20 @@ class SplinesketchDock(QWidget):
             return
         folder = Path(image.source.path).parent if image.source.path else Path.home()
         name, kinds = str(folder / f"{image.name}_labels{DEFAULT}"), ";;".join(KINDS)
-        chosen, kind = QFileDialog.getSaveFileName(self, "Export curves", name, kinds)
+        chosen, kind = qt.QFileDialog.getSaveFileName(self, "Export curves", name, kinds)
         if chosen:
             path = with_ending(chosen, KINDS.get(kind, DEFAULT))
             # The dialog has asked about the name as it was typed.
             self.controller.export(path, overwrite=path == chosen)
 
 
-class OfferBox(QFrame):
+class OfferBox(qt.QFrame):
     """Says what was found, with a button to go on and one to ignore it; hidden otherwise."""
 
     def __init__(self, controller: Controller, saver: Saver):
         super().__init__()
         self._controller, self._saver = controller, saver
-        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.setFrameShape(qt.QFrame.Shape.StyledPanel)
         self.said, self.problem = ui.TextLabel(), ui.TextLabel()
         tip = "Bring the saved lines and curves back, in a layer of their own"
         self.resume = ui.Button("Resume", tip, saver.resume)
@@ -284,15 +288,14 @@ class OfferBox(QFrame):
 
     def show_state(self) -> None:
         """Show what is offered now."""
-        offers, curves = self._saver.offers(), self._saver.brought
+        offers, curves, problem = self._saver.offers(), self._saver.brought, self._saver.problem
         for each, shown in ((self.resume, offers), (self.decline, offers), (self.labels, curves)):
             each.setVisible(bool(shown))
-        for each in (self.resume, self.labels):
-            each.setEnabled(self._controller.progress is None)
+            each.setEnabled(self._controller.progress is None or each is self.decline)
         self.said.say(words.offered(list(offers.values())))
         self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
-        self.problem.say(words.notice("failed", self._saver.problem))
-        self.setVisible(bool(curves or offers or self._saver.problem))
+        self.problem.say(words.notice("failed", problem))
+        self.setVisible(bool(curves or offers or problem))
 
 
 def with_ending(path: str, suffix: str) -> str:

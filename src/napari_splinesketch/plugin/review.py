@@ -122,10 +122,8 @@ class CurvesTable(qt.QTableView):
 
     def __init__(self, model: CurvesModel):
         super().__init__()
-        self._model = model
-        self._key: Key | None = None
+        self._rows = model
         self.setModel(model)
-        model.modelReset.connect(lambda: self.show_selected(self._key))
         self.setSortingEnabled(True)
         self.setSelectionBehavior(qt.QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(qt.QAbstractItemView.SelectionMode.SingleSelection)
@@ -149,10 +147,9 @@ class CurvesTable(qt.QTableView):
 
     def show_selected(self, key: Key | None) -> None:
         """Highlight the row of a curve, silently."""
-        self._key = key
-        row = self._model.row_of(key)
+        row = self._rows.row_of(key)
         with QSignalBlocker(self):
-            self.setCurrentIndex(QModelIndex() if row is None else self._model.index(row, 0))
+            self.setCurrentIndex(NO_INDEX if row is None else self._rows.index(row, 0))
 
     def keyPressEvent(self, e: QKeyEvent | None) -> None:
         """Let the viewer have the keys that do not move through the rows."""
@@ -178,11 +175,10 @@ class ReviewPanel(qt.QWidget):
         self.model = CurvesModel(self)
         self.table = CurvesTable(self.model)
         self.plots = CurvePlots(self.controller.viewer.theme)
-        self.shown = qt.QComboBox()
+        self.shown, self.plotted = qt.QComboBox(), qt.QComboBox()
         self.shown.addItems([name.capitalize() for name in SHOWN])
         self.shown.setToolTip("Which curves the table shows")
         self.shown.setMinimumWidth(NARROW)
-        self.plotted = qt.QComboBox()
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
@@ -190,10 +186,9 @@ class ReviewPanel(qt.QWidget):
         table = {"Copy to the clipboard": self.copy, "Save as CSV…": self._ask_where}
         self.more = MenuButton("Table", "Copy or save the table as sorted and filtered", table)
         self.more.setMinimumWidth(self.more.sizeHint().width())
-        left, right = qt.QWidget(), qt.QWidget()
+        halves, left, right = qt.QSplitter(Qt.Orientation.Horizontal), qt.QWidget(), qt.QWidget()
         stack(left, (self.count, self.judges, self.shown, self.more), self.table)
         stack(right, self.plotted, self.plots).setStretch(1, 1)
-        halves = qt.QSplitter(Qt.Orientation.Horizontal)
         halves.addWidget(left)
         halves.addWidget(right)
         halves.setSizes(SHARES)
@@ -210,6 +205,7 @@ class ReviewPanel(qt.QWidget):
             (controller.viewer.events.theme, lambda event: self.plots.show_theme(event.value)),
         )
         controller.order = lambda records: self.model.records
+        self.model.modelReset.connect(lambda: self.table.show_selected(controller.selected))
         self.table.picked.connect(partial(go_to, controller))
         self.shown.activated.connect(self._show_rows)
         self.plotted.activated.connect(self.show_selected)
@@ -228,8 +224,7 @@ class ReviewPanel(qt.QWidget):
 
     def show_state(self) -> None:
         """Show what is known by now."""
-        controller = self.controller
-        records = controller.records()
+        records = self.controller.records()
         self._show_rows()
         reviewed = sum(record.review != "open" for record in records)
         self.plotted.setVisible(len({record.frame for record in records}) > 1)
@@ -278,11 +273,9 @@ class ReviewPanel(qt.QWidget):
         self.model.show(c.records(), c.ruler, shown, c.frame)
 
 
-def open_panel(controller: Controller) -> ReviewPanel:
-    """Show the panel below the canvas."""
+def open_panel(controller: Controller, window: Any) -> ReviewPanel:
+    """Show the panel below the canvas of a napari window."""
     panel = ReviewPanel(controller)
-    # Only a viewer with a window has a dock to press the button in.
-    window = getattr(controller.viewer, "window")  # noqa: B009
     # The docks at the right keep their height: the panel goes below the canvas alone.
     corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
     window._qt_window.setCorner(corner, area)

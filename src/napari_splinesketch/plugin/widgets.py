@@ -53,7 +53,6 @@ class MenuButton(Button):
 
     def __init__(self, text: str, tip: str, runs: Mapping[str, Callable[..., object]]):
         super().__init__(text, tip)
-        self.setAccessibleName(text or tip)
         menu: Any = qt.QMenu(self)
         menu.setToolTipsVisible(True)
         self.setMenu(menu)
@@ -118,14 +117,13 @@ class CommandButtons(qt.QWidget):
         self.title.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
         names = [name for name, command in actions.table.items() if command.place == place]
         self.buttons = {name: CommandButton(actions, name) for name in names}
-        grid = qt.QWidget()
-        layout = _tight(qt.QGridLayout(grid))
+        layout = _tight(qt.QGridLayout())
         for i, made in enumerate(self.buttons.values()):
             made.setMinimumWidth(0)  # as broad as its text, at least
             alone = i % columns == 0 and i == len(self.buttons) - 1
             layout.addWidget(made, i // columns, i % columns, 1, columns if alone else 1)
             layout.setColumnStretch(i % columns, 1)
-        stack(self, self.title, grid)
+        stack(self, self.title).addLayout(layout)
 
     def show_state(self, title: str = "") -> None:
         """Show what can be done now, below a title."""
@@ -149,8 +147,7 @@ class TextLabel(qt.QLabel):
 
     def say(self, text: str) -> None:
         """Show a rich text, or nothing."""
-        if text != self.text():
-            self.setText(text)
+        self.setText(text)
         self.setVisible(bool(text))
 
 
@@ -233,29 +230,6 @@ class LayerChoice(qt.QComboBox):
             option.currentText = self.fontMetrics().elidedText(text, middle, room)
 
 
-class ProgressBox(qt.QWidget):
-    """Bar and Cancel; keeps its room while nothing runs, so that nothing moves."""
-
-    def __init__(self, controller: Controller) -> None:
-        super().__init__()
-        self._controller = controller
-        self.bar = qt.QProgressBar()
-        self.bar.setToolTip("Progress")
-        self.bar.setMinimumWidth(NARROW)
-        self.cancel = Button("Cancel", "Stop", controller.cancel)
-        stack(self, (self.bar, self.cancel))
-        policy = self.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)
-        self.setSizePolicy(policy)
-
-    def show_state(self) -> None:
-        """Show where what runs stands, and whether it can be cancelled."""
-        progress = self._controller.progress
-        self.cancel.setEnabled(self._controller.cancellable)
-        self.bar.setValue(round(100 * progress.fraction) if progress else 0)
-        self.setVisible(progress is not None)
-
-
 class EyeBox(qt.QWidget):
     """Buttons that show and hide layers, and a menu of more of them; follows the layers' eyes."""
 
@@ -290,25 +264,23 @@ class EyeBox(qt.QWidget):
             self._controller.say(MAKERS[role].nothing)
 
 
-class SuggestSlider(qt.QWidget):
+class Sensitivity(qt.QSlider):
     """How much Suggest takes for a body: the lines follow the slider."""
 
     def __init__(self, suggestions: Suggestions):
-        super().__init__()
-        self.slider = qt.QSlider(Qt.Orientation.Horizontal)
-        self.slider.setMinimumWidth(40)
-        self.slider.setAccessibleName("Sensitivity")
-        self.slider.setToolTip(
+        super().__init__(Qt.Orientation.Horizontal)
+        self.setMinimumWidth(40)
+        self.setAccessibleName("Sensitivity")
+        self.setToolTip(
             "Sensitivity of Suggest: to the left only what stands out,\n"
             "to the right also what is faint or short"
         )
-        self.slider.setRange(0, 100)
-        self.slider.setValue(round(100 * suggestions.sensitivity))
-        self.slider.valueChanged.connect(lambda v: suggestions.change_sensitivity(v / 100))
-        ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
-        ends[1].setAlignment(Qt.AlignmentFlag.AlignCenter)
-        ends[2].setAlignment(RIGHT)
-        stack(self, ends, self.slider)
+        self.setRange(0, 100)
+        self.setValue(round(100 * suggestions.sensitivity))
+        self.valueChanged.connect(lambda value: suggestions.change_sensitivity(value / 100))
+        self.ends = [qt.QLabel(said) for said in ("clear only", "Sensitivity", "faint too")]
+        self.ends[1].setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.ends[2].setAlignment(RIGHT)
 
 
 class SettingsForm(qt.QWidget):
@@ -327,8 +299,8 @@ class SettingsForm(qt.QWidget):
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
         self.half_width.lineEdit().installEventFilter(self)
-        run = partial(get_app_model().commands.execute_command, PREFERENCES)
         chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
+        run = partial(get_app_model().commands.execute_command, PREFERENCES)
         keys = Button("Change keys…", KEYS_TIP, run)
         elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
         back = partial(self._take, "work_folder", "")

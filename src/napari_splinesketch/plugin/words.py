@@ -132,11 +132,6 @@ def legend(records: Sequence[Record], look: Look) -> str:
     return f"{low} {blocks} {high}{unit}"
 
 
-def wanted(number: range) -> str:
-    """Say how many curves something needs."""
-    return "a curve" if len(number) > 1 else {1: "one curve", 2: "two curves"}[number[0]]
-
-
 def suggested(number: int) -> str:
     """Say how many lines were suggested."""
     if not number:

@@ -10,9 +10,7 @@ from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.geometry import edges, thinned
 from napari_splinesketch.plugin.layers.space import View
-from napari_splinesketch.plugin.model import Record, once
-
-Line = Float[np.ndarray, "_ 2"]
+from napari_splinesketch.plugin.model import Line, Record, once
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}  # the worst is last
@@ -82,10 +80,9 @@ def halo(curve: Curve, gap: float) -> Line:
     """Draw a closed line outside a body, px: all of the body and its outline can be seen in it."""
     width = curve.half_width if has_outline(curve) else np.full(len(curve.points), UNKNOWN_REACH)
     points = curve.points
-    along = np.diff(points[[0, 1, -2, -1]], axis=0)[[0, 2]]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    ends = np.stack([points[0] - gap * along[0], points[-1] + gap * along[1]])
-    longer = np.concatenate([ends[:1], points, ends[1:]])
+    away = points[[0, -1]] - points[[1, -2]]
+    away *= gap / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    longer = np.concatenate([points[:1] + away[:1], points, points[-1:] + away[1:]])
     return _around(longer, np.pad(width, 1, mode="edge") + gap)
 
 
@@ -137,9 +134,8 @@ def readable(
     taken, sizes, count = np.zeros((MOST, 2)), np.zeros((MOST, 2)), 0
     # Of the same severity, those are spread over the frame: neighbours have similar numbers, and
     # steps of the golden ratio fill an interval evenly.
-    order = [(severity(r.curve), r.id * GOLDEN % 1) for r in here]
-    for at in sorted(range(len(here)), key=order.__getitem__, reverse=True):
-        record = here[at]
+    here.sort(key=lambda r: (severity(r.curve), r.id * GOLDEN % 1), reverse=True)
+    for record in here:
         size = np.array([LINE_HEIGHT, LETTER * len(mark_of(record))]) * view.pixel / 2
         places = _places(record.curve, size, view)
         free = ((places - size > view.low) & (places + size < view.high)).all(axis=1)

@@ -20,7 +20,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
-from napari_splinesketch.plugin.model import Record, by_frame
+from napari_splinesketch.plugin.model import Line, Record, by_frame
 from napari_splinesketch.raster import label_image
 
 if TYPE_CHECKING:
@@ -97,11 +97,6 @@ class Slot:
     def layer(self) -> Any:
         """The layer, or None where there is none or the user has removed it."""
         return self._layer if self._layer in self.work.viewer.layers else None
-
-    @property
-    def shown(self) -> bool:
-        """Whether the layer is there and in view."""
-        return self.layer is not None and self.layer.visible
 
     @property
     def made(self) -> bool:
@@ -213,16 +208,14 @@ def _film(
     return Made(film, space.placement_on(image, grid), look)
 
 
-def _rest(image: Image, frame: int, grid: Grid, model: Picture) -> Picture:
+def _rest(image: Image, frame: int, patch: Patch) -> Picture:
     """Image minus reconstruction; NaN where the image has other pixels by now."""
-    block = space.block_on(image, frame, grid, model.shape)
-    return np.full(model.shape, np.nan) if block is None else block.read() - model
+    block = space.block_on(image, frame, patch.grid, patch.pixels.shape)
+    return np.full(patch.pixels.shape, np.nan) if block is None else block.read() - patch.pixels
 
 
 def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
-    def rest(frame: int, patch: Patch) -> Picture:
-        return _rest(work.image, frame, patch.grid, patch.pixels)
-
+    rest = partial(_rest, work.image)
     last = np.array([np.abs(rest(*known)) for known in patches[-1:]])
     last = last[np.isfinite(last)]
     most = (float(np.quantile(last, TYPICAL)) if last.size else 0.0) or 1.0
@@ -230,23 +223,24 @@ def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
 
 
 def _background(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
-    known = [(frame, patch) for frame, patch in patches if patch.background is not None]
-    return _film(work, known, lambda frame, patch: patch.background)  # pyright: ignore
+    known = [(t, Patch(p.grid, p.background)) for t, p in patches if p.background is not None]
+    return _film(work, known)
 
 
 def _lines(
     work: Work,
-    lines: Sequence[tuple[int, looks.Line]],
-    colour: str | Sequence[str],
+    lines: Sequence[tuple[int, Line]],
+    colour: str | list[str],
     width: float,
     **look: Any,
 ) -> Made:
     """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:
         return Made(np.zeros((0, 2, work.image.ndim)))
-    counts = np.array([len(line) for _, line in lines])
-    frames = np.repeat([frame for frame, _ in lines], counts).tolist()
-    points = space.in_stack(work.image, frames, np.concatenate([line for _, line in lines]))
+    numbers, drawn = zip(*lines, strict=True)
+    counts = np.array(list(map(len, drawn)))
+    frames = np.repeat(numbers, counts).tolist()
+    points = space.in_stack(work.image, frames, np.concatenate(drawn))
     along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
     pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
     if isinstance(colour, str):
@@ -345,5 +339,5 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
     if (high <= low).any():
         return None
     grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    rest = _rest(image, record.frame, grid, patch.pixels[grids.slices(low, high)])
+    rest = _rest(image, record.frame, Patch(grid, patch.pixels[grids.slices(low, high)]))
     return None if np.isnan(rest).all() else grids.mean_across(rest, points - low, half_width)

@@ -40,28 +40,28 @@ class CurveLines(Slot):
             return
         wanted = {id(record.curve): record for record in records}
         before = self._shown if layer.nshapes == len(self._shown) else ()
+        there = {id(record.curve) for record in before}
         kept = [i for i, record in enumerate(before) if id(record.curve) in wanted]
         if gone := set(range(layer.nshapes)).difference(kept):
             layer.selected_data = set()
             layer.remove(sorted(gone))
         self._shown = [before[i] for i in kept]
-        there = {id(record.curve) for record in self._shown}
         fresh = [record for record in records if id(record.curve) not in there]
         curves = [record.curve for record in fresh]
-        unit = looks.breadth(curves)
-        for done in drawn.add_shapes(
-            layer,
-            self._lines(fresh),
-            ["path"] * len(fresh),
-            edge_color=columns.colours_of(fresh, look),
-            face_color="transparent",
-            edge_width=[unit * looks.BREADTHS[curve.status] for curve in curves],
-        ):
+        unit, image = looks.breadth(curves), self.work.image
+        # Worked out when they are added.
+        chunks = (curves[i : i + drawn.CHUNK] for i in range(0, len(curves), drawn.CHUNK))
+        lines = (line for some in chunks for line in thinned([curve.points for curve in some]))
+        pairs = zip(fresh, lines, strict=True)
+        shapes = (space.in_stack(image, record.frame, line) for record, line in pairs)
+        how = {"edge_color": columns.colours_of(fresh, look), "face_color": "transparent"}
+        how["edge_width"] = [unit * looks.BREADTHS[curve.status] for curve in curves]
+        for done in drawn.add_shapes(layer, shapes, ["path"] * len(fresh), **how):
             self._shown = [*self._shown, *fresh[done]]
             # A few are worked out at a time: below, and for outlines, all are asked for.
             columns.features(fresh[done])
-            for record in filter(lambda r: looks.has_outline(r.curve), fresh[done]):
-                looks.outline(record.curve)
+            for curve in filter(looks.has_outline, curves[done]):
+                looks.outline(curve)
             yield
         known = [wanted[id(record.curve)] for record in self._shown]
         if gone or fresh or known != self._shown or layer.features.empty:
@@ -71,13 +71,6 @@ class CurveLines(Slot):
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
         yield
-
-    def _lines(self, records: Sequence[Record]) -> Iterator[np.ndarray]:
-        for start in range(0, len(records), drawn.CHUNK):
-            some = records[start : start + drawn.CHUNK]
-            lines = thinned([record.curve.points for record in some])
-            for record, line in zip(some, lines, strict=True):
-                yield space.in_stack(self.work.image, record.frame, line)
 
 
 @model.once
@@ -142,16 +135,15 @@ class Work:
 
     def remove(self) -> None:
         """Remove the layers of results; they are made again when there is something to show."""
-        with self._by_us():
-            for slot in self.slots.values():
-                slot.remove()
+        for slot in self.slots.values():
+            slot.remove()
 
     def ask(self, role: str, on: bool) -> bool:
         """Show or hide a layer, made now where it has to be; False if there is nothing to show."""
-        if self.layer(role) is None and on and self.image in self.viewer.layers:
-            next(self.slots[role].update(), None)
-        elif (layer := self.layer(role)) is not None:
+        if (layer := self.layer(role)) is not None:
             layer.visible = on
+        elif on and self.image in self.viewer.layers:
+            next(self.slots[role].update(), None)
         self.changes.shown.emit()
         return self.layer(role) is not None or not on
 
@@ -172,14 +164,14 @@ class Work:
         """Let layers follow what is known; where roles are named, those of them in view."""
         for role in roles or self.slots:
             slot = self.slots[role]
+            shown = slot.layer is not None and slot.layer.visible
             always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
-            if (slot.shown or always) and self.image in self.viewer.layers:
+            if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
 
     def _update(self, *roles: str) -> None:
-        with self._by_us():
-            for _ in self._follow(*roles):
-                pass
+        for _ in self._follow(*roles):
+            pass
 
     def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
@@ -187,8 +179,7 @@ class Work:
         if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
             there = frame < space.frame_count(self.image)
             self.moving = [(frame, line) for line in looks.coarse(lines) if there]
-            with self._by_us():
-                next(slot.update(), None)
+            next(slot.update(), None)
 
     def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
@@ -260,22 +251,21 @@ class Work:
         frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
         back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
         colours = np.array(layer.edge_color)
-        before = np.round(colours[:, 3], 3)
+        before, wanted = np.round(colours[:, 3], 3), np.where(back, drawn.FADED, 1.0)
         # A transparency that the user has chosen stays.
-        ours = np.isin(before, (1.0, drawn.FADED))
-        wanted = np.where(ours, np.where(back, drawn.FADED, 1.0), before)
-        if (wanted != before).any():
-            colours[:, 3] = wanted
+        changed = np.isin(before, (1.0, drawn.FADED)) & (wanted != before)
+        if changed.any():
+            colours[changed, 3] = wanted[changed]
             layer.edge_color = colours
 
     @contextmanager
     def _by_us(self) -> Iterator[None]:
         """Change layers without taking our own changes for the user's."""
-        before, self._busy = self._busy, True
+        self._busy = True
         try:
             yield
         finally:
-            self._busy = before
+            self._busy = False
 
     def _on_move(self, event: object) -> None:
         if self.records:
@@ -294,8 +284,7 @@ class Work:
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
         """Tell a click from a drag, where napari itself only moves the camera."""
-        begin, shift = np.array(event.pos), "Shift" in event.modifiers
-        far = 0.0
+        begin, shift, far = np.array(event.pos), "Shift" in event.modifiers, 0.0
         yield
         while event.type == "mouse_move":
             far = max(far, float(np.linalg.norm(np.array(event.pos) - begin)))
@@ -307,5 +296,5 @@ class Work:
 def works_in(viewer: ViewerModel) -> list[Work]:
     """Find what an earlier dock knew of the layers that are still there."""
     there = viewer.layers
-    works = {work: None for layer in there for work in layer.metadata.get(WORKS, ())}
+    works = dict.fromkeys(work for layer in there for work in layer.metadata.get(WORKS, ()))
     return [work for work in works if work.image in there and work.sketches in there]

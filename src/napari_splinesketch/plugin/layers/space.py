@@ -83,7 +83,8 @@ def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
     if units is None or len(units) < layer.ndim:
         return np.ones(layer.ndim)
     pairs = zip(layer.units, units[-layer.ndim :], strict=True)
-    return np.array([(1.0 * own).to(world).magnitude for own, world in pairs])
+    convert = pint.get_application_registry().convert
+    return np.array([convert(1.0, own, world) for own, world in pairs])
 
 
 def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
@@ -213,7 +214,8 @@ def pixel_size(
         return None, None
     if str(unit_y) == "pixel":
         return (None if size_y == size_x == 1 else (size_y, size_x)), None
-    return (size_y, (size_x * unit_x).to(unit_y).magnitude), f"{unit_y:~P}"
+    convert = pint.get_application_registry().convert
+    return (size_y, convert(size_x, unit_x, unit_y)), f"{unit_y:~P}"
 
 
 @dataclass(frozen=True, eq=False)
