@@ -9,7 +9,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from qtpy.QtCore import QTimer
@@ -35,7 +34,7 @@ SUFFIX = " sketches"  # what the name of a new layer ends with; layers of result
 class Drawn:
     """The sketches of one frame, px, and the position of each in its layer."""
 
-    lines: tuple[Float[np.ndarray, "N 2"], ...] = ()
+    lines: tuple[model.Line, ...] = ()
     numbers: tuple[int, ...] = ()
     strays: int = 0  # left out, as too short to mean anything
     unusable: Mapping[str, int] = field(default_factory=dict)  # of other kinds: {"rectangle": 2}
@@ -51,23 +50,15 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
     here = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
     seen = (np.round(first[:, :extra]) == np.round(here[:, :extra])).all(axis=1)
     kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
-    lines, numbers, strays, unusable = [], [], 0, Counter[str]()
-    for i, (at, line) in enumerate(read):
-        if at != frame or not seen[i]:
-            continue
-        if kinds[i] not in LINES:
-            unusable[kinds[i]] += 1
-        elif not lengths[i] >= SHORTEST:
-            strays += 1
-        else:
-            lines.append(line)
-            numbers.append(i)
-    return Drawn(tuple(lines), tuple(numbers), strays, unusable)
+    there = [i for i, (at, _) in enumerate(read) if at == frame and seen[i]]
+    usable = [i for i in there if kinds[i] in LINES]
+    numbers = tuple([i for i in usable if lengths[i] >= SHORTEST])
+    unusable = Counter([kinds[i] for i in there if kinds[i] not in LINES])
+    lines = tuple([read[i][1] for i in numbers])
+    return Drawn(lines, numbers, len(usable) - len(numbers), unusable)
 
 
-def shapes_in(
-    viewer: ViewerModel, layer: Shapes, image: Image
-) -> list[tuple[int, Float[np.ndarray, "N 2"]]]:
+def shapes_in(viewer: ViewerModel, layer: Shapes, image: Image) -> list[tuple[int, model.Line]]:
     """Read all shapes of a layer: the frame of each, and its vertices in pixels of the image."""
     shapes = layer.data
     if not shapes:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.geometry import edges, thinned
-from napari_splinesketch.plugin.layers.space import View
+from napari_splinesketch.plugin.layers.space import Pair, View
 from napari_splinesketch.plugin.model import Line, Record, once
 
 COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentType]
@@ -118,9 +118,7 @@ def severity(curve: Curve) -> tuple[int, float]:
     return [*MARKS].index(curve.status), max(n if np.isfinite(n) else np.inf for n in numbers)
 
 
-def readable(
-    records: Sequence[Record], view: View
-) -> Iterator[tuple[Record, Float[np.ndarray, "2"]]]:
+def readable(records: Sequence[Record], view: View) -> Iterator[tuple[Record, Pair]]:
     """Choose curves whose marks can be read, the worst first, spread over the view; with places."""
     frame = [record for record in records if record.frame == view.frame]
     here = [record for record in frame if MARKS[record.curve.status]]
@@ -156,13 +154,13 @@ def mark_of(record: Record) -> str:
 
 
 @once
-def _stands(curve: Curve) -> tuple[Float[np.ndarray, "S 2"], Float[np.ndarray, "S 2"]]:
+def _stands(curve: Curve) -> tuple[Line, Line]:
     at = np.round(np.array(PLACES) * (len(curve.points) - 1)).astype(int)
     across = (edges(curve.points, np.ones(len(curve.points)))[0] - curve.points)[at]
     return curve.points[at], np.where(across[:, :1] > 0, -across, across)
 
 
-def _places(curve: Curve, size: Float[np.ndarray, "2"], view: View) -> Float[np.ndarray, "_ 2"]:
+def _places(curve: Curve, size: Pair, view: View) -> Line:
     """Where the middle of its mark, of half a size of (row, col), may stand; the best one first."""
     points, up = _stands(curve)
     half = (np.abs(up) * size).sum(axis=1, keepdims=True)  # of the mark's box, on the way there

@@ -34,6 +34,8 @@ STYLES: dict[type[Layer], dict[str, Any]] = {
     Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},
 }
 """How layers of a kind look unless something else is said: points are there for their text."""
+Film = Sequence[tuple[int, Patch]]  # by frame
+Pixels = Callable[[int, Patch], Picture]
 _log = logging.getLogger(__name__)
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
@@ -182,7 +184,7 @@ class Drawing:
             QTimer.singleShot(STEP_MS, partial(self._go_on, key))
 
 
-def _patches(work: Work) -> list[Any]:
+def _patches(work: Work) -> Film:
     frames = space.frame_count(work.image)  # a film may have been cut short
     return [(frame, patch) for frame, patch in work.state.patches.items() if frame < frames]
 
@@ -191,17 +193,12 @@ def _curves(work: Work) -> list[Any]:
     return [record.curve for record in work.records]
 
 
-def _film(
-    work: Work,
-    patches: Sequence[tuple[int, Patch]],
-    make: Callable[[int, Patch], Picture] = lambda frame, patch: patch.pixels,
-    look: Mapping[str, Any] | None = None,
-) -> Made | None:
+def _film(work: Work, patches: Film, *make: Pixels, **look: Any) -> Made | None:
     image = work.image
     if not patches:
         return None
-    film, grid = grids.film_of(dict(patches), space.frame_shape(image), make)
-    if look is None:
+    film, grid = grids.film_of(dict(patches), space.frame_shape(image), *make)
+    if not look:
         low, high = image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
         look["contrast_limits"] = (float(low or 0), float(high or 0))
@@ -214,25 +211,21 @@ def _rest(image: Image, frame: int, patch: Patch) -> Picture:
     return np.full(patch.pixels.shape, np.nan) if block is None else block.read() - patch.pixels
 
 
-def _residual(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
+def _residual(work: Work, patches: Film) -> Made | None:
     rest = partial(_rest, work.image)
     last = np.array([np.abs(rest(*known)) for known in patches[-1:]])
     last = last[np.isfinite(last)]
     most = (float(np.quantile(last, TYPICAL)) if last.size else 0.0) or 1.0
-    return _film(work, patches, rest, {"colormap": DIVERGING, "contrast_limits": (-most, most)})
+    return _film(work, patches, rest, colormap=DIVERGING, contrast_limits=(-most, most))
 
 
-def _background(work: Work, patches: list[tuple[int, Patch]]) -> Made | None:
+def _background(work: Work, patches: Film) -> Made | None:
     known = [(t, Patch(p.grid, p.background)) for t, p in patches if p.background is not None]
     return _film(work, known)
 
 
 def _lines(
-    work: Work,
-    lines: Sequence[tuple[int, Line]],
-    colour: str | list[str],
-    width: float,
-    **look: Any,
+    work: Work, lines: Sequence[tuple[int, Line]], colour: str | Sequence[str], width: float
 ) -> Made:
     """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:
@@ -244,7 +237,7 @@ def _lines(
     along = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
     pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
     if isinstance(colour, str):
-        return Made(pieces, {}, {"edge_color": colour, "edge_width": width, **look})
+        return Made(pieces, {}, {"edge_color": colour, "edge_width": width})
     colours = np.repeat(looks.rgba(colour), counts - 1, axis=0)
     return Made(pieces, {"edge_width": width, "edge_color": colours})
 
@@ -292,7 +285,8 @@ def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
 def _moving(work: Work, _: object) -> Made | None:
     """Lines that are not there yet; hidden at first, as to add a layer takes long enough."""
     width = looks.line_width(space.size_of(work.image))
-    return _lines(work, work.moving, palette.MOVING, width, visible=True) if work.moving else None
+    made = _lines(work, work.moving, palette.MOVING, width)
+    return Made(made.data, look={**made.look, "visible": True}) if work.moving else None
 
 
 def _masks(work: Work, _: object) -> Made:

@@ -93,10 +93,8 @@ class Work:
         self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
-        self.slots = {
-            role: (CurveLines if role == "curves" else Slot)(role, maker, self)
-            for role, maker in MAKERS.items()
-        }
+        self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
+        self.slots["curves"] = CurveLines("curves", MAKERS["curves"], self)
         self._busy = False
         self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):

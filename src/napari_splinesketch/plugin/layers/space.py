@@ -20,6 +20,8 @@ from napari_splinesketch.grids import Grid, slices
 from napari_splinesketch.plugin.model import Line, lengths_of
 
 Points = Float[np.ndarray, "N D"]
+Pair = Float[np.ndarray, "2"]  # (row, col)
+Corner = Int[np.ndarray, "2"]
 PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")  # of a layer
 WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
 LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
@@ -132,9 +134,9 @@ class View(NamedTuple):
     """What the canvas shows of an image: part of a frame, px, and a screen pixel's (row, col)."""
 
     frame: int
-    low: Float[np.ndarray, "2"]
-    high: Float[np.ndarray, "2"]
-    pixel: Float[np.ndarray, "2"]
+    low: Pair
+    high: Pair
+    pixel: Pair
 
 
 def view_of(viewer: ViewerModel, image: Image) -> View:
@@ -156,7 +158,7 @@ def look_at(viewer: ViewerModel, image: Image, frame: int, points: Line) -> None
     viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
 
 
-def screen_pixel(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, "2"]:
+def screen_pixel(viewer: ViewerModel, layer: Layer) -> Pair:
     """(row, col) that a pixel of the screen covers, px of an image, or units of a layer's data."""
     size = np.abs(layer.scale[-2:] * unit_factors(viewer, layer)[-2:])
     return 1 / (size * viewer.scene.camera.zoom)
@@ -273,9 +275,7 @@ def _levels(image: Image) -> tuple[Int[np.ndarray, "L 2"], Any]:
     return shapes, image.data if image.multiscale else [image.data]
 
 
-def _block(
-    image: Image, frame: int, number: int, start: Int[np.ndarray, "2"], stop: Int[np.ndarray, "2"]
-) -> Block:
+def _block(image: Image, frame: int, number: int, start: Corner, stop: Corner) -> Block:
     shapes, levels = _levels(image)
     level, step = levels[number], shapes[0] / shapes[number]
     # Pixel 0 of a coarser level covers the first `step` pixels: its centre is not theirs.
