@@ -83,8 +83,7 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
             return False
         keys, before = list(map(key_of, made)), list(map(key_of, chosen))
         gone = [key for key in before if key not in keys]
-        what = f"{verb} {words.curves(before)}"
-        c.apply(what, c.state.without(gone).with_records(*made))
+        c.apply(f"{verb} {words.curves(before)}", c.state.without(gone).with_records(*made))
         c.select(keys)
         return True
 
@@ -232,13 +231,13 @@ class Commands:
     def run(self, name: str) -> None:
         """Do it, to the curve that is pointed at where none is selected; or say why not."""
         command, c = self.table[name], self._controller
-        problem = self._problem(command)
-        if command.curves and not problem:
-            if not c.selection:
-                pick(c)
-            if problem := self._unselected(command):
-                two = command.curves == TWO
-                problem += ": click one, Shift-click the other." if two else ", or point at it."
+        unselected = f"Select {command.curves}"
+        if self.problem(name) == unselected and not c.selection:
+            pick(c)
+        problem = self.problem(name)
+        if problem == unselected:
+            two = command.curves == TWO
+            problem += ": click one, Shift-click the other." if two else ", or point at it."
         if not problem:
             command.run(c)
         elif command.place:
@@ -251,17 +250,12 @@ class Commands:
 
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
-        return self._problem(self.table[name]) or self._unselected(self.table[name])
-
-    def _problem(self, command: Command) -> str:
-        if self._controller.progress and not command.meanwhile:
+        command, c = self.table[name], self._controller
+        if c.progress and not command.meanwhile:
             return RUNNING
-        return command.problem(self._controller)
-
-    def _unselected(self, command: Command) -> str:
-        number = len(self._controller.selection)
+        number = len(c.selection) if command.curves else 0
         enough = {"": True, ANY: number > 0, ONE: number == 1, TWO: number == 2}[command.curves]
-        return "" if enough else f"Select {command.curves}"
+        return command.problem(c) or ("" if enough else f"Select {command.curves}")
 
     def label(self, name: str) -> str:
         """Say what the button of a command is called now."""
