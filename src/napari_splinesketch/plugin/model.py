@@ -123,13 +123,17 @@ def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:
     return found
 
 
+def changed(lines: Sequence[Any], change: Callable[[Any], Any]) -> list[Any]:
+    """Change the points of lines, all at once."""
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    points = change(np.concatenate(lines)) if lines else []
+    return [points[a:b] for a, b in pairwise([0, *ends])]
+
+
 def prints_of(lines: Sequence[Line]) -> list[bytes]:
     """What lines have in common that are the same, in the single precision of layers or not."""
-    if not lines:
-        return []
-    rounded = np.round(np.concatenate(lines), SAME) + 0.0
-    ends = np.cumsum([len(line) for line in lines]).tolist()
-    return [rounded[a:b].tobytes() for a, b in pairwise([0, *ends])]
+    rounded = changed(lines, lambda points: np.round(points, SAME) + 0.0)
+    return [line.tobytes() for line in rounded]
 
 
 def lengths_of(lines: Sequence[Line]) -> Float[np.ndarray, " N"]:

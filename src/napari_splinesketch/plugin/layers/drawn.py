@@ -60,13 +60,9 @@ def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Dr
 
 def shapes_in(viewer: ViewerModel, layer: Shapes, image: Image) -> list[tuple[int, model.Line]]:
     """Read all shapes of a layer: the frame of each, and its vertices in pixels of the image."""
-    shapes = layer.data
-    if not shapes:
-        return []
-    first = np.cumsum([0] + [len(shape) for shape in shapes[:-1]])
-    pixels = space.to_pixels(viewer, layer, image, np.concatenate(shapes))
-    frames = space.frame_numbers(image, pixels[first])
-    return list(zip(frames, np.split(pixels[:, -2:], first[1:]), strict=True))
+    lines = model.changed(layer.data, partial(space.to_pixels, viewer, layer, image))
+    frames = space.frame_numbers(image, np.array([line[0] for line in lines])) if lines else []
+    return [(frame, line[:, -2:]) for frame, line in zip(frames, lines, strict=True)]
 
 
 def selected_in(layer: Shapes) -> frozenset[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -232,9 +233,8 @@ class Work:
             yield
         if fresh := [one for one in wanted if one not in self._suggested]:
             places = [space.in_stack(self.image, one.frame, one.line) for one in fresh]
-            points = space.to_pixels(self.viewer, self.image, layer, np.concatenate(places))
-            ends = np.cumsum([len(place) for place in places])[:-1]
-            shapes = np.split(points.astype(np.float32), ends)
+            place = partial(space.to_pixels, self.viewer, self.image, layer)
+            shapes = model.changed(places, lambda points: place(points).astype(np.float32))
             self._suggested |= dict(zip(fresh, shapes, strict=True))
             style = drawn.line_style(space.size_of(self.image))
             yield from drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
