@@ -88,20 +88,19 @@ class SplinesketchDock(qt.QWidget):
         self.track = ui.CommandButtons(actions, "film", 2)
         self.steps = ui.CommandButtons(actions, "steps", 2)
         self.undo, self.redo = self.steps.buttons.values()
-        self.results, self.legend = ui.TextLabel(), ui.TextLabel()
+        labels = (ui.TextLabel() for _ in range(6))
+        self.results, self.legend, self.said, self.stage, self.notice, self.hint = labels
         self.results.setToolTip("Curves of this frame: good, to check (?) and failed (!)")
         self.legend.setWordWrap(False)  # or a scroll bar that comes would make itself necessary
         tip = "Show the table of curves and the plots of the selected one"
         self.review = ui.Button("Review", tip, self._show_or_hide_panel)
         self.review.setCheckable(True)
         self.eyes = ui.EyeBox(controller)
-        self.said = ui.TextLabel()
         self.said.setIndent(0)  # Qt counts it twice, and leaves a gap
         tip = "What this image needed of the model, and why"
         self.notes = ui.Folded("Model", tip, self.said)
         self.settings = ui.Folded("Settings", "Options, kept for next time", self.settings_form)
         self.offer = OfferBox(controller, self.saver)
-        self.stage, self.notice, self.hint = ui.TextLabel(), ui.TextLabel(), ui.TextLabel()
         self.bar, self.cancel = qt.QProgressBar(), ui.Button("Cancel", "Stop", controller.cancel)
         self.bar.setToolTip("Progress")
         self.bar.setMinimumWidth(ui.NARROW)
@@ -217,14 +216,13 @@ class SplinesketchDock(qt.QWidget):
         nothing = "" if records else "Nothing to export yet: refine first"
         tip = "Write the curves of all frames to a file: a table, or another format"
         self.export.allow("Something is running" if running else nothing, tip)
-        self._to_do = words.to_do(controller.request())
         self._show_selected()
 
     def _show_selected(self) -> None:
         controller, chosen = self.controller, self.controller.selected_records()
         self.curve.show_state(words.selected(chosen, controller.frame))
         self.track.show_state()
-        said = words.doubts(chosen) or self._to_do
+        said = words.doubts(chosen) or words.to_do(controller.request())
         self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
     def _show_results(self) -> None:
