@@ -32,7 +32,7 @@ from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape
 
 DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
 AGAIN_MS = 5000  # after something that failed, until it is tried again
@@ -113,7 +113,7 @@ class Saver(QObject):
         super().__init__(parent)
         self._controller = controller
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
-        self._choice = self._chosen
+        self._settings = controller.settings
         for work in controller.works:  # of a dock that was closed
             work.folder = work.folder.again()
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
@@ -129,10 +129,6 @@ class Saver(QObject):
         self._soon()
 
     @property
-    def _chosen(self) -> tuple[bool, str]:
-        return self._controller.settings.save_work, self._controller.settings.work_folder
-
-    @property
     def _home(self) -> Home:
         image = self._controller.choices.image
         return self._homes.setdefault(image, Home()) if image else Home()
@@ -141,7 +137,7 @@ class Saver(QObject):
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
         home, work = self._home, self._controller.work
-        if not (self._choice[0] and home.place):
+        if not (self._settings.save_work and home.place):
             return None
         return work.folder.path.parent if work and work.folder.path else home.place
 
@@ -174,17 +170,12 @@ class Saver(QObject):
             return
         frames, size, problems = frame_count(image), size_of(image), list[str]()
 
-        def read(_: object) -> list[Found]:
-            found = list[Found]()
-            for path in offers:
-                try:
-                    found.insert(0, sessions.reopen(path, frames, size))
-                except (OSError, LabelsError) as error:
-                    problems.append(f"{error}.")
-            return found
+        def read(_: object) -> list[tuple[Folder, Session] | None]:
+            return [sessions.reopen(path, frames, size, problems) for path in offers]
 
-        def show(found: list[Found]) -> None:
-            every = chain.from_iterable(self._restore(image, one, problems) for one in found)
+        def show(found: list[tuple[Folder, Session] | None]) -> None:
+            there = filter(None, reversed(found))
+            every = chain.from_iterable(self._restore(image, *one, problems) for one in there)
             controller.drawing.start(image, every, over)
 
         def over() -> None:
@@ -194,13 +185,13 @@ class Saver(QObject):
 
         controller.start(read, show, "Reading the saved work")
 
-    def _restore(self, image: Image, found: Found, problems: list[str]) -> Iterator[object]:
+    def _restore(
+        self, image: Image, folder: Folder, session: Session, problems: list[str]
+    ) -> Iterator[object]:
         """Bring one session back, once all of it is there; otherwise its files stay as they are."""
-        folder, session, unread = found
-        problems.extend(unread)
         controller, drawn = self._controller, session.drawn
-        every = [shape.frame == EVERY for shape in drawn]
-        layer = empty_layer(image, session.layer, flat=bool(drawn) and all(every))
+        flat = {shape.frame for shape in drawn} == {EVERY}
+        layer = empty_layer(image, session.layer, flat=flat)
         data = [s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn]
         try:
             style = line_style(size_of(image))
@@ -276,10 +267,11 @@ class Saver(QObject):
             self._soon()
 
     def _on_settings(self) -> None:
-        if self._choice != self._chosen:
+        before, now = self._settings, self._controller.settings
+        if (before.save_work, before.work_folder) != (now.save_work, now.work_folder):
             self.flush()
-            before, self._choice = self._choice, self._chosen
-            if before[1] != self._choice[1]:  # what is saved stays where it is
+            self._settings = now
+            if before.work_folder != now.work_folder:  # what is saved stays where it is
                 self._homes.clear()
                 for work in self._controller.works:
                     work.folder = work.folder.moved()
@@ -308,13 +300,12 @@ class Saver(QObject):
 
     def _task(self, image: Image, home: Home) -> Callable[[], Home] | None:
         """Take a snapshot of what is to be found out about an image, and written of it."""
-        wanted, chosen = self._choice
         works = [work for work in self._controller.works if work.image is image and _begun(work)]
-        if not wanted or (home.place and not works):
+        if not self._settings.save_work or (home.place and not works):
             return None
         path = Path(image.source.path) if image.source.path else None
         pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-        about = image.name, path, pixels, image.ndim - 2, chosen
+        about = image.name, path, pixels, image.ndim - 2, self._settings.work_folder
         orders = [(work.folder, _session(work)) for work in works]
         # The thread changes a copy: the window learns all of it when it is done.
         return partial(replace(home).save, about, orders)

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -137,18 +137,13 @@ def _record(flat: _Record, info: Any) -> Record:
     return Record(frame=info.context, curve=curve, **values)
 
 
-def _drawn(shape: Shape, info: Any) -> Shape:
-    return replace(shape, frame=info.context)
-
-
-_Drawn = Annotated[Shape, pydantic.AfterValidator(_drawn)]
 _Curve = Annotated[_Record, pydantic.AfterValidator(_record), PlainSerializer(_flat)]
 
 
 class Page(_File):
     """The file of one frame; every fault that is collected takes a kilobyte: the first will do."""
 
-    sketches: Annotated[tuple[_Drawn, ...], FailFast()]
+    sketches: Annotated[tuple[Shape, ...], FailFast()]
     records: Annotated[tuple[_Curve, ...], FailFast()]
     deleted: Annotated[tuple[_Curve, ...], FailFast()]
     notes: Annotated[tuple[str, ...], FailFast()]
@@ -338,34 +333,36 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
                 patches[frame] = _read_patch(picture, size)
         except (OSError, LabelsError) as error:
             problems.append(f"{error}.")
-    drawn, records, deleted = (
-        tuple(chain.from_iterable(getattr(page, part) for page in pages.values()))
-        for part in ("sketches", "records", "deleted")
-    )
+    drawn = tuple([replace(shape, frame=t) for t in pages for shape in pages[t].sketches])
+    records: Any = [record for page in pages.values() for record in page.records]
+    deleted: Any = [record for page in pages.values() for record in page.deleted]
     notes = {frame: page.notes for frame, page in pages.items() if page.notes}
-    state = State(records, (), deleted, patches, notes)
+    state = State(tuple(records), (), tuple(deleted), patches, notes)
     return Session(head.layer, head.image, drawn, state), tuple(problems)
 
 
-Found = tuple[Folder, Session, tuple[str, ...]]  # what was not read is last
-
-
-def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:
+def reopen(
+    path: Path, frames: int, size: tuple[int, int], problems: list[str]
+) -> tuple[Folder, Session] | None:
     """Read a session that no other window has; it goes on elsewhere if it is not read whole."""
     try:
         folder = Folder(path)
     except BusyError as error:
         who = str(error).partition(";")[0]
-        raise BusyError(f"{who}: it is open in another window; close it there") from error
+        problems.append(f"{who}: it is open in another window; close it there.")
+        return None
     except OSError:
         folder = Folder()
-    with ExitStack() as held:
-        held.callback(folder.release)
-        head, (session, problems) = Head.read(path / HEAD), read(path, frames, size)
-        if problems or folder.path is None:
-            return Folder(after=head.saved), session, problems
-        held.pop_all()
+    try:
+        head, (session, unread) = Head.read(path / HEAD), read(path, frames, size)
+    except (OSError, LabelsError) as error:
+        folder.release()
+        problems.append(f"{error}.")
+        return None
     folder.head, folder.after = head, head.after
+    problems.extend(unread)
+    if unread or folder.path is None:
+        return folder.moved(), session
     # Pictures that were read need not be written again.
     folder._written = {_name(n, "npz"): patch for n, patch in session.state.patches.items()}
-    return folder, session, ()
+    return folder, session
