@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -190,11 +191,10 @@ def read_with(layer: Shapes) -> Labels:
     """Give the labels that a layer was read from; of a table, also if napari has opened it."""
     source = layer.source
     if LABELS not in layer.metadata and source.reader_plugin == "napari" and source.path:
-        try:
-            ours = claiming(source.path) is table.FORMAT
-            labels = table.FORMAT.read_whole(source.path) if ours else Labels()
-        except (LabelsError, OSError):
-            labels = Labels()
+        labels = Labels()
+        with suppress(LabelsError, OSError):
+            if claiming(source.path) is table.FORMAT:
+                labels = table.FORMAT.read_whole(source.path)
         layer.metadata[LABELS] = labels
         for name, value in _placed(labels, layer.ndim).items():
             setattr(layer, name, value)
