@@ -353,6 +353,22 @@ def test_work_that_went_on_elsewhere_is_offered_once(home: Path, tmp_path: Path)
         assert not other.saver.offers()
 
 
+def test_work_that_was_saved_here_and_there_is_offered_once(home: Path, tmp_path: Path) -> None:
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        for count, folder in enumerate(["", str(tmp_path), ""], 3):
+            first.controller.choose(work_folder=folder)
+            layer.add_paths([LINES[0] + 9 * count])
+            first.saver.flush()
+            assert not first.saver.offers(), "it is in the window"
+    assert (counts(home), counts(tmp_path)) == ([(3, 0), (5, 0)], [(4, 0)])
+    with bench() as again:
+        again.image()
+        until(again.saver.offers, SOON)
+        assert [head.sketches for head in again.saver.offers().values()] == [5]
+
+
 def test_what_two_windows_made_of_the_same_work_is_all_offered(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:

@@ -159,7 +159,7 @@ class Saver(QObject):
         Of work that went on in another folder, only what it has become is offered.
         """
         known = [work.folder for work in self._controller.works], self._home.found.values()
-        gone_on = {each.after for each in chain(*known)}
+        gone_on = {version for each in chain(*known) for version in each.after}
         others = [pair for pair in self._others.items() if pair[1].saved not in gone_on]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 

@@ -161,7 +161,7 @@ class Page(_File):
 class Head(_File):
     """What a folder holds, for the question whether to go on with it.
 
-    `saved` tells versions apart; `after` is that of the version that goes on here, from elsewhere.
+    `saved` tells versions apart; `after` are those, saved elsewhere, that go on here.
     """
 
     most_bytes = 2**18
@@ -173,10 +173,10 @@ class Head(_File):
     sketches: NonNegativeInt
     curves: NonNegativeInt
     frames: NonNegativeInt
-    after: AwareDatetime | None = None
+    after: tuple[AwareDatetime, ...] = ()
 
     @classmethod
-    def of(cls, session: Session, after: datetime | None) -> Self:
+    def of(cls, session: Session, after: tuple[datetime, ...]) -> Self:
         """Say what a session is written with now."""
         drawn, known = session.drawn, session.state.records
         return cls.model_construct(
@@ -232,10 +232,10 @@ def _write(path: Path, what: _File | Patch) -> None:
 class Folder:
     """Where a session is saved: what has changed of it is written, by one window at a time.
 
-    `head` is what was written or read last; `after` says which version goes on here.
+    `head` is what was written or read last; `after` as there.
     """
 
-    def __init__(self, path: Path | None = None, after: datetime | None = None):
+    def __init__(self, path: Path | None = None, after: tuple[datetime, ...] = ()):
         self.path, self.after = path, after
         self.head: Head | None = None
         self._lock = ExitStack()  # held until `release`, or until Python ends
@@ -259,7 +259,7 @@ class Folder:
     def moved(self) -> "Folder":
         """Leave it to others, and give a new one to go on in."""
         self.release()
-        return Folder(after=self.head.saved if self.head else self.after)
+        return Folder(after=(*self.after, *([self.head.saved] if self.head else [])))
 
     def write(self, session: Session, parent: Path | None = None) -> None:
         """Bring the files in step with a session."""
