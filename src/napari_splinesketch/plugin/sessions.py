@@ -249,6 +249,7 @@ class Folder:
 
     def again(self) -> "Folder":
         """Give it, if no other window has it or has gone on there, or a new one to go on in."""
+        self.release()
         with suppress(OSError, LabelsError):
             if self.path and self.head:
                 self._lock.enter_context(owned(self.path))
