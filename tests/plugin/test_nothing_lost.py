@@ -247,6 +247,17 @@ def test_lines_without_curves_are_known_when_the_dock_is_opened_again(home: Path
     assert counts(home) == [(2, 0), (2, 0)]
 
 
+def test_metadata_of_layers_hold_nothing_but_text(home: Path) -> None:
+    with bench() as made:
+        made.image()
+        made.sketches()
+        made.refine()
+        until(lambda: not made.controller.drawing.runs, SOON)
+        assert len(made.viewer.layers) > 4
+        for layer in made.viewer.layers:
+            json.dumps(layer.metadata)
+
+
 def test_two_windows_never_write_into_one_folder(home: Path) -> None:
     with bench() as first:
         first.image()
@@ -314,6 +325,67 @@ def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
         assert len(again.controller.records()) == 2
 
 
+def test_work_that_went_on_elsewhere_is_offered_once(home: Path, tmp_path: Path) -> None:
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    (page,) = home.glob("*/*/frame-000000000.json")
+    page.with_name("frame-000000007.json").write_text(page.read_text())
+    for curves in (2, 1):  # it is recovered, and gone on with elsewhere
+        with bench() as again:
+            again.image()
+            until(again.saver.offers, SOON)
+            (head,) = again.saver.offers().values()
+            assert head.curves == curves
+            again.resume()
+            assert not again.saver.offers()
+            again.controller.delete((0, curves))
+    assert [curves for _, curves in counts(home)] == [2, 0], "what is older stays on the disk"
+    with bench() as last:
+        last.image()
+        until(last.saver.offers, SOON)
+        last.saver.decline()
+        assert not last.saver.offers(), "nor is it offered when what it has become is not wanted"
+    with bench() as other:
+        other.image()
+        until(lambda: other.saver.place, SOON)
+        assert not other.saver.offers()
+
+
+def test_work_that_was_saved_here_and_there_is_offered_once(home: Path, tmp_path: Path) -> None:
+    with bench() as first:
+        first.image()
+        layer = first.sketches()
+        for count, folder in enumerate(["", str(tmp_path), ""], 3):
+            first.controller.choose(work_folder=folder)
+            layer.add_paths([LINES[0] + 9 * count])
+            first.saver.flush()
+            assert not first.saver.offers(), "it is in the window"
+    assert (counts(home), counts(tmp_path)) == ([(3, 0), (5, 0)], [(4, 0)])
+    with bench() as again:
+        again.image()
+        until(again.saver.offers, SOON)
+        assert [head.sketches for head in again.saver.offers().values()] == [5]
+
+
+def test_what_two_windows_made_of_the_same_work_is_all_offered(home: Path) -> None:
+    viewer = ViewerModel()
+    with bench(viewer) as first:
+        first.image()
+        first.sketches()
+        first.refine()
+    with bench() as other:
+        other.image()
+        other.resume()
+        with bench(viewer) as again:
+            again.controller.delete((0, 1))
+        other.controller.delete((0, 1), (0, 2))
+    with bench() as last:
+        last.image()
+        until(lambda: len(last.saver.offers()) == 2, SOON)
+
+
 def test_what_cannot_be_shown_never_stops_the_dock(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -371,7 +443,10 @@ def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
     monkeypatch.setenv("XDG_DATA_HOME", str(home.parents[1]))
     with bench() as later:
         later.viewer.add_layer(from_file(path))
-        until(lambda: len(later.saver.offers()) == 2, SOON)
+        until(later.saver.offers, SOON)
+        (head,) = later.saver.offers().values()
+        assert head.curves == 1, "what it has become; the older files stay where they are"
+    assert {file: file.read_bytes() for file in before} == before
 
 
 def test_an_image_with_the_longest_name_is_saved(home: Path, tmp_path: Path) -> None:

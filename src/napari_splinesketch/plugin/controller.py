@@ -301,7 +301,7 @@ class Controller(Keeper):
         there = set(self.viewer.layers)
         for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
             self.works.remove(work)
-            work.sketches.metadata.get(WORKS, [work]).remove(work)
+            vars(work.sketches)[WORKS].remove(work)
             half = self.drawing.runs.pop(work, None)  # what is half shown goes with it
             if half or work.image not in there:
                 # Later: napari is still busy with the layer that it tells of.

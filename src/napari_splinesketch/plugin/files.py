@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -30,7 +31,7 @@ from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.pictures import OWNER, ROLE
+from napari_splinesketch.plugin.layers.pictures import OWNER, OWNERS, ROLE
 from napari_splinesketch.plugin.layers.space import pixel_size, size_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.synthetic import rotate, scene
@@ -138,7 +139,8 @@ def labels_of(work: Work, *, rejected: bool = True) -> Labels:
 def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:
     """Label the lines of a Shapes layer: known curves with all that is known of them."""
     kept = meta.get("metadata", {})
-    origin = labels_of(kept[OWNER]) if OWNER in kept else kept.get(LABELS, Labels())
+    owner = OWNERS.get(kept.get(OWNER, ""))
+    origin = labels_of(owner) if owner else kept.get(LABELS, Labels())
     known = {(label.frame, label.curve): label for label in origin.labels}
     drawn = dict(zip(known, thinned([label.points for label in known.values()]), strict=True))
     numbers = map(int, meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
@@ -189,11 +191,10 @@ def read_with(layer: Shapes) -> Labels:
     """Give the labels that a layer was read from; of a table, also if napari has opened it."""
     source = layer.source
     if LABELS not in layer.metadata and source.reader_plugin == "napari" and source.path:
-        try:
-            ours = claiming(source.path) is table.FORMAT
-            labels = table.FORMAT.read_whole(source.path) if ours else Labels()
-        except (LabelsError, OSError):
-            labels = Labels()
+        labels = Labels()
+        with suppress(LabelsError, OSError):
+            if claiming(source.path) is table.FORMAT:
+                labels = table.FORMAT.read_whole(source.path)
         layer.metadata[LABELS] = labels
         for name, value in _placed(labels, layer.ndim).items():
             setattr(layer, name, value)

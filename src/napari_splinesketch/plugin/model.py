@@ -102,12 +102,10 @@ def once(find: Callable[Concatenate[V, A], T]) -> Callable[Concatenate[V, A], T]
     known: WeakKeyDictionary[V, dict[Any, T]] = WeakKeyDictionary()
 
     def found(value: V, *rest: A.args, **no: A.kwargs) -> T:
-        try:
-            return known[value][rest]
-        except KeyError:
-            made = find(value, *rest, **no)
-            known.setdefault(value, {})[rest] = made
-            return made
+        made = known.setdefault(value, {})
+        if rest not in made:
+            made[rest] = find(value, *rest, **no)
+        return made[rest]
 
     return found
 

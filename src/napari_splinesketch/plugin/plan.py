@@ -102,9 +102,8 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
 def _as_known(line: Line, known: Record) -> Line:
     """Let a line run as its curve does, which the user may have turned."""
     ends = known.curve.points[[0, -1]]
-    straight = np.linalg.norm(ends - line[[0, -1]], axis=1).sum()
-    turned = np.linalg.norm(ends - line[[-1, 0]], axis=1).sum()
-    return line[::-1] if turned < straight else line
+    ways = line, line[::-1]
+    return min(ways, key=lambda way: np.linalg.norm(ends - way[[0, -1]], axis=1).sum())
 
 
 def _matched(

@@ -5,7 +5,6 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
@@ -33,7 +32,7 @@ from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
-from napari_splinesketch.plugin.sessions import EVERY, Folder, Found, Head, Session, Shape
+from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape
 
 DELAY_MS = 700  # from a change to its being written, at least; more changes meanwhile go together
 AGAIN_MS = 5000  # after something that failed, until it is tried again
@@ -49,36 +48,13 @@ class Home:
     """Where work on an image is saved, and what was found there and elsewhere."""
 
     about: Mapping[str, object] = field(default_factory=dict)  # what sessions say of the image
+    found: dict[Path, Head] = field(default_factory=dict)  # what was saved of it
+    unread: str = ""  # why something that was saved could not be read
     place: Path | None = None  # of new sessions, once the image was looked at
-    found: dict[Path, Head] = field(default_factory=dict)  # sessions that were not begun here
-    unread: str = ""  # why a session could not be read
     unsaved: str = ""  # why not all is written
     job: Job | None = None  # who looks or writes now, in a thread
 
-    def save(
-        self, name: str, look: Callable[[], None], orders: Sequence[tuple[Folder, Session]]
-    ) -> Self:
-        """Look at the image, once, and write what was ordered; to be called in a thread."""
-        try:
-            if self.place is None:
-                look()
-        except Exception as error:
-            self.unsaved = f"{name} could not be read, and work on it is not saved: {error}."
-            return self
-        problems: dict[str, None] = {}
-        for folder, session in orders:
-            try:
-                folder.write(replace(session, image=self.about), self.place)
-            except Exception as error:
-                _log.warning("The work could not be saved", exc_info=True)
-                said = str(error)
-                if isinstance(error, OSError) and error.strerror:
-                    said = f"{error.strerror}: {error.filename}"
-                problems[f"The work could not be saved: {said}."] = None
-        self.unsaved = " ".join(problems)
-        return self
-
-    def look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
+    def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
         checksum = _checksum(pixels, frames)
         ending = f"{checksum[:DIGITS]}.splinesketch"
@@ -93,7 +69,7 @@ class Home:
             parents.insert(0 if writable else 1, path.parent)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
-        self.found = {}
+        found = dict[Path, Head]()
         for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in parents):
             try:
                 head = None if folder.suffix == OLD else sessions.summary(folder)
@@ -101,10 +77,31 @@ class Home:
                 self.unread = f"Saved work could not be read, and stays where it is: {error}."
             else:
                 if head and head.image.get("sha256") == checksum:
-                    self.found[folder] = head
+                    found[folder] = head
         source, shape = str(path) if path else None, [int(n) for n in pixels.shape]
         self.about = {"name": name, "path": source, "shape": shape, "sha256": checksum}
-        self.place = parents[0] / called
+        self.found, self.place = found, parents[0] / called
+
+    def save(self, image: Sequence[Any], orders: Sequence[tuple[Folder, Session]]) -> Self:
+        """Look at the image, once, and write what was ordered; to be called in a thread."""
+        try:
+            if self.place is None:
+                self._look(*image)
+        except Exception as error:
+            self.unsaved = f"{image[0]} could not be read, and work on it is not saved: {error}."
+            return self
+        problems: dict[str, None] = {}
+        for folder, session in orders:
+            try:
+                folder.write(replace(session, image=self.about), self.place)
+            except Exception as error:
+                _log.warning("The work could not be saved", exc_info=True)
+                said = str(error)
+                if isinstance(error, OSError) and error.strerror:
+                    said = f"{error.strerror}: {error.filename}"
+                problems[f"The work could not be saved: {said}."] = None
+        self.unsaved = " ".join(problems)
+        return self
 
 
 class Saver(QObject):
@@ -116,8 +113,9 @@ class Saver(QObject):
         super().__init__(parent)
         self._controller = controller
         self._homes: WeakKeyDictionary[Image, Home] = WeakKeyDictionary()
-        self._choice = self._chosen
-        self._left: set[Path | None] = set()
+        self._settings = controller.settings
+        for work in controller.works:  # of a dock that was closed
+            work.folder = work.folder.again()
         self._soon = qthrottled(self._save, DELAY_MS, leading=False)
         changes, layers = controller.changes, controller.viewer.layers.events
         self._end: Callable[[], None] | None = listen(
@@ -131,15 +129,17 @@ class Saver(QObject):
         self._soon()
 
     @property
-    def _chosen(self) -> tuple[bool, str]:
-        return self._controller.settings.save_work, self._controller.settings.work_folder
+    def _home(self) -> Home:
+        image = self._controller.choices.image
+        return self._homes.setdefault(image, Home()) if image else Home()
 
     @property
     def place(self) -> Path | None:
         """Where work on the chosen layers is saved; None while that is not known, or not wanted."""
-        home, work = self._home if self._choice[0] else None, self._controller.work
-        path = work.folder.path if work else None
-        return home and home.place and (path.parent if path else home.place)
+        home, work = self._home, self._controller.work
+        if not (self._settings.save_work and home.place):
+            return None
+        return work.folder.path.parent if work and work.folder.path else home.place
 
     @property
     def problem(self) -> str:
@@ -148,11 +148,19 @@ class Saver(QObject):
         homes = [home for image, home in self._homes.items() if image in layers]
         return " ".join(filter(None, chain.from_iterable((h.unsaved, h.unread) for h in homes)))
 
+    @property
+    def _others(self) -> dict[Path, Head]:
+        mine = {work.folder.path for work in self._controller.works}
+        return {path: head for path, head in self._home.found.items() if path not in mine}
+
     def offers(self) -> Mapping[Path, Head]:
-        """Give the work that was found for the chosen image, the latest first."""
-        mine = self._left.union(work.folder.path for work in self._controller.works)
-        found = self._home.found.items() if self._home else ()
-        others = [pair for pair in found if pair[0] not in mine]
+        """Give the work that was found for the chosen image, the latest first.
+
+        Of work that went on in another folder, only what it has become is offered.
+        """
+        known = [work.folder for work in self._controller.works], self._home.found.values()
+        gone_on = {version for each in chain(*known) for version in each.after}
+        others = [pair for pair in self._others.items() if pair[1].saved not in gone_on]
         return dict(sorted(others, key=lambda pair: pair[1].saved, reverse=True))
 
     def resume(self) -> None:
@@ -162,27 +170,28 @@ class Saver(QObject):
             return
         frames, size, problems = frame_count(image), size_of(image), list[str]()
 
-        def show(found: list[Found]) -> None:
-            every = (self._restore(image, one, problems) for one in reversed(found))
-            controller.drawing.start(image, chain.from_iterable(every), over)
+        def read(_: object) -> list[tuple[Folder, Session] | None]:
+            return [sessions.reopen(path, frames, size, problems) for path in offers]
+
+        def show(found: list[tuple[Folder, Session] | None]) -> None:
+            there = filter(None, reversed(found))
+            every = chain.from_iterable(self._restore(image, *one, problems) for one in there)
+            controller.drawing.start(image, every, over)
 
         def over() -> None:
             said = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
             controller.finish(said if problems else "", "failed")
-
-        def read(_: object) -> list[Found]:
-            return [sessions.reopen(path, frames, size) for path in offers]
+            self.found.emit()
 
         controller.start(read, show, "Reading the saved work")
 
-    def _restore(self, image: Image, found: Found, problems: list[str]) -> Iterator[object]:
+    def _restore(
+        self, image: Image, folder: Folder, session: Session, problems: list[str]
+    ) -> Iterator[object]:
         """Bring one session back, once all of it is there; otherwise its files stay as they are."""
-        (path, session, folder, said), controller = found, self._controller
-        problems.extend(said)
-        if session is None:
-            return
-        drawn, every = session.drawn, [shape.frame == EVERY for shape in session.drawn]
-        layer = empty_layer(image, session.layer, flat=bool(drawn) and all(every))
+        controller, drawn = self._controller, session.drawn
+        flat = {shape.frame for shape in drawn} == {EVERY}
+        layer = empty_layer(image, session.layer, flat=flat)
         data = [s.points if s.frame == EVERY else in_stack(image, s.frame, s.points) for s in drawn]
         try:
             style = line_style(size_of(image))
@@ -195,22 +204,22 @@ class Saver(QObject):
                 controller.apply("", session.state)
         except Exception as error:
             _log.exception("Saved work could not be brought back")
-            problems.append(f"{path}: {type(error).__name__}: {error}.")
+            problems.append(f"{session.layer}: {type(error).__name__}: {error}.")
             folder.release()
         else:
             controller.work_on(image, layer).folder = folder
-            self._forget(path)
 
     def decline(self) -> None:
         """Do not offer again what was found; the files stay, under another name."""
-        for path in self.offers():
+        for path in self._others:
             names = (path.with_name(f"{path.name}{-n or ''}{OLD}") for n in count())
             try:
                 with owned(path):
                     path.rename(next(name for name in names if not name.exists()))
             except OSError as error:
                 self._controller.say(f"Saved work could not be put aside: {error}.")
-            self._forget(path)
+            del self._home.found[path]
+        self.found.emit()
 
     @property
     def brought(self) -> int:
@@ -232,12 +241,11 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        works = [w for w in self._controller.works if w.records or w.sketches.nshapes]
-        for image in dict.fromkeys(work.image for work in works):
-            home = self._home_of(image)
+        for image in {work.image: None for work in filter(_begun, self._controller.works)}:
+            home = self._homes.setdefault(image, Home())
             if home.job:
                 home.job.wait()
-            if task := self._task(image):
+            if task := self._task(image, home):
                 self._on_done(home, task())
 
     def close(self) -> None:
@@ -248,23 +256,10 @@ class Saver(QObject):
             self._end()
             self._end = None
 
-    @property
-    def _home(self) -> Home | None:
-        image = self._controller.choices.image
-        return self._home_of(image) if image else None
-
-    def _home_of(self, image: Image) -> Home:
-        return self._homes.setdefault(image, Home())
-
     def _leave(self, works: Sequence[Work]) -> None:
         self.flush()
         for work in works:
             work.folder.release()
-
-    def _forget(self, path: Path) -> None:
-        if self._home:
-            self._home.found.pop(path, None)
-        self.found.emit()
 
     def _on_event(self, event: Any) -> None:
         """Hear of any layer of the user's: one that is not chosen may be written too."""
@@ -272,15 +267,14 @@ class Saver(QObject):
             self._soon()
 
     def _on_settings(self) -> None:
-        if self._choice != self._chosen:
-            # Elsewhere from now on, or no more: what is saved stays where it is.
-            self._leave(self._controller.works)
-            before, self._choice = self._choice, self._chosen
-            if before[1] != self._choice[1]:
+        before, now = self._settings, self._controller.settings
+        if (before.save_work, before.work_folder) != (now.save_work, now.work_folder):
+            self.flush()
+            self._settings = now
+            if before.work_folder != now.work_folder:  # what is saved stays where it is
                 self._homes.clear()
                 for work in self._controller.works:
-                    self._left.add(work.folder.path)
-                    work.folder = Folder()
+                    work.folder = work.folder.moved()
             self._soon()
             self.found.emit()
 
@@ -289,35 +283,32 @@ class Saver(QObject):
         if going := [w for w in self._controller.works if layer in (w.image, w.sketches)]:
             self._leave(going)
         for work in going:
-            path = work.folder.path
-            with suppress(OSError, LabelsError):
-                if path and (head := sessions.summary(path)):
-                    self._home_of(work.image).found[path] = head
+            path, head = work.folder.path, work.folder.head
+            if path and head and (head.sketches or head.curves):
+                self._homes[work.image].found[path] = head
 
     def _save(self) -> None:
         images = {work.image for work in self._controller.works}
         for image in {self._controller.choices.image, *images} - {None}:
-            home = self._home_of(image)
+            home = self._homes.setdefault(image, Home())
             if home.job:
                 self._soon()
-            elif task := self._task(image):
+            elif task := self._task(image, home):
                 home.job = Job(lambda _, task=task: task())
                 home.job.done.connect(partial(self._on_done, home))
                 home.job.start()
 
-    def _task(self, image: Image) -> Callable[[], Home] | None:
+    def _task(self, image: Image, home: Home) -> Callable[[], Home] | None:
         """Take a snapshot of what is to be found out about an image, and written of it."""
-        # The thread changes a copy: the window learns all of it when it is done.
-        (wanted, chosen), home = self._choice, replace(self._home_of(image))
-        works = [work for work in self._controller.works if work.image is image]
-        every = [(work.folder, _session(work)) for work in works if wanted]
-        orders = [(f, one) for f, one in every if f.path or one.drawn or one.state.records]
-        if not wanted or (home.place and not orders):
+        works = [work for work in self._controller.works if work.image is image and _begun(work)]
+        if not self._settings.save_work or (home.place and not works):
             return None
         path = Path(image.source.path) if image.source.path else None
         pixels = image.data[-1] if image.multiscale else image.data  # pyright: ignore
-        look = partial(home.look, image.name, path, pixels, image.ndim - 2, chosen)
-        return partial(home.save, image.name, look, orders)
+        about = image.name, path, pixels, image.ndim - 2, self._settings.work_folder
+        orders = [(work.folder, _session(work)) for work in works]
+        # The thread changes a copy: the window learns all of it when it is done.
+        return partial(replace(home).save, about, orders)
 
     def _on_done(self, home: Home, now: Home) -> None:
         """Tell of what was found, and of what went wrong; try that again later."""
@@ -328,6 +319,11 @@ class Saver(QObject):
             if home.unsaved:
                 self._soon()
             self.found.emit()
+
+
+def _begun(work: Work) -> bool:
+    """Whether there is something to save, or to say that it is gone."""
+    return bool(work.folder.path or work.state.records or work.sketches.nshapes)
 
 
 def _session(work: Work) -> Session:

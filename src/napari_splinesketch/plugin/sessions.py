@@ -12,21 +12,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pydantic
-from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt
+from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt, PlainSerializer
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.files import BusyError, atomic, owned
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import Label, LabelsError
-from napari_splinesketch.labels.format import blamed
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
 from napari_splinesketch.plugin.model import Record, Review, State, by_frame
 
@@ -57,7 +55,7 @@ def _rows(columns: int) -> pydantic.PlainValidator:
     return pydantic.PlainValidator(unpack)
 
 
-_written = pydantic.PlainSerializer(
+_written = PlainSerializer(
     lambda array: b2a_base64(np.asarray(array, "<f8").tobytes(), newline=False).decode()
 )
 _Places = Annotated[np.ndarray, _rows(2), _written]
@@ -96,13 +94,13 @@ class _File(pydantic.BaseModel):
     most_bytes: ClassVar = 2**27
 
     @classmethod
-    def read(cls, path: Path) -> Self:
-        """Read a file; LabelsError where it is not as it should be."""
+    def read(cls, path: Path, frame: int = EVERY) -> Self:
+        """Read a file, of a frame; LabelsError where it is not as it should be."""
         if (size := path.stat().st_size) > cls.most_bytes:
             reason = f"{size} bytes are more than the {cls.most_bytes} that are read"
             raise LabelsError(path, "", reason)
         try:
-            return cls.model_validate_json(path.read_bytes())
+            return cls.model_validate_json(path.read_bytes(), context=frame)
         except pydantic.ValidationError as error:
             first = error.errors(include_url=False, include_context=False)[0]
             place, given = ".".join(map(str, first["loc"])), str(first["input"])[:40]
@@ -126,25 +124,28 @@ class _Record(_File):
     drawn: bool
     edited: bool
 
-    @classmethod
-    def of(cls, record: Record) -> Self:
-        values: dict[str, Any] = vars(record.curve) | vars(record)
-        return cls.model_construct(None, **values | {"residual": record.curve.residual})
 
-    def record(self, frame: int) -> Record:
-        values: dict[str, Any] = dict(self) | {"residual": float(self.residual[0])}
-        curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
-        # What no label can be, no curve can: ValueError.
-        Label.from_curve(curve, frame=frame, identity=self.id)
-        return Record(frame=frame, curve=curve, **values)
+def _flat(record: Record) -> _Record:
+    return _Record.model_construct(None, **vars(record.curve) | vars(record))
+
+
+def _record(flat: _Record, info: Any) -> Record:
+    values: dict[str, Any] = dict(flat) | {"residual": float(flat.residual[0])}
+    curve = Curve(**{each.name: values.pop(each.name) for each in fields(Curve)})
+    # What no label can be, no curve can: ValueError.
+    Label.from_curve(curve, frame=info.context, identity=flat.id)
+    return Record(frame=info.context, curve=curve, **values)
+
+
+_Curve = Annotated[_Record, pydantic.AfterValidator(_record), PlainSerializer(_flat)]
 
 
 class Page(_File):
     """The file of one frame; every fault that is collected takes a kilobyte: the first will do."""
 
     sketches: Annotated[tuple[Shape, ...], FailFast()]
-    records: Annotated[tuple[_Record, ...], FailFast()]
-    deleted: Annotated[tuple[_Record, ...], FailFast()]
+    records: Annotated[tuple[_Curve, ...], FailFast()]
+    deleted: Annotated[tuple[_Curve, ...], FailFast()]
     notes: Annotated[tuple[str, ...], FailFast()]
 
     @pydantic.model_validator(mode="after")
@@ -158,7 +159,10 @@ class Page(_File):
 
 
 class Head(_File):
-    """What a folder holds, for the question whether to go on with it."""
+    """What a folder holds, for the question whether to go on with it.
+
+    `saved` tells versions apart; `after` are those, saved elsewhere, that go on here.
+    """
 
     most_bytes = 2**18
     software: str = f"napari-splinesketch {__version__}"
@@ -169,6 +173,21 @@ class Head(_File):
     sketches: NonNegativeInt
     curves: NonNegativeInt
     frames: NonNegativeInt
+    after: tuple[AwareDatetime, ...] = ()
+
+    @classmethod
+    def of(cls, session: Session, after: tuple[datetime, ...]) -> Self:
+        """Say what a session is written with now."""
+        drawn, known = session.drawn, session.state.records
+        return cls.model_construct(
+            image=dict(session.image),
+            layer=session.layer[:LONGEST_NAME],
+            saved=datetime.now(UTC),
+            sketches=len(drawn),
+            curves=len(known),
+            frames=len({one.frame for one in (*drawn, *known)}),
+            after=after,
+        )
 
     @pydantic.field_validator("format")
     @classmethod
@@ -190,91 +209,78 @@ def _files_of(session: Session) -> dict[str, Any]:
         "deleted": by_frame(state.deleted),
         "notes": state.notes,
     }
-    frames = sorted(set[int]().union(*parts.values()))
     pages = {
-        _name(t): {name: tuple(part.get(t, ())) for name, part in parts.items()} for t in frames
+        _name(t): Page.model_construct(None, **{n: tuple(of.get(t, ())) for n, of in parts.items()})
+        for t in sorted(set[int]().union(*parts.values()))
     }
     pictures = {_name(f, "npz"): p for f, p in state.patches.items() if _name(f) in pages}
     return {**pages, HEAD: (session.layer, pages), **pictures}
 
 
-def _write(path: Path, what: Any, session: Session) -> None:
-    drawn, known = session.drawn, session.state.records
+def _write(path: Path, what: _File | Patch) -> None:
     with atomic(path, overwrite=True) as temporary:
         if isinstance(what, Patch):
             arrays = {"place": np.stack([what.grid.origin, what.grid.step]), "pixels": what.pixels}
             arrays |= {} if what.background is None else {"background": what.background}
             np.savez_compressed(temporary, **arrays)  # pyright: ignore[reportArgumentType]
-            return
-        if path.name == HEAD:
-            file = Head.model_construct(
-                image=dict(session.image),
-                layer=session.layer[:LONGEST_NAME],
-                saved=datetime.now(UTC),
-                sketches=len(drawn),
-                curves=len(known),
-                frames=len({one.frame for one in (*drawn, *known)}),
-            )
         else:
-            made = {part: tuple(map(_Record.of, what[part])) for part in ("records", "deleted")}
-            file = Page.model_construct(None, **what | made)
-        text = json.dumps(file.model_dump(mode="json"), ensure_ascii=False)
-        # Names of files, and so of layers, may hold what is no text.
-        temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
+            text = json.dumps(what.model_dump(mode="json"), ensure_ascii=False)
+            # Names of files, and so of layers, may hold what is no text.
+            temporary.write_text(text + "\n", encoding="utf-8", errors="replace")
 
 
 class Folder:
-    """Where a session is saved: what has changed of it is written, by one window at a time."""
+    """Where a session is saved: what has changed of it is written, by one window at a time.
 
-    def __init__(self, path: Path | None = None):
-        self.path, self._lock = path, ExitStack()  # owned until `release`, or until Python ends
-        self._left: int | None = None  # when it had been written last as others were let in
+    `head` is what was written or read last; `after` as there.
+    """
+
+    def __init__(self, path: Path | None = None, after: tuple[datetime, ...] = ()):
+        self.path, self.after = path, after
+        self.head: Head | None = None
+        self._lock = ExitStack()  # held until `release`, or until Python ends
         self._written: dict[str, object] = {}  # what files hold, where that is known
         if path is not None:
             self._lock.enter_context(owned(path))
 
     def release(self) -> None:
         """Let others write there."""
-        if self.path is not None and self._left is None:
-            self._left = _written_at(self.path)
-            self._lock.close()
+        self._lock.close()
+
+    def again(self) -> "Folder":
+        """Give it, if no other window has it or has gone on there, or a new one to go on in."""
+        self.release()
+        with suppress(OSError, LabelsError):
+            if self.path and self.head:
+                self._lock.enter_context(owned(self.path))
+                if Head.read(self.path / HEAD).saved == self.head.saved:
+                    return self
+        return self.moved()
+
+    def moved(self) -> "Folder":
+        """Leave it to others, and give a new one to go on in."""
+        self.release()
+        return Folder(after=(*self.after, *([self.head.saved] if self.head else [])))
 
     def write(self, session: Session, parent: Path | None = None) -> None:
-        """Bring the files in step with a session; in a new folder if others went on there."""
-        path, files, known = self._find(parent or Path()), _files_of(session), self._written
-        for name in filter(FRAME.fullmatch, [file.name for file in path.iterdir()]):
-            stale = name.endswith("npz") and known.get(name) is not files.get(name)
-            if stale or name not in files:
-                (path / name).unlink()
-                known.pop(name, None)
-        for name, what in files.items():
-            if known.get(name) != what:
-                _write(path / name, what, session)
-                known[name] = what
-
-    def _find(self, parent: Path) -> Path:
-        """Own a folder: its own, or a new one where another window has gone on there."""
-        if self.path is not None and self._left is not None:
-            with suppress(OSError):
-                self._lock.enter_context(owned(self.path))
-                if self._left == _written_at(self.path):
-                    self._left = None
-                    return self.path
-            self._lock.close()
-            self.path, self._left, self._written = None, None, {}
-        numbers = count(1)
+        """Bring the files in step with a session."""
+        files, known, numbers = _files_of(session), self._written, count(1)
         while self.path is None:
-            path = parent / str(next(numbers))
+            path = (parent or Path()) / str(next(numbers))
             with suppress(FileExistsError):
                 path.mkdir(parents=True)
                 self._lock.enter_context(owned(path))
                 self.path = path
-        return self.path
-
-
-def _written_at(path: Path) -> int:
-    head = path / HEAD
-    return head.stat().st_mtime_ns if head.exists() else 0
+        for name in filter(FRAME.fullmatch, [file.name for file in self.path.iterdir()]):
+            stale = name.endswith("npz") and known.get(name) is not files.get(name)
+            if stale or name not in files:
+                (self.path / name).unlink()
+                known.pop(name, None)
+        for name, what in files.items():
+            if known.get(name) != what:
+                head = Head.of(session, self.after) if name == HEAD else None
+                _write(self.path / name, head or what)
+                known[name], self.head = what, head or self.head
 
 
 def _read_patch(path: Path, size: tuple[int, int]) -> Patch:
@@ -315,8 +321,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     A damaged file costs its own frame, not the others.
     """
     head, problems = Head.read(path / HEAD), list[str]()
-    drawn, records, deleted = list[Shape](), list[Record](), list[Record]()
-    patches, notes = dict[int, Patch](), dict[int, tuple[str, ...]]()
+    pages, patches = dict[int, Page](), dict[int, Patch]()
     for file in sorted(path.glob("*.json")):
         if (found := FRAME.fullmatch(file.name)) is None:
             continue
@@ -324,40 +329,41 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
         try:
             if frame >= frames:
                 raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
-            page = Page.read(file)
-            with blamed(partial(LabelsError, file, "")):
-                kept, gone = ([r.record(frame) for r in of] for of in (page.records, page.deleted))
-            drawn += [replace(shape, frame=frame) for shape in page.sketches]
-            records += kept
-            deleted += gone
-            notes |= {frame: page.notes} if page.notes else {}
+            pages[frame] = Page.read(file, frame)
             if frame != EVERY and (picture := file.with_suffix(".npz")).exists():
                 patches[frame] = _read_patch(picture, size)
         except (OSError, LabelsError) as error:
-            problems.append(str(error))
+            problems.append(f"{error}.")
+    drawn = tuple([replace(shape, frame=t) for t in pages for shape in pages[t].sketches])
+    records: Any = [record for page in pages.values() for record in page.records]
+    deleted: Any = [record for page in pages.values() for record in page.deleted]
+    notes = {frame: page.notes for frame, page in pages.items() if page.notes}
     state = State(tuple(records), (), tuple(deleted), patches, notes)
-    return Session(head.layer, head.image, tuple(drawn), state), tuple(problems)
+    return Session(head.layer, head.image, drawn, state), tuple(problems)
 
 
-Found = tuple[Path, Session | None, Folder, tuple[str, ...]]  # what was not read is last
-
-
-def reopen(path: Path, frames: int, size: tuple[int, int]) -> Found:
+def reopen(
+    path: Path, frames: int, size: tuple[int, int], problems: list[str]
+) -> tuple[Folder, Session] | None:
     """Read a session that no other window has; it goes on elsewhere if it is not read whole."""
     try:
         folder = Folder(path)
     except BusyError as error:
         who = str(error).partition(";")[0]
-        return path, None, Folder(), (f"{who}: it is open in another window; close it there.",)
+        problems.append(f"{who}: it is open in another window; close it there.")
+        return None
     except OSError:
         folder = Folder()
     try:
-        session, problems = read(path, frames, size)
+        head, (session, unread) = Head.read(path / HEAD), read(path, frames, size)
     except (OSError, LabelsError) as error:
-        session, problems = None, (f"{error}.",)
-    if problems or session is None:
         folder.release()
-        return path, session, Folder(), problems
+        problems.append(f"{error}.")
+        return None
+    folder.head, folder.after = head, head.after
+    problems.extend(unread)
+    if unread or folder.path is None:
+        return folder.moved(), session
     # Pictures that were read need not be written again.
     folder._written = {_name(n, "npz"): patch for n, patch in session.state.patches.items()}
-    return path, session, folder, ()
+    return folder, session

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from napari.components import ViewerModel
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"  # keys of a layer's metadata
+OWNERS: WeakValueDictionary[str, Work] = WeakValueDictionary()
+"""What layers show, by what their metadata say: other plugins may write these to files."""
 STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
 FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
 STYLES: dict[type[Layer], dict[str, Any]] = {
@@ -90,7 +93,11 @@ class Slot:
 
     def __init__(self, role: str, maker: Maker, work: Work):
         self.maker, self.work = maker, work
-        named = {"name": f"{work.name} {maker.name}", "metadata": {ROLE: role, OWNER: work}}
+        named = {
+            "name": f"{work.name} {maker.name}",
+            "metadata": {ROLE: role, OWNER: str(id(work))},
+        }
+        OWNERS[str(id(work))] = work
         self._named = named | STYLES.get(maker.kind, {})
         self._layer: Layer | None = None
         self._source: Sequence[Any] | None = None

@@ -20,8 +20,9 @@ from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 from napari_splinesketch.plugin.sessions import Folder
 
-WORKS = "napari-splinesketch works"
-"""Key of the metadata of sketches: what is known through them, whichever dock looks after it."""
+WORKS = "_splinesketch_works"
+"""Attribute of sketches: what is known through them, whichever dock looks after it. It is not in
+their metadata, which other plugins may write to files."""
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
@@ -100,7 +101,7 @@ class Work:
         self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
-        sketches.metadata.setdefault(WORKS, []).append(self)
+        vars(sketches).setdefault(WORKS, []).append(self)
 
     @property
     def name(self) -> str:
@@ -294,5 +295,5 @@ class Work:
 def works_in(viewer: ViewerModel) -> list[Work]:
     """Find what an earlier dock knew of the layers that are still there."""
     there = viewer.layers
-    works = dict.fromkeys(work for layer in there for work in layer.metadata.get(WORKS, ()))
-    return [work for work in works if work.image in there and work.sketches in there]
+    works = [work for layer in there for work in vars(layer).get(WORKS, ())]
+    return [work for work in works if work.image in there]
