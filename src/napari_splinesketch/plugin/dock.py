@@ -216,13 +216,14 @@ class SplinesketchDock(qt.QWidget):
         nothing = "" if records else "Nothing to export yet: refine first"
         tip = "Write the curves of all frames to a file: a table, or another format"
         self.export.allow("Something is running" if running else nothing, tip)
+        self._to_do = words.to_do(controller.request())  # a plan of all lines: once a change
         self._show_selected()
 
     def _show_selected(self) -> None:
         controller, chosen = self.controller, self.controller.selected_records()
         self.curve.show_state(words.selected(chosen, controller.frame))
         self.track.show_state()
-        said = words.doubts(chosen) or words.to_do(controller.request())
+        said = words.doubts(chosen) or self._to_do
         self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
     def _show_results(self) -> None:
