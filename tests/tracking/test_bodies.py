@@ -8,9 +8,11 @@ import pytest
 from napari_splinesketch import Curve, refine
 from napari_splinesketch.tracking import Body, View
 from napari_splinesketch.tracking.bodies import INFERRED, curve_inferred
-from napari_splinesketch.tracking.drift import ShownPlaces, doubts
+from napari_splinesketch.tracking.drift import ShownPlaces, doubts, misleads
+from napari_splinesketch.tracking.follow import after
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
+from napari_splinesketch.tracking.types import NOTHING_GIVEN, Tracked
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
 
@@ -67,6 +69,41 @@ def test_a_curve_is_longer_than_its_body_by_what_lengths_have_varied() -> None:
     wild = replace(known, lengths=(LENGTH - 3, LENGTH, LENGTH + 3) * 3)
     assert not wild.exceeded(longer)
     assert replace(known, lengths=(*known.lengths, 80.0)).length_sd < 1
+
+
+def uncertain(line: np.ndarray) -> Curve:
+    return replace(curve(line, HALF_WIDTH), sd=np.full(100, 0.8))
+
+
+def test_a_curve_that_slid_along_others_does_not_tell_how_its_body_moves() -> None:
+    slid, crossing = moved(at(6), 0, 4), curve(moved(at(6), 3, 20), HALF_WIDTH)
+    for one in (uncertain(slid), curve(at(6, -4, LENGTH + 2), HALF_WIDTH)):
+        assert misleads(BODY, 6, one)
+        for others, last in (((crossing,), 5), ((), 6)):
+            curves = (one, *others)
+            ids = tuple(range(1, 1 + len(curves)))
+            result = Tracked(6, ids, tuple(c.points for c in curves), curves)
+            known = after({1: BODY, 2: replace(BODY, id=2)}, result, NOTHING_GIVEN)
+            assert known[1].seen[-1][0] == last
+            assert known[1].misses == 0, "it is there"
+    predicted = BODY.predicted(7).line
+    np.testing.assert_allclose(predicted, at(7), atol=0.5)
+
+
+def test_a_curve_where_its_body_is_expected_or_as_certain_as_usual_tells_how_it_moves() -> None:
+    assert not misleads(BODY, 6, uncertain(at(6)))
+    assert not misleads(BODY, 6, curve(moved(at(6), 0, 4), HALF_WIDTH))
+    unsure = replace(BODY, seen=tuple((t, uncertain(c.points)) for t, c in BODY.seen))
+    assert not misleads(unsure, 6, uncertain(moved(at(6), 0, 4)))
+
+
+def test_what_misleads_for_long_is_how_the_body_moves() -> None:
+    bodies = {1: BODY, 2: replace(BODY, id=2)}
+    for frame in range(6, 10):
+        curves = uncertain(moved(at(frame), 0, 4)), curve(moved(at(frame), 3, 20), HALF_WIDTH)
+        result = Tracked(frame, (1, 2), tuple(c.points for c in curves), curves)
+        bodies = after(bodies, result, NOTHING_GIVEN)
+        assert bodies[1].seen[-1][0] == (5 if frame < 9 else 9)
 
 
 def test_an_end_that_is_never_shown_is_not_hidden() -> None:

@@ -69,10 +69,13 @@ class Body:
         off = np.abs(np.array(self.lengths or (self.length,)) - self.length)
         return max(NORMAL * float(np.median(off)), EVEN * self.length)
 
+    def exceeds(self, more: float) -> bool:
+        """Whether a difference from its length, px, is more than usual."""
+        return more > max(LONG * self.half_width, LONGER * self.length_sd)
+
     def exceeded(self, curve: Curve) -> bool:
         """Whether a curve is longer than its body can be, if that has been seen often enough."""
-        usual = max(LONG * self.half_width, LONGER * self.length_sd)
-        return len(self.lengths) >= MEMORY and curve.length - self.length > usual
+        return len(self.lengths) >= MEMORY and self.exceeds(curve.length - self.length)
 
     def lacks(self, curve: Curve) -> bool:
         """Whether a curve is so short that something may hide the rest."""

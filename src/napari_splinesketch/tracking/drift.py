@@ -32,6 +32,13 @@ UNLIKE = 1.6
 """Factor by which the contrast may change from frame to frame."""
 NEAR = 2.3
 """Half-widths between curves of which one may be taken for the other."""
+EXPECTED = 0.4
+"""Half-widths from where its body is expected within which a curve confirms that ..."""
+UNSURE, UNSURER = 0.2, 2.0
+"""... however uncertain it is; elsewhere it may be uncertain by so many half-widths, or times what
+is usual of its body."""
+WAITS = 3
+"""Frames in a row whose curves may tell nothing of how a body moves: then it does move like that."""
 BESIDE = 1.5
 """Half-widths from another curve where the image may show that one."""
 GOES_ON, SLID = 3.0, 0.15
@@ -64,6 +71,21 @@ def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> lis
     if apart > JUMP * usual:
         found.append(f"it jumped by {apart:.0f} px")
     return found
+
+
+def misleads(body: Body, frame: int, curve: Curve) -> bool:
+    """Whether a curve that others are near may not tell where its body is along its path.
+
+    An end that touches another body slides along it unseen. Such a curve is not where its body is
+    expected, and is more uncertain, longer or shorter than usual.
+    """
+    if distance(curve.points, body.predicted(frame).line) < EXPECTED * body.half_width:
+        return False
+    if abs(frame - body.seen[-1][0]) > WAITS + body.misses:
+        return False
+    usual = float(np.median([known.sd.max() for _, known in body.seen]))
+    uncertain = curve.sd.max() > max(UNSURE * body.half_width, UNSURER * usual)
+    return bool(uncertain) or body.exceeds(abs(curve.length - body.length))
 
 
 def explains_less(body: Body, curve: Curve) -> bool:

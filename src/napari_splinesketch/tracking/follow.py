@@ -10,7 +10,7 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import ShownPlaces
+from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
 from napari_splinesketch.tracking.events import Entering, Parts
 from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
 from napari_splinesketch.tracking.types import (
@@ -27,7 +27,7 @@ from napari_splinesketch.tracking.window import Window
 NOTHING = "nothing like it is there"
 LEFT, DIVIDED = "it left the image", "it divided into parts"
 """Why a body ends, other than that it is not found any more."""
-PATIENCE = 12
+PATIENCE = 20
 """Frames for which a body that cannot be trusted is looked for, with the frames around them."""
 OUTSIDE = 0.5
 """Share of a body beyond the image's border with which it has left."""
@@ -117,10 +117,13 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
     leading = {i: c for i, c in given.curves.items() if given.leads or i in bodies}
     for number, curve in leading.items():
         known[number] = known.get(number, Body(number, ())).with_curve(result.frame, curve)
+    near = near_others({**given.curves, **result.by_id})
     for number, curve in result.by_id.items():
         body = known[number]
-        trusted = number not in result.drifting
-        known[number] = body.with_curve(result.frame, curve) if trusted else body.missed()
+        if number in result.drifting:
+            known[number] = body.missed()
+        elif not (near[number] and misleads(body, result.frame, curve)):
+            known[number] = body.with_curve(result.frame, curve)
     for number in result.missing:
         known[number] = known[number].missed()
     return {number: body for number, body in known.items() if number not in result.lost}
