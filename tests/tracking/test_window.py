@@ -58,11 +58,11 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
     """Two bodies run along each other for ever; a third that met them goes out of sight."""
     pair = {1: curve(LINE), 2: curve(moved(LINE, 3, 0))}
     gone = range(LONGEST - 2, LONGEST + 4)
-    bodies = {i: Body(i, ((0, c),)) for i, c in {**pair, 3: curve(moved(LINE, 30, 0))}.items()}
+    bodies = {i: Body(i, ((0, c),)) for i, c in {**pair, 3: curve(moved(LINE, 44, 48))}.items()}
     window = Window(FakeRefine((0, 0)), "fast", True, ShownPlaces())
     results: list[Tracked] = []
-    for frame in range(1, 41):
-        third = {} if frame in gone else {3: curve(moved(LINE, 2 * abs(frame - 15), 33))}
+    for frame in range(1, LONGEST + 11):
+        third = {} if frame in gone else {3: curve(moved(LINE, 2 * abs(frame - LONGEST // 2), 48))}
         now = {**pair, **third}
         missing = {} if third else {3: "nothing like it is there"}
         lines = tuple(c.points for c in now.values())
@@ -71,7 +71,7 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
         bodies = after(bodies, result, NOTHING_GIVEN) | known
         results += window.ready()
     results += window.rest()
-    assert [r.frame for r in results] == list(range(1, 41))
+    assert [r.frame for r in results] == list(range(1, LONGEST + 11))
     for result in results:
         assert curve_inferred(result.by_id[3]) == (result.frame in gone)
 

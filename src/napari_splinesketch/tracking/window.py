@@ -23,7 +23,7 @@ from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
 from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
 
-LONGEST = 30
+LONGEST = 45
 """Frames that are held back at most; then they are given as they are."""
 ALONG = 0.3
 """Share of a body that may run along another without being taken for it."""
