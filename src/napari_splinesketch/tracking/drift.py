@@ -38,7 +38,7 @@ UNSURE, UNSURER = 0.2, 2.0
 """... however uncertain it is; elsewhere it may be uncertain by so many half-widths, or times what
 is usual of its body."""
 WAITS = 3
-"""Frames in a row whose curves may tell nothing of how a body moves: then it does move like that."""
+"""Frames in a row in which a curve is not believed for that; a body that stays so does move so."""
 BESIDE = 1.5
 """Half-widths from another curve where the image may show that one."""
 GOES_ON, SLID = 3.0, 0.15
