@@ -79,13 +79,13 @@ def misleads(body: Body, frame: int, curve: Curve) -> bool:
     An end that touches another body slides along it unseen. Such a curve is not where its body is
     expected, and is more uncertain, longer or shorter than usual.
     """
-    if distance(curve.points, body.predicted(frame).line) < EXPECTED * body.half_width:
+    usual = float(np.median([known.sd.max() for _, known in body.seen]))
+    uncertain = curve.sd.max() > max(UNSURE * body.half_width, UNSURER * usual)
+    if not (uncertain or body.exceeds(abs(curve.length - body.length))):
         return False
     if abs(frame - body.seen[-1][0]) > WAITS + body.misses:
         return False
-    usual = float(np.median([known.sd.max() for _, known in body.seen]))
-    uncertain = curve.sd.max() > max(UNSURE * body.half_width, UNSURER * usual)
-    return bool(uncertain) or body.exceeds(abs(curve.length - body.length))
+    return distance(curve.points, body.predicted(frame).line) >= EXPECTED * body.half_width
 
 
 def explains_less(body: Body, curve: Curve) -> bool:
