@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.judge import assess
 
 
@@ -17,6 +18,6 @@ def test_two_curves_on_one_body_are_told_and_others_are_not() -> None:
 
 
 def test_only_near_curves_are_neighbours() -> None:
-    near = list(assess.neighbours([across(10), across(13), across(30, 62, 90)], 4.0))
+    near = list(spline.neighbours([across(10), across(13), across(30, 62, 90)], 4.0))
     assert near == [[1], [0], []]
-    assert list(assess.neighbours([across(10), across(13)], 2.0)) == [[], []]
+    assert list(spline.neighbours([across(10), across(13)], 2.0)) == [[], []]

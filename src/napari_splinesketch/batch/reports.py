@@ -47,7 +47,7 @@ class CurveReport:
         return cls(
             identity,
             round(curve.length, 3),
-            _number(np.median(curve.half_width)),
+            _number(curve.typical_half_width),
             _number(np.median(curve.sd)),
             curve.status,
             curve.reasons,
@@ -133,5 +133,5 @@ class Spool:
         return self._count
 
 
-def _number(value: np.floating) -> float | None:
+def _number(value: float | np.floating) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None

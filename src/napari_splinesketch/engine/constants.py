@@ -15,6 +15,8 @@ THINNEST_GIVEN_PX = 0.2
 # a sketch may leave the image by this many of its longer sides (guards against wrong units):
 FAR_OUTSIDE = 10.0
 SHORTEST_SKETCH_PX = 2.0  # shorter sketches have no direction (geometry)
+# centrelines are shown while they are fitted every this many times of how long that takes (speed):
+LINES_APART = 20
 # sketches with more points are freehand strokes and are averaged down to this many (speed):
 FREEHAND_POINTS = 200
 # sketches are rounded to this grid, so that turning them is exact (floating point):

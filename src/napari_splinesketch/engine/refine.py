@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Real
 
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
 from napari_splinesketch.engine import constants as const
@@ -125,14 +125,15 @@ def _fitted(
 class _Progress:
     """Passes progress on, from one thread at a time; never falls.
 
-    What the callback raises, or `Stopped` where it returns False, is raised in all threads from
-    then on.
+    Centrelines are passed on as often as takes a small share of the time. What the callback raises,
+    or `Stopped` where it returns False, is raised in all threads from then on.
     """
 
     def __init__(self, on_progress: OnProgress | None, lines: list[Array], total: int):
         self._call, self._fraction = on_progress, 0.0
         self._lines, self._total, self._before = list(lines), total, 0
         self._lock, self._over = threading.Lock(), None
+        self._due = 0.0
 
     def __call__(self, stage: str, fraction: float, lines: list[Array] | None = None) -> None:
         if self._call is None:
@@ -155,12 +156,14 @@ class _Progress:
         def report(stage: str, fraction: float, centrelines: Centrelines | None = None) -> None:
             if self._call is None:
                 return
-            lines: list[Float[Array, "P 2"]] | None = None
-            if centrelines or self._before:
-                lines = list(self._lines)
-                now = [island.pose.outside(line) for line in centrelines()] if centrelines else []
+            lines = None
+            if time.perf_counter() >= self._due and (centrelines or self._before):
+                now = centrelines() if centrelines else []  # may have to wait for them
+                began, lines = time.perf_counter(), list(self._lines)
                 for i, line in zip(island.members, now, strict=False):
-                    lines[i] = line
+                    lines[i] = island.pose.outside(line)
+                ended = time.perf_counter()
+                self._due = ended + const.LINES_APART * (ended - began)
             done = self._before + fraction * len(island.members)
             self(stage, done / self._total, lines)
 

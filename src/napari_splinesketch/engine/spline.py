@@ -1,6 +1,6 @@
 """Natural cubic splines with uniform knots: values and derivatives are `basis @ knots`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
 
 import numpy as np
@@ -61,6 +61,16 @@ def apart(
 ) -> Float[Array, " P"]:
     """(P,) distance of points to the nearest point of a line, px; infinite beyond `most`."""
     return KDTree(line).query(points, distance_upper_bound=most)[0]
+
+
+def neighbours(curves: Sequence[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:
+    """Say of each curve which others' bounding boxes come within `reach` of its own."""
+    low = np.array([c.min(0) for c in curves]).reshape(-1, 2)
+    high = np.array([c.max(0) for c in curves]).reshape(-1, 2)
+    for i in range(len(curves)):
+        near = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        near[i] = False
+        yield np.flatnonzero(near).tolist()
 
 
 def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:

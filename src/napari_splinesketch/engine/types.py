@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -52,10 +53,15 @@ class Curve:
     reasons: tuple[str, ...]
     residual: float
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Arc length of the centreline, px."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    @cached_property
+    def typical_half_width(self) -> float:
+        """Median half-width, px; not a number where none is known."""
+        return float(np.median(self.half_width))
 
 
 @dataclass(frozen=True)

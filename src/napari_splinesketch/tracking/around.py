@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from typing import Any
 
-import numpy as np
-
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import apart_either_way
@@ -73,4 +71,4 @@ def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool
 
 
 def _close(one: Curve, other: Curve) -> bool:
-    return apart_either_way(one.points, other.points) < SAME * float(np.median(other.half_width))
+    return apart_either_way(one.points, other.points) < SAME * other.typical_half_width

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from statistics import median
 
 import numpy as np
@@ -58,12 +59,12 @@ class Body:
     misses: int = 0
     lengths: tuple[float, ...] = ()
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Usual length, px."""
         return median(self.lengths or [curve.length for _, curve in self.seen])
 
-    @property
+    @cached_property
     def length_sd(self) -> float:
         """By how much its length varies, px."""
         off = np.abs(np.array(self.lengths or (self.length,)) - self.length)
@@ -82,10 +83,10 @@ class Body:
         usual = max(SHORT * self.half_width, SURELY * self.length_sd)
         return self.length - curve.length > usual
 
-    @property
+    @cached_property
     def half_width(self) -> float:
         """Usual half-width, px; not a number where nothing is known."""
-        return median(float(np.median(curve.half_width)) for _, curve in self.seen)
+        return median(curve.typical_half_width for _, curve in self.seen)
 
     def predicted(self, frame: int) -> motion.Predicted:
         """Where it is in a frame."""

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
-from napari_splinesketch.engine.spline import resample
+from napari_splinesketch.engine.spline import neighbours, resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.types import Line, View
@@ -62,7 +62,7 @@ def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> lis
     usual = body.length
     if (smooth and body.exceeded(curve)) or not usual / LONGER < curve.length < usual * LONGER:
         found.append(f"its length jumped from {usual:.0f} to {curve.length:.0f} px")
-    before, now = body.half_width, float(np.median(curve.half_width))
+    before, now = body.half_width, curve.typical_half_width
     if np.isfinite(before) and abs(now - before) > max(WIDER * before, THIN):
         found.append(f"its half-width jumped from {before:.1f} to {now:.1f} px")
     if folds(body, curve):
@@ -178,16 +178,17 @@ def on_one_body(curves: Sequence[Curve]) -> dict[int, int]:
     return {i: j for i, j, share in _shares(curves, SAME) if share > ALONG}
 
 
+def near_each(curves: Sequence[Curve], reach: float = BESIDE) -> list[list[int]]:
+    """Positions of the curves whose boxes come so near to that of each, in half-widths."""
+    widest = max(map(_half_width, curves), default=0.0)
+    return list(neighbours([curve.points for curve in curves], reach * widest))
+
+
 def _shares(curves: Sequence[Curve], reach: float) -> Iterator[tuple[int, int, float]]:
     """Positions of curves whose boxes meet: of which share of one another is within its reach."""
-    low = np.array([c.points.min(0) for c in curves]).reshape(-1, 2)
-    high = np.array([c.points.max(0) for c in curves]).reshape(-1, 2)
-    for i, curve in enumerate(curves):
-        far = reach * _half_width(curve)
-        meets = ((low <= high[i] + far) & (high >= low[i] - far)).all(1)
-        for j in np.flatnonzero(meets).tolist():
-            if i != j:
-                yield i, j, _share(curve.points, curves[j].points, far)
+    for i, (curve, beside) in enumerate(zip(curves, near_each(curves, reach), strict=True)):
+        for j in beside:
+            yield i, j, _share(curve.points, curves[j].points, reach * _half_width(curve))
 
 
 def mostly_on(line: Line, other: Line, reach: float) -> bool:
@@ -243,7 +244,7 @@ def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, se
 
 
 def _half_width(curve: Curve) -> float:
-    width = float(np.median(curve.half_width))
+    width = curve.typical_half_width
     return width if np.isfinite(width) else 1.0
 
 

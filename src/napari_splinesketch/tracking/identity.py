@@ -69,8 +69,7 @@ def cost_of(curve: Curve, predicted: Predicted, noise: float) -> float:
 
     What predicts it may be wrong altogether, and counts no more than `AGREE`.
     """
-    width = float(np.median(curve.half_width))
-    pixels = curve.length * 2 * (width + BAND)
+    pixels = curve.length * 2 * (curve.typical_half_width + BAND)
     return (
         pixels * (curve.residual / max(noise, 1e-6)) ** 2
         + FREE * min(_apart(curve.points, predicted), AGREE) ** 2

@@ -159,19 +159,28 @@ def _slide(older: Points, newer: Points, steps: float) -> Points:
 def _wave(older: Points, newer: Points, steps: float) -> Points:
     """Its bends go on along it, as those of a swimmer do, while its middle goes on."""
     before, now = _directions(older), _directions(newer)
-    shifts = np.arange(-SHIFT, SHIFT + 1)
-    padded = np.pad(before, SHIFT, constant_values=np.nan)
-    apart = now - sliding_window_view(padded, len(now))  # one row for each shift
-    unlike = np.nanvar(apart, axis=1)
+    shifts, both = _shifts(len(now))
+    apart = both * (now - sliding_window_view(np.pad(before, SHIFT), len(now)))
+    count = both.sum(1)
+    mean = apart.sum(1) / count
+    unlike = (apart**2).sum(1) / count - mean**2
     best = int(np.argmin(unlike[1:-1])) + 1
     left, least, right = unlike[best - 1 : best + 2]
     between = (left - right) / max(2 * (left - 2 * least + right), 1e-12)
     at = np.arange(len(now)) + (shifts[best] + np.clip(between, -0.5, 0.5)) * steps
-    turned = (np.nanmean(apart[best]) + np.pi) % (2 * np.pi) - np.pi
+    turned = (mean[best] + np.pi) % (2 * np.pi) - np.pi
     angle = _going_on(now, at) + steps * turned
     step = arc_length(newer)[-1] / len(now) * np.stack([np.cos(angle), np.sin(angle)], 1)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
     return line + (newer + steps * (newer - older) - line).mean(0)
+
+
+@lru_cache
+def _shifts(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """By how many points a line may have gone on, and where it then lies upon what it was."""
+    shifts = np.arange(-SHIFT, SHIFT + 1)
+    before = np.arange(count) + shifts[:, None]
+    return shifts, ((before >= 0) & (before < count)).astype(float)
 
 
 def _directions(line: Points) -> Float[np.ndarray, " P-1"]:

@@ -24,6 +24,7 @@ from napari_splinesketch.tracking.drift import (
     apart_from,
     doubts,
     explains_less,
+    near_each,
     on_one_body,
     on_others,
     seeing,
@@ -233,7 +234,7 @@ class Search:
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         around = {**self._given, **{one.id: one.curve for one in others}}
         everyone = [*curves, *around.values()]
-        shared = on_one_body(everyone)
+        shared, beside = on_one_body(everyone), near_each(everyone)
         names = [body.id for body in bodies] + list(around)
         seen = seeing(view, refinement, self._contrast)
         if not self.refinement:
@@ -243,14 +244,16 @@ class Search:
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
             said = doubts(body, curve, self._expected[body.id], self._smooth)
             there = float(seen(curve.points).mean())
-            rest = [other for other in everyone if other is not curve]
+            rest = [everyone[j] for j in beside[i]]
             if self._smooth:
                 alone = apart_from(curve.points, rest)
                 if not alone.all() and body.id not in hidden and explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
                 if slid(curve.points, alone, body.half_width, seen):
                     said.append("it slid along its path onto another body")
-                if there < MOST and (torn := parts(body, curve, rest, seen)):
+                if there < MOST and (
+                    torn := parts(body, curve, [c for c in everyone if c is not curve], seen)
+                ):
                     self.parts[body.id] = torn
             partly = held and LEAST < there < MOST
             if partly or (body.id in hidden and self._partly(body, curve.points)):

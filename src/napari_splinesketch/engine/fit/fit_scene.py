@@ -118,15 +118,16 @@ def _fit_batches(
     near = [set(np.flatnonzero(meets[len(starts) :, batch].any(1)).tolist()) for batch in batches]
     near[-1] |= set(range(len(fixed))).difference(*near)
     done: dict[int, Body] = {}
+    so_far: dict[int, Line] = {i: start.line for i, start in enumerate(starts)}
     shares = [0.0] * len(batches)
 
     def fit_batch(number: int):
         members, beside = batches[number], sorted(near[number])
 
-        def on_fit(share: float, current: Callable[[], list[Body]]) -> None:
+        def on_fit(share: float, current: Callable[[], Float[Array, "n P 2"]]) -> None:
             def lines() -> list[Line]:
-                now = {**done, **dict(zip(members, current(), strict=False))}
-                return [now[i].points() if i in now else s.line for i, s in enumerate(starts)]
+                so_far.update(zip(members, current(), strict=False))
+                return list(so_far.values())
 
             shares[number] = share * len(members)
             report("polishing", 0.4 + 0.6 * sum(shares) / len(starts), lines)

@@ -87,8 +87,8 @@ class Body:
         return spline.even_basis(len(self.knots), count) @ self.knots
 
 
-Report = Callable[[float, Callable[[], list[Body]]], None]
-"""Called with the share done and a way to see the curves as they are; may raise `Stopped`."""
+Report = Callable[[float, Callable[[], Float[Array, "n P 2"]]], None]
+"""Called with the share done and a way to see the centrelines so far; may raise `Stopped`."""
 
 
 def fit_curves(
@@ -145,8 +145,11 @@ def fit_curves(
         (bands, fit, pad.level(seen, priors, knots), pad.spline_basis(knots))
     )
 
+    def parameters() -> Float[Array, "n D"]:
+        return np.asarray(fit.theta)[:n].astype(np.float64) + shift
+
     def bodies() -> list[Body]:
-        found = np.asarray(fit.theta)[:n].astype(np.float64) + shift
+        found = parameters()
         own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
         return [
             Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
@@ -167,7 +170,8 @@ def fit_curves(
                 fit = solver.sweep(bands, level, fit, basis, order, *numbers)
             visited += len(chunk)
             if report:
-                report((turn + visited / pending.sum()) / (1 + len(sweeps)), bodies)
+                share = (turn + visited / pending.sum()) / (1 + len(sweeps))
+                report(share, lambda: lines_of(parameters()))
         moved = pending & (np.asarray(fit.gain)[:n] > const.GAIN)
         pending = (moved | (meets & moved).any(1)) & free if turn else first
         if not pending.any():

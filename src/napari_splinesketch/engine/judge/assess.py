@@ -1,6 +1,5 @@
 """From fitted parameters to curves: points, widths, standard errors, and what looks wrong."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,20 +116,10 @@ def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
     )
 
 
-def neighbours(curves: list[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:
-    """Say of each curve which others' bounding boxes come within `reach` of its own."""
-    low = np.array([c.min(0) for c in curves]).reshape(-1, 2)
-    high = np.array([c.max(0) for c in curves]).reshape(-1, 2)
-    for i in range(len(curves)):
-        near = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
-        near[i] = False
-        yield np.flatnonzero(near).tolist()
-
-
 def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
     """Curves that run within `reach` of another for much of their length, with its number."""
     found = {}
-    for i, (a, beside) in enumerate(zip(curves, neighbours(curves, reach), strict=True)):
+    for i, (a, beside) in enumerate(zip(curves, spline.neighbours(curves, reach), strict=True)):
         for j in beside:
             if (spline.apart(a[::4], curves[j][::2]) < reach).mean() > share:
                 found[i] = j

@@ -106,7 +106,7 @@ def _placed(
     everything = [body.points(POINTS) for body in (*fit.bodies, *fit.fixed)]
     misfit = position.unexplained(seen, residual)
     widest = max(body.half_width for body in fit.bodies)
-    beside = assess.neighbours(everything, const.BESIDE_HW * widest)
+    beside = spline.neighbours(everything, const.BESIDE_HW * widest)
     bodies, known = [], []
     for body, start, sketch, near in zip(fit.bodies, fit.starts, sketches, beside, strict=False):
         others = np.concatenate([everything[k] for k in near]) if near else None

@@ -33,11 +33,6 @@ PLACES = (0.5, 0.02, 0.98, 0.25, 0.75)  # where along a curve a mark may stand, 
 
 
 @once
-def _half_width(curve: Curve) -> float:
-    return float(np.median(curve.half_width))
-
-
-@once
 def has_outline(curve: Curve) -> bool:
     """Whether the width of a body is known."""
     return curve.status != "failed" and bool(np.isfinite(curve.half_width).all())
@@ -45,7 +40,7 @@ def has_outline(curve: Curve) -> bool:
 
 def breadth(curves: Sequence[Curve]) -> float:
     """Breadth of a good curve's line, px: a third of the bodies' width, in steps of a tenth."""
-    widths = np.array([_half_width(curve) for curve in curves])
+    widths = np.array([curve.typical_half_width for curve in curves])
     finite = widths[np.isfinite(widths)]
     wanted = np.clip(0.6 * np.median(finite), 0.6, 8.0) if finite.size else 1.0
     return stepped(float(wanted))
@@ -66,7 +61,7 @@ def outline(curve: Curve) -> Line:
     """Draw a closed line at a half-width to both sides of a curve, px."""
     # A body is smooth on the scale of its width: more points would only cost time.
     last = len(curve.points) - 1
-    steps = int(np.clip(curve.length / max(_half_width(curve), 1e-9), LEAST, last))
+    steps = int(np.clip(curve.length / max(curve.typical_half_width, 1e-9), LEAST, last))
     some = np.linspace(0, last, steps + 1).round().astype(int)
     return thinned([_around(curve.points[some], curve.half_width[some])])[0]
 
