@@ -193,6 +193,8 @@ def _shares(curves: Sequence[Curve], reach: float) -> Iterator[tuple[int, int, f
 
 def mostly_on(line: Line, other: Line, reach: float) -> bool:
     """Whether most of a line lies within so many px of another."""
+    if (line.min(0) > other.max(0) + reach).any() or (line.max(0) < other.min(0) - reach).any():
+        return False
     return _share(resample(line, 64), resample(other, 128), reach) > ALONG
 
 
