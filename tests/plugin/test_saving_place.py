@@ -72,6 +72,44 @@ def test_saving_that_is_switched_on_again_goes_on_in_its_folder(
         assert len(again.controller.drawn.lines) == 3
 
 
+def test_a_folder_that_is_chosen_while_saving_is_off_is_used_when_it_is_on(
+    qapp: Any, fake: FakeEngine, plugin_settings: None, tmp_path: Path
+) -> None:
+    with bench() as made:
+        made.image()
+        made.sketches()
+        made.refine()
+        made.saver.flush()
+        made.controller.choose(save_work=False)
+        made.controller.choose(work_folder=str(tmp_path))
+        made.controller.choose(save_work=True)
+        made.saver.flush()
+    assert len(sessions(tmp_path)) == 1
+
+
+def test_saving_that_is_switched_off_leaves_the_folder_to_other_windows(
+    qapp: Any, fake: FakeEngine, plugin_settings: None
+) -> None:
+    home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
+    with bench() as first:
+        first.image()
+        first.sketches()
+        first.refine()
+        first.saver.flush()
+        first.controller.choose(save_work=False)
+        with bench() as second:
+            second.image()
+            second.resume()
+            assert "open in another window" not in second.controller.notice.text
+            assert len(second.controller.drawn.lines) == 2
+            second.controller.choose(save_work=True)
+            second.controller.delete(*second.controller.state.by_key)
+            second.saver.flush()
+            first.controller.choose(save_work=True)
+            first.saver.flush()
+        assert len(sessions(home)) == 2, "what either of them has is saved"
+
+
 def test_the_folder_of_an_image_without_a_file_has_its_name(
     viewer: Any, dock: SplinesketchDock
 ) -> None:

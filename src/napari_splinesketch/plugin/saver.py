@@ -271,10 +271,16 @@ class Saver(QObject):
         if (before.save_work, before.work_folder) != (now.save_work, now.work_folder):
             self.flush()
             self._settings = now
-            if before.work_folder != now.work_folder:  # what is saved stays where it is
+            moved = before.work_folder != now.work_folder
+            if moved:
                 self._homes.clear()
-                for work in self._controller.works:
+            for work in self._controller.works:
+                if moved:  # what is saved stays where it is
                     work.folder = work.folder.moved()
+                elif now.save_work:
+                    work.folder = work.folder.again()
+                else:  # other windows may go on there
+                    work.folder.release()
             self._soon()
             self.found.emit()
 
