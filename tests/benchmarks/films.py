@@ -195,8 +195,9 @@ REAL_HEAD = (
 )
 MANY_HEAD = (
     "| bodies | frames | minutes by the clock | ms a body and frame | ms of CPU "
-    "| largest memory until half the time, MB | until the end | beyond 2 px or lost |\n"
-    "|---|---|---|---|---|---|---|---|\n"
+    "| largest memory until a third of the time, MB | until two thirds | until the end "
+    "| beyond 2 px or lost |\n"
+    "|---|---|---|---|---|---|---|---|---|\n"
 )
 MODES = {"frame by frame": False, "frames around": True}
 
@@ -262,7 +263,8 @@ def many(bodies: int, frames: int, cores: str) -> str:
     count = (frames - 1) * bodies
     spent = f"{seconds / 60:.1f}", f"{1e3 * seconds / count:.0f}", f"{1e3 * cpu / count:.0f}"
     wrongly = f"{100 * wrong / count:.2f} %"
-    return _cells(bodies, frames, *spent, peaks[len(peaks) // 2], peaks[-1], wrongly)
+    thirds = [peaks[k * len(peaks) // 3] for k in (1, 2)]
+    return _cells(bodies, frames, *spent, *thirds, peaks[-1], wrongly)
 
 
 def _peak(process: int) -> int:
