@@ -3,9 +3,9 @@
     python tests/benchmarks/ablation.py [--without NAME ...] [--frames 2] [--jobs N] [--page]
 
 Every row runs in a process of its own, since compiled programs hold what they were compiled with.
-Frames of two and three generated bodies, one trial of each stability case, and the images of
-tests/data/real; none of them was used to fit anything. Rows go to docs/benchmarks/ablation.csv; a
-row without a loss means that the mechanism should go.
+Frames of two and three generated bodies, one trial of each stability case, generated images of
+foreign make, and the images of tests/data/real. Rows go to docs/benchmarks/ablation.csv; a row
+without a loss means that the mechanism should go.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import real_cases
+import real_foreign
 from frames import Cell, frame
 from insert import insert
 from real_judge import shares, verdict
@@ -37,6 +38,7 @@ from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.judge import doubt, position
 from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.metrics import average_dtw
 
 PATH = FOLDER / "ablation.csv"
@@ -56,10 +58,10 @@ class Row:
     without
         The mechanism; empty for the engine as it is.
     where
-        "generated", "stability" or "real".
+        "generated", "stability", "foreign" or "real".
     bodies, lost, silent
-        How many; lost ones; lost ones that are not marked. Real bodies are lost where less than
-        90 % of curve and reference lie on each other.
+        How many; lost ones; lost ones that are not marked. Foreign and real bodies are lost where
+        less than 90 % of curve and reference lie on each other.
     dtw
         Mean average DTW of those not lost, px; of real ones NaN.
     """
@@ -160,27 +162,33 @@ def measure(without: str, frames: int) -> Iterator[Row]:
             made = frame(cell, UNSEEN + index)
             curves = refine(made.image, made.sketches).curves
             for curve, truth in zip(curves, made.truths, strict=True):
-                apart = average_dtw(curve.points, truth)
-                found.setdefault("generated", []).append((apart, curve.status == "good"))
+                found.setdefault("generated", []).append(_apart(curve, truth))
     for case in CASES.values():
         trial = case.make(UNSEEN)
         curves = refine(trial.image, trial.sketches, **trial.options).curves
         for curve, truth in zip(curves, trial.truths, strict=True):
             if truth is not None:
-                apart = average_dtw(curve.points, truth)
-                found.setdefault("stability", []).append((apart, curve.status == "good"))
-    for case in real_cases.in_folders(real_cases.FOLDERS[:1]):
+                found.setdefault("stability", []).append(_apart(curve, truth))
+    images = [("foreign", case) for case in real_foreign.cases()]
+    images += [("real", case) for case in real_cases.in_folders(real_cases.FOLDERS[:1])]
+    for where, case in images:
         curves = refine(case.image, next(iter(case.sketches.values()))).curves
         for curve, reference in zip(curves, case.references, strict=True):
             near = shares(curve.points, reference, float(np.median(curve.half_width)))
-            lost = np.inf if verdict(*near) != "good" else np.nan
-            found.setdefault("real", []).append((lost, curve.status == "good"))
+            known = average_dtw(curve.points, reference) if where == "foreign" else np.nan
+            apart = known if verdict(*near) == "good" else np.inf
+            found.setdefault(where, []).append((apart, curve.status == "good"))
     for where, bodies in found.items():
         apart, good = (np.array(column) for column in zip(*bodies, strict=True))
-        lost = apart > FAR
-        near = apart[~lost & np.isfinite(apart)]
+        lost, near = np.isinf(apart), apart[np.isfinite(apart)]
         mean = float(near.mean()) if len(near) else np.nan
         yield Row(without, where, len(bodies), int(lost.sum()), int((lost & good).sum()), mean)
+
+
+def _apart(curve: Curve, truth: np.ndarray) -> tuple[float, bool]:
+    """Average DTW, infinite for a curve that is lost; and whether the curve is not marked."""
+    apart = average_dtw(curve.points, truth)
+    return apart if apart <= FAR else np.inf, curve.status == "good"
 
 
 def read() -> list[Row]:
