@@ -15,10 +15,11 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.films import Tracking, bodies_at
+from napari_splinesketch.plugin.films import Tracking, bodies_at, taken_in
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
+from napari_splinesketch.tracking.window import UNDECIDED
 
 from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, refine, until
@@ -150,6 +151,54 @@ def test_cancelling_keeps_what_is_done(
     assert keys(film)[-1] == (3, 2)
 
 
+def test_frames_that_wait_for_others_are_seen_meanwhile_and_kept_by_cancel(
+    film: SplinesketchDock, fake: FakeEngine
+) -> None:
+    whole, turns = engine.refine, Semaphore(0)
+
+    def slow(*arguments: Any, **options: Any) -> Refinement:
+        turns.acquire(timeout=20)
+        return whole(*arguments, **options)
+
+    def not_confirmed() -> set[tuple[int, int]]:
+        records = film.controller.records()
+        return {(r.frame, r.id) for r in records if UNDECIDED in r.curve.reasons}
+
+    engine.refine = slow
+    fake.changes = {0: {"half_width": np.full(100, 9.0)}}  # is doubted, whatever is tried
+    click(film.track.buttons["track"])
+    turns.release(8)
+    until(lambda: (2, 1) in keys(film), 20)
+    assert film.controller.progress
+    assert not_confirmed() >= {(2, 1)}
+    film.controller.review("accepted", (2, 1))
+    accepted = film.controller.state.by_key[2, 1].curve
+    click(film.cancel)
+    turns.release(100)
+    assert "tracked by then. Track again from where you began" in film.notice.text()
+    there = keys(film)
+    assert (2, 1) in there and (2, 2) in there
+    QTest.qWait(300)
+    assert keys(film) == there
+    fake.changes = {}
+    engine.refine = whole
+    click(film.track.buttons["track"])
+    over(film)
+    assert film.controller.state.by_key[2, 1].curve is accepted
+    assert not_confirmed() == {(2, 1)}, "what was not confirmed is tracked again"
+
+
+def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_taken_up() -> None:
+    line = LINES[0][:, 1:]
+
+    def tracked(*ids: int) -> Tracked:
+        return Tracked(1, ids, (line,) * len(ids), (as_drawn(line),) * len(ids))
+
+    state = taken_in(State(), tracked(1, 2, 3))
+    state = taken_in(state.marked([(1, 2)], review="accepted"), tracked(3), before=(1, 2, 3))
+    assert sorted(state.by_key) == [(1, 2), (1, 3)]
+
+
 def test_what_is_decided_while_tracking_is_a_step_of_its_own(film: SplinesketchDock) -> None:
     controller, whole, turns = film.controller, engine.refine, Semaphore(1)
 
@@ -232,11 +281,12 @@ def test_a_correction_is_carried_around_and_no_further(
 
 def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
     view = partial(View, np.zeros((4, 5)))
+    line = LINES[0][:, 1:]
+    lines, made = (line, line), (as_drawn(line), as_drawn(line))
+    divided = {3: f"{DIVIDED} of 20 and 22 px"}
     results = [
-        Tracked(1, (3, 4), entered=(np.zeros((2, 2)),), view=view()),
-        Tracked(
-            2, (4,), missing={3: f"{DIVIDED} of 20 and 22 px"}, lost=frozenset({3}), view=view()
-        ),
+        Tracked(1, (3, 4), lines, made, entered=(np.zeros((2, 2)),), view=view()),
+        Tracked(2, (4,), lines[:1], made[:1], missing=divided, lost=frozenset({3}), view=view()),
         Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view()),
     ]
     told: list[Any] = []

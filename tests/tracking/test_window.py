@@ -13,7 +13,7 @@ from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, aft
 from napari_splinesketch.tracking.bodies import curve_inferred
 from napari_splinesketch.tracking.drift import ShownPlaces
 from napari_splinesketch.tracking.surface import REACH
-from napari_splinesketch.tracking.window import LONGEST, Window
+from napari_splinesketch.tracking.window import LONGEST, UNDECIDED, Window
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved, run
 
@@ -150,6 +150,8 @@ def test_a_cancelled_window_is_gone_on_with() -> None:
         )
     )  # fmt: skip
     assert [r.frame for r in first] == [1, 2, 3, 4, 5, 6], "what is done is kept"
+    assert not any(UNDECIDED in c.reasons for r in first[:4] for c in r.curves)
+    assert all(UNDECIDED in c.reasons for r in first[4:] for c in r.curves)
     bodies = start
     for result in first:
         bodies = after(bodies, result, NOTHING_GIVEN)
@@ -158,6 +160,30 @@ def test_a_cancelled_window_is_gone_on_with() -> None:
     assert [r.ids for r in rest] == [r.ids for r in whole[6:]]
     for one, other in zip(rest, whole[6:], strict=True):
         assert average_dtw(one.curves[0].points, other.curves[0].points) < 2
+
+
+def test_frames_that_are_held_back_are_told_of_early() -> None:
+    dark = np.zeros_like(BRIGHT)
+    came: list[tuple[str, int]] = []
+    early: dict[int, Tracked] = {}
+
+    def read(frame: int, lines: Sequence[np.ndarray]) -> View:
+        came.append(("read", frame))
+        return View(dark if frame in (5, 6) else BRIGHT)
+
+    def note(result: Tracked) -> None:
+        came.append(("early", result.frame))
+        early[result.frame] = result
+
+    start = [Body(7, ((0, curve(LINE)),))]
+    results = list(follow(range(1, 11), start, read, refine=FakeRefine((0, 1)), early=note))
+    assert [r.frame for r in results] == list(range(1, 11))
+    assert {5, 6, 7} <= set(early) and not {1, 2, 3, 10} & set(early)
+    assert came.index(("early", 7)) < came.index(("read", 8))
+    assert all(r.view is None and r.refinement is None for r in early.values())
+    assert UNDECIDED in early[7].curves[0].reasons
+    assert early[7].curves[0].status == "check"
+    assert not any(UNDECIDED in c.reasons for r in results for c in r.curves)
 
 
 def test_nothing_is_held_back_without_need() -> None:

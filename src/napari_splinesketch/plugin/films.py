@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -105,7 +105,9 @@ def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
     if c.work is not None:
         frames = range(c.frame + way, space.frame_count(c.work.image) if way > 0 else -1, way)
-        Tracking(c, c.work, frames[:most]).start(follow, bodies_at(c.state, c.frame, way))
+        going = Tracking(c, c.work, frames[:most])
+        carry = partial(follow, early=going.results.append)
+        going.start(carry, bodies_at(c.state, c.frame, way))
 
 
 def around_problem(c: Controller) -> str:
@@ -134,7 +136,7 @@ class Tracking:
     frames: Sequence[Any]  # those of both ways around a frame that was `corrected`
     corrected: int | None = None
     results: list[Tracked] = field(default_factory=list)  # still to be taken over
-    _taken: list[Tracked] = field(default_factory=list)
+    _taken: dict[int, Tracked] = field(default_factory=dict)  # the last of each frame
 
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
         """Begin, by one of the ways of `tracking`."""
@@ -159,11 +161,14 @@ class Tracking:
             what = f"Refit around frame {self.corrected}"
             if self.corrected is None:
                 what = f"Track to frame {self.frames[-1]}"
-            again = self._taken and work.history.done == what  # nothing was done in between
-            state = reduce(taken_in, done, work.state)
+            again = bool(self._taken) and work.history.done == what  # nothing done in between
+            state = work.state
+            for one in done:
+                before = self._taken.get(one.frame)
+                state = taken_in(state, one, before.ids if before else ())
+                # The pictures of a long film would fill the memory.
+                self._taken[one.frame] = replace(one, view=None, refinement=None)
             controller.apply("" if again else what, state, work=work)
-        # The pictures of a long film would fill the memory.
-        self._taken += [replace(one, view=None, refinement=None) for one in done]
 
     def over(self, outcome: object = None) -> None:
         """Take over the rest, and say what came of it; go to the frame where it is a single one."""
@@ -174,14 +179,13 @@ class Tracking:
             space.go_to_frame(controller.viewer, work.image, self.frames[0])
             there = [key for key in work.state.by_key if key[0] == self.frames[0]]
             controller.select(key for key in there if key[1] in numbers)
-        said = words.tracked(self._taken, self.corrected)
+        said = words.tracked([*self._taken.values()], self.corrected)
         controller.show(work, partial(controller.finish, said))
 
     def cancelled(self) -> str:
-        """Say what became of it when the user has cancelled."""
-        if not self._taken:
-            return "Nothing was changed."
-        return f"Kept: {words.count(len(self._taken), 'frame')} tracked by then."
+        """Keep what is done when the user has cancelled, and say what."""
+        self.take()
+        return words.kept([*self._taken.values()])
 
 
 def bodies_at(state: State, frame: int, way: int = 1) -> tuple[Body, ...]:
@@ -207,16 +211,22 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
 
 
-def taken_in(state: State, tracked: Tracked) -> State:
-    """Put a tracked frame into what is known; what was decided meanwhile stays."""
+def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> State:
+    """Put a tracked frame into what is known; what was decided meanwhile stays.
+
+    Of the curves that this tracking had put there `before`, those that are in it no more go.
+    """
     view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
-    if view is None or refinement is None:
-        return state
-    decided = {r.id for r in state.records if r.frame == frame and _decided(r)}
-    deleted = {r.id for r in state.deleted if r.frame == frame}
+    left = {r.id for r in state.records if r.frame == frame and _decided(r)}
+    left |= {r.id for r in state.deleted if r.frame == frame}
     new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
-    left = decided | deleted
     fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]
+    gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
+    if gone:
+        there = tuple([record for record in state.records if key_of(record) not in gone])
+        state = replace(state, records=there)
+    if view is None or refinement is None:
+        return state.with_records(*fresh)
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
 
 

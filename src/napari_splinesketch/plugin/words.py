@@ -13,6 +13,7 @@ from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS, Look, three_d
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
 from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
+from napari_splinesketch.tracking.window import UNDECIDED
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.plan import Plan, Scope
@@ -165,6 +166,16 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
         text.append(f"{count(drifting, 'curve')} to check for drift.")
     bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
     return " ".join([*text, *bad[:1]])
+
+
+def kept(taken: Sequence["Tracked"]) -> str:
+    """Say what is kept of a tracking that was cancelled."""
+    if not taken:
+        return "Nothing was changed."
+    said = f"Kept: {count(len(taken), 'frame')} tracked by then."
+    open_ = sum(UNDECIDED in curve.reasons for one in taken for curve in one.curves)
+    again = "Track again from where you began to have other frames confirm"
+    return f"{said} {again} {count(open_, 'curve')}." if open_ else said
 
 
 def stage(progress: Progress | None, left: float | None) -> str:

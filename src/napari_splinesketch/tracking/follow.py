@@ -44,6 +44,7 @@ def follow(
     on_progress: OnProgress | None = None,
     smooth: bool = True,
     pictures: bool = True,
+    early: Callable[[Tracked], object] = lambda result: None,
 ) -> Iterator[Tracked]:
     """Track bodies through frames, giving each frame as it is done.
 
@@ -70,6 +71,9 @@ def follow(
     pictures
         Whether reconstruction and background of the frames are wanted; otherwise frames that are
         held back keep their pixels alone.
+    early
+        Called with each frame that is held back, as it is by then and without its pictures;
+        curves that are not decided yet say so.
 
     Yields
     ------
@@ -95,6 +99,8 @@ def follow(
         bodies = after(bodies, result, kept) | known
         if smooth:
             yield from window.ready()
+            if held := window.latest():
+                early(held)
         else:
             yield result
     yield from window.rest()

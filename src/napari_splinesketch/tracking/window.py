@@ -37,6 +37,7 @@ SURE = 1.0
 """Half-widths from where it is predicted within which a curve is not fitted again."""
 FEWEST = 8
 """Knots of an inferred curve."""
+UNDECIDED = "other frames have not confirmed it yet"
 
 
 @dataclass(eq=False)
@@ -143,12 +144,29 @@ class Window:
         known = [(r.frame, r.by_id.get(name)) for r in later[: surface.REACH]]
         return [(t, c) for t, c in known if c and INFERRED not in c.reasons]
 
+    def latest(self) -> Tracked | None:
+        """The last frame as it is by now, without its pictures, if it is held back."""
+        return replace(self._as_is(-1), refinement=None, view=None) if self._held else None
+
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
         """Give all that are left, decided as well as may be, or as they are."""
-        for group in self._groups() if decide else ():
-            self._close(group, over=True)
+        if decide:
+            for group in self._groups():
+                self._close(group, over=True)
+        else:
+            self._held = [self._as_is(k) for k in range(len(self._held))]
         self._open.clear()
         return self.ready(end=True)
+
+    def _as_is(self, at: int) -> Tracked:
+        """A frame that is held back; its curves that are not decided say so."""
+        result, number = self._held[at], self._begin + at % len(self._held)
+        doubted = {
+            i: replace(curve, status="check", reasons=(UNDECIDED, *curve.reasons))
+            for i, curve in result.by_id.items()
+            if i in self._open and self._open[i].first <= number
+        }
+        return result.with_curves({**result.by_id, **doubted})
 
     def _note(
         self,
