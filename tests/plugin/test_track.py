@@ -15,7 +15,7 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.films import Tracking, bodies_at, taken_in
+from napari_splinesketch.plugin.films import Tracking, bodies_at, confirmed, taken_in
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -152,7 +152,7 @@ def test_cancelling_keeps_what_is_done(
 
 
 def test_frames_that_wait_for_others_are_seen_meanwhile_and_kept_by_cancel(
-    film: SplinesketchDock, fake: FakeEngine
+    viewer: Any, film: SplinesketchDock, fake: FakeEngine
 ) -> None:
     whole, turns = engine.refine, Semaphore(0)
 
@@ -175,17 +175,34 @@ def test_frames_that_wait_for_others_are_seen_meanwhile_and_kept_by_cancel(
     accepted = film.controller.state.by_key[2, 1].curve
     click(film.cancel)
     turns.release(100)
-    assert "tracked by then. Track again from where you began" in film.notice.text()
+    assert "tracked by then. Track on to confirm " in film.notice.text()
     there = keys(film)
     assert (2, 1) in there and (2, 2) in there
     QTest.qWait(300)
     assert keys(film) == there
     fake.changes = {}
     engine.refine = whole
+    viewer.dims.set_point(0, there[-1][0])
     click(film.track.buttons["track"])
     over(film)
     assert film.controller.state.by_key[2, 1].curve is accepted
     assert not_confirmed() == {(2, 1)}, "what was not confirmed is tracked again"
+    assert keys(film)[-1] == (5, 2)
+
+
+def test_tracking_goes_on_from_the_last_frame_that_was_decided() -> None:
+    line = LINES[0][:, 1:]
+
+    def record(frame: int) -> Record:
+        unsure = {"status": "check", "reasons": (UNDECIDED,)} if frame in (3, 4) else {}
+        return Record(1, frame, line, as_drawn(line, **unsure), drawn=False)
+
+    state = State(records=tuple(map(record, range(2, 6))))
+    assert [confirmed(state, frame) for frame in (2, 3, 4, 5)] == [2, 2, 2, 5]
+    assert [confirmed(state, frame, -1) for frame in (3, 4)] == [5, 5]
+    taken_up = state.marked([(3, 1)], review="accepted")
+    assert confirmed(taken_up, 4) == 3
+    assert confirmed(state.without([(2, 1)]), 4) == 4, "there is nothing to go on from"
 
 
 def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_taken_up() -> None:

@@ -20,6 +20,7 @@ from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
+from napari_splinesketch.tracking.window import UNDECIDED
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -104,10 +105,20 @@ def tracking_problem(c: Controller, way: int) -> str:
 def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
     if c.work is not None:
-        frames = range(c.frame + way, space.frame_count(c.work.image) if way > 0 else -1, way)
+        begin = c.frame if most else confirmed(c.state, c.frame, way)
+        frames = range(begin + way, space.frame_count(c.work.image) if way > 0 else -1, way)
         going = Tracking(c, c.work, frames[:most])
         carry = partial(follow, early=going.results.append)
-        going.start(carry, bodies_at(c.state, c.frame, way))
+        going.start(carry, bodies_at(c.state, begin, way))
+
+
+def confirmed(state: State, frame: int, way: int = 1) -> int:
+    """Give the last frame on the way to one that a tracking which was cancelled had decided on."""
+    known = by_frame(state.records)
+    at = frame
+    while any(UNDECIDED in r.curve.reasons and not _decided(r) for r in known.get(at, ())):
+        at -= way
+    return at if any(r.usable for r in known.get(at, ())) else frame
 
 
 def around_problem(c: Controller) -> str:

@@ -174,8 +174,7 @@ def kept(taken: Sequence["Tracked"]) -> str:
         return "Nothing was changed."
     said = f"Kept: {count(len(taken), 'frame')} tracked by then."
     open_ = sum(UNDECIDED in curve.reasons for one in taken for curve in one.curves)
-    again = "Track again from where you began to have other frames confirm"
-    return f"{said} {again} {count(open_, 'curve')}." if open_ else said
+    return f"{said} Track on to confirm {count(open_, 'curve')}." if open_ else said
 
 
 def stage(progress: Progress | None, left: float | None) -> str:
