@@ -51,6 +51,12 @@ class Bench:
         self.controller.refine()
         self.rest()
 
+    def begin(self) -> None:
+        """Open an image, sketch two bodies and refine them."""
+        self.image()
+        self.sketches()
+        self.refine()
+
     def rest(self) -> None:
         """Wait until nothing runs."""
         until(lambda: self.controller.progress is None, SOON)

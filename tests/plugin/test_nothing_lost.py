@@ -109,9 +109,7 @@ def test_what_is_drawn_before_the_image_is_known_is_written_too(home: Path) -> N
 
 def test_a_layer_is_saved_before_it_goes(home: Path) -> None:
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
         first.viewer.layers.clear()
         QTest.qWait(20)
         assert not first.controller.notice.text, "nor is Undo promised for what it cannot reach"
@@ -185,9 +183,7 @@ def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
 def test_a_closed_dock_hears_nothing_more(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
         old, layers = weakref.ref(first.controller), list(viewer.layers)
     del first
     with bench(viewer) as again:
@@ -249,9 +245,7 @@ def test_lines_without_curves_are_known_when_the_dock_is_opened_again(home: Path
 
 def test_metadata_of_layers_hold_nothing_but_text(home: Path) -> None:
     with bench() as made:
-        made.image()
-        made.sketches()
-        made.refine()
+        made.begin()
         until(lambda: not made.controller.drawing.runs, SOON)
         assert len(made.viewer.layers) > 4
         for layer in made.viewer.layers:
@@ -313,9 +307,7 @@ def test_folders_of_processes_that_are_gone_are_taken_over(home: Path) -> None:
 
 def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     (page,) = home.glob("*/*/frame-000000000.json")
     page.with_name("frame-000000007.json").write_text(page.read_text())
     with bench() as again:
@@ -327,9 +319,7 @@ def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
 
 def test_work_that_went_on_elsewhere_is_offered_once(home: Path, tmp_path: Path) -> None:
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     (page,) = home.glob("*/*/frame-000000000.json")
     page.with_name("frame-000000007.json").write_text(page.read_text())
     for curves in (2, 1):  # it is recovered, and gone on with elsewhere
@@ -372,9 +362,7 @@ def test_work_that_was_saved_here_and_there_is_offered_once(home: Path, tmp_path
 def test_what_two_windows_made_of_the_same_work_is_all_offered(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     with bench() as other:
         other.image()
         other.resume()
@@ -500,9 +488,7 @@ def test_lines_that_go_to_another_image_leave_the_saved_work_of_the_first(home: 
 def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     times = {path: path.stat().st_mtime_ns for path in saved_files(home)}
     assert any(path.suffix == ".npz" for path in times)
     with bench(viewer) as again:
@@ -515,9 +501,7 @@ def test_a_dock_that_is_opened_again_writes_nothing_anew(home: Path) -> None:
 def test_work_that_another_window_went_on_with_is_left_to_it(home: Path) -> None:
     viewer = ViewerModel()
     with bench(viewer) as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     with bench() as other:
         other.image()
         other.resume()
@@ -532,9 +516,7 @@ def test_curves_that_cannot_be_brought_back_stay_in_their_files(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     files = {path: path.read_bytes() for path in saved_files(home)}
 
     def broken(what: str, state: Any) -> None:

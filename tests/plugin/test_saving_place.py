@@ -76,9 +76,7 @@ def test_a_folder_that_is_chosen_while_saving_is_off_is_used_when_it_is_on(
     qapp: Any, fake: FakeEngine, plugin_settings: None, tmp_path: Path
 ) -> None:
     with bench() as made:
-        made.image()
-        made.sketches()
-        made.refine()
+        made.begin()
         made.saver.flush()
         made.controller.choose(save_work=False)
         made.controller.choose(work_folder=str(tmp_path))
@@ -92,9 +90,7 @@ def test_saving_that_is_switched_off_leaves_the_folder_to_other_windows(
 ) -> None:
     home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
         first.saver.flush()
         first.controller.choose(save_work=False)
         with bench() as second:
@@ -126,9 +122,7 @@ def test_work_is_found_whatever_its_folder_was_called(
 ) -> None:
     home = Path(os.environ["XDG_DATA_HOME"]) / "napari-splinesketch" / "sessions"
     with bench() as first:
-        first.image()
-        first.sketches()
-        first.refine()
+        first.begin()
     (folder,) = home.iterdir()
     assert folder.name.startswith("image 0.")
     old = folder.rename(home / (called + ".".join(folder.name.split(".")[1:])))

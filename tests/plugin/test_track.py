@@ -205,15 +205,17 @@ def test_tracking_goes_on_from_the_last_frame_that_was_decided() -> None:
     assert confirmed(state.without([(2, 1)]), 4) == 4, "there is nothing to go on from"
 
 
-def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_taken_up() -> None:
+def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_judged() -> None:
     line = LINES[0][:, 1:]
 
     def tracked(*ids: int) -> Tracked:
         return Tracked(1, ids, (line,) * len(ids), (as_drawn(line),) * len(ids))
 
-    state = taken_in(State(), tracked(1, 2, 3))
-    state = taken_in(state.marked([(1, 2)], review="accepted"), tracked(3), before=(1, 2, 3))
-    assert sorted(state.by_key) == [(1, 2), (1, 3)]
+    state = taken_in(State(), tracked(1, 2, 3, 4))
+    state = state.marked([(1, 2)], review="accepted").marked([(1, 4)], review="rejected")
+    state = taken_in(state, tracked(3, 4), before=(1, 2, 3, 4))
+    reviews = {number: record.review for (_, number), record in state.by_key.items()}
+    assert reviews == {2: "accepted", 3: "open", 4: "rejected"}
 
 
 def test_what_is_decided_while_tracking_is_a_step_of_its_own(film: SplinesketchDock) -> None:

@@ -225,10 +225,12 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
 def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> State:
     """Put a tracked frame into what is known; what was decided meanwhile stays.
 
-    Of the curves that this tracking had put there `before`, those that are in it no more go.
+    Of the curves that this tracking had put there `before`, those that are in it no more go, and
+    those that were rejected since stay, too.
     """
     view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
-    left = {r.id for r in state.records if r.frame == frame and _decided(r)}
+    here = [record for record in state.records if record.frame == frame]
+    left = {r.id for r in here if _decided(r) or (r.id in before and r.review != "open")}
     left |= {r.id for r in state.deleted if r.frame == frame}
     new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
     fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]

@@ -173,8 +173,8 @@ def kept(taken: Sequence["Tracked"]) -> str:
     if not taken:
         return "Nothing was changed."
     said = f"Kept: {count(len(taken), 'frame')} tracked by then."
-    open_ = sum(UNDECIDED in curve.reasons for one in taken for curve in one.curves)
-    return f"{said} Track on to confirm {count(open_, 'curve')}." if open_ else said
+    unsure = sum(UNDECIDED in curve.reasons for one in taken for curve in one.curves)
+    return f"{said} Track on to confirm {count(unsure, 'curve')}." if unsure else said
 
 
 def stage(progress: Progress | None, left: float | None) -> str:

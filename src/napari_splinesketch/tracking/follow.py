@@ -44,7 +44,7 @@ def follow(
     on_progress: OnProgress | None = None,
     smooth: bool = True,
     pictures: bool = True,
-    early: Callable[[Tracked], object] = lambda result: None,
+    early: Callable[[Tracked], object] | None = None,
 ) -> Iterator[Tracked]:
     """Track bodies through frames, giving each frame as it is done.
 
@@ -99,7 +99,7 @@ def follow(
         bodies = after(bodies, result, kept) | known
         if smooth:
             yield from window.ready()
-            if held := window.latest():
+            if early and (held := window.latest()):
                 early(held)
         else:
             yield result

@@ -146,7 +146,9 @@ class Window:
 
     def latest(self) -> Tracked | None:
         """The last frame as it is by now, without its pictures, if it is held back."""
-        return replace(self._as_is(-1), refinement=None, view=None) if self._held else None
+        if not self._held:
+            return None
+        return replace(self._as_is(len(self._held) - 1), refinement=None, view=None)
 
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
         """Give all that are left, decided as well as may be, or as they are."""
@@ -160,11 +162,11 @@ class Window:
 
     def _as_is(self, at: int) -> Tracked:
         """A frame that is held back; its curves that are not decided say so."""
-        result, number = self._held[at], self._begin + at % len(self._held)
+        result = self._held[at]
         doubted = {
             i: replace(curve, status="check", reasons=(UNDECIDED, *curve.reasons))
             for i, curve in result.by_id.items()
-            if i in self._open and self._open[i].first <= number
+            if i in self._open and self._open[i].first <= self._begin + at
         }
         return result.with_curves({**result.by_id, **doubted})
 
