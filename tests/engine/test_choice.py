@@ -168,9 +168,7 @@ def test_a_curve_that_leaves_its_path_again_stays_on_it(monkeypatch):
     """The sketch is a px aside; here any curve counts as astray, or none."""
     line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
     sketch = np.column_stack([np.full(5, 46.2), np.linspace(17, 103, 5)])
-    monkeypatch.setattr(
-        finding.strip, "paths_along", lambda _, sketch, __, reaches, **___: [sketch] * len(reaches)
-    )
+    monkeypatch.setattr(finding.strip, "paths_along", lambda _, sketch, *__, **___: [sketch])
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     free, held = (_refined_with(monkeypatch, most, drawn([line]), sketch) for most in (99.0, -99.0))
     assert abs(free.points[10:-10, 0] - 45).max() < 0.3
@@ -242,7 +240,7 @@ def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():
     evidence = np.zeros(SHAPE)
     evidence[43:46, 20:50] = evidence[43:46, 58:100] = 1
     sketch = np.array([[47.0, 17.0], [40.0, 60.0], [46.0, 104.0]])
-    [path] = strip.paths_along(evidence, sketch, 2.0, [12.0])
+    [path] = strip.paths_along(evidence, sketch, 2.0, 12.0)
     assert np.abs(path[3:-3, 0] - 44).max() < 2
     assert path[[0, -1], 1] == pytest.approx([20, 99], abs=4)
 
@@ -253,9 +251,19 @@ def test_a_path_between_both_ends_follows_a_bow_and_does_not_run_on():
     evidence[rows.astype(int), columns.astype(int)] = evidence[60, 90:115] = 1
     evidence = ndimage.grey_dilation(evidence, 3)
     sketch = np.array([[60.0, 30.0], [60.0, 90.0]])
-    path = strip.paths_along(evidence, sketch, 2.0, [40.0], between_ends=True)[-1]
+    path = strip.paths_along(evidence, sketch, 2.0, 40.0, between_ends=True)[-1]
     assert np.abs(path[[0, -1]] - sketch).max() < 1
     assert abs(np.hypot(path[:, 0] - 60, path[:, 1] - 60) - 30).max() < 3
+
+
+@pytest.mark.parametrize("aside", [1.0, 9.0])
+def test_a_path_leaves_a_clicked_sketch_only_where_nothing_is_seen_near_it(monkeypatch, aside):
+    """A body is in the dark for half of its length, and beside it runs one that is not."""
+    monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
+    line = np.column_stack([45 + 4 * np.sin(np.linspace(0, 5, 81)), np.linspace(20, 100, 81)])
+    there = [line[:20], line[60:], line + [9.0, 0.0]] if aside < HALF_WIDTH else [line]
+    (start,) = found(drawn(there), [line[::16] + [aside, 0.0]]).starts
+    assert away(start.line[8:-8], line) < HALF_WIDTH
 
 
 def test_a_straight_line_means_the_part_between_its_ends():

@@ -182,33 +182,37 @@ def _candidates(
     if settings.traced:
         reach = _reach(sketch, half_width)
         routes = paths.routes_of_sketch(graph, unseen, sketch, half_width, reach, tolerance)
-    lines: list[Line] = []
+    traced: list[Line] = []
     along = np.zeros((0, len(graph.pieces)), dtype=bool)
     if routes:
         sampled, total = paths.sampled(graph, routes, const.SCORE_SAMPLES_ROUGH)
         cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
         best = np.argsort(cost, kind="stable")[: const.ROUTES_KEPT]
         best = best[cost[best] < cost[best[0]] + const.PLAUSIBLE]
-        lines = [paths.polyline(graph, routes[i]) for i in best]
+        traced = [paths.polyline(graph, routes[i]) for i in best]
         along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
         for row, i in zip(along, best, strict=True):
             row[np.array(routes[i]) >> 1] = True
-    reach, clicked = reach_of(sketch, half_width), scoring.clicked(sketch)
-    reaches = [reach, min(const.NARROW_HW * half_width + const.NARROW_PX, reach)][: 1 + clicked]
-    own = strip.paths_along(evidence, sketch, half_width, reaches, between_ends=len(sketch) == 2)
-    own += [sketch] * clicked
-    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
-    lines = smoothed([*lines, *own], const.PATH_SMOOTH_HW * half_width)
-    sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
-    total = np.array([spline.arc_length(line)[-1] for line in lines])
-    known = scoring.features(sampled, total, sketch, half_width, evidence)
+    clicked = scoring.clicked(sketch)
+
+    def with_paths_along(reach: float) -> tuple[list[Line], list[Line], Float[Array, "C F"]]:
+        own = strip.paths_along(evidence, sketch, half_width, reach, between_ends=len(sketch) == 2)
+        own += [sketch] * clicked
+        lines = smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
+        return own, lines, _known(lines, sketch, half_width, evidence)
+
+    reach = reach_of(sketch, half_width)
+    near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach)
+    own, lines, known = with_paths_along(near if clicked else reach)
+    if clicked and scoring.cost(known).min() >= const.KEPT_SKETCH:
+        own, lines, known = with_paths_along(reach)
     cost = scoring.cost(known)
+    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     rungs = [rung] * len(lines)
     if clicked:
         cost[-1] = min(cost[-1], const.KEPT_SKETCH)
         for wide, line in _wider(seen, sketch, rung):
-            drawn, length = spline.resample(line, const.SCORE_SAMPLES), spline.arc_length(line)[-1:]
-            more = scoring.features(drawn[None], length, sketch, WIDTHS[wide], seen.evidence(wide))
+            more = _known([line], sketch, WIDTHS[wide], seen.evidence(wide))
             lines, rungs = [*lines, line], [*rungs, wide]
             known = np.concatenate([known, more])
             cost = np.append(cost, scoring.cost(more) + const.HOLLOW_COST)
@@ -228,6 +232,14 @@ def _candidates(
     )
 
 
+def _known(
+    lines: list[Line], sketch: Line, half_width: float, evidence: Float[Array, "H W"]
+) -> Float[Array, "C F"]:
+    sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
+    total = np.array([spline.arc_length(line)[-1] for line in lines])
+    return scoring.features(sampled, total, sketch, half_width, evidence)
+
+
 def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     """The wider bodies whose hollow middle a clicked sketch may lie on: paths at their rungs."""
     length = spline.arc_length(sketch)[-1]
@@ -243,8 +255,8 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
         wide = wider.start + int(first + np.argmax(part >= const.WIDTH_ENOUGH * part.max()))
-        reaches = [const.HOLLOW_MIDDLE_HW * WIDTHS[wide]]
-        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], reaches)
+        near = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
+        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], near)
         line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
         sampled = spline.resample(line, const.SCORE_SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
@@ -312,9 +324,8 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:
     """What a line costs a sketch beyond its path, for each of `scoring.FEATURES`."""
-    drawn, total = spline.resample(line, const.SCORE_SAMPLES)[None], spline.arc_length(line)[-1:]
     evidence, half_width = seen.evidence(start.rung), WIDTHS[start.rung]
-    known = scoring.features(drawn, total, start.sketch, half_width, evidence)[0]
+    known = _known([line], start.sketch, half_width, evidence)[0]
     more = (known - start.known) * const.PATH_WEIGHTS
     return dict(zip(scoring.FEATURES, more.tolist(), strict=True))
 

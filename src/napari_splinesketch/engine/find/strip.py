@@ -1,7 +1,5 @@
 """Paths along the sketch: the image straightened along it, and the cheapest ways through that."""
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
@@ -18,16 +16,16 @@ def paths_along(
     evidence: Float[Array, "H W"],
     sketch: Line,
     half_width: float,
-    reaches: Sequence[float],
+    reach: float,
     *,
     between_ends: bool = False,
 ) -> list[Line]:
-    """The paths with the most evidence that run along a sketch, each within a reach of it.
+    """The path with the most evidence that runs along a sketch, within a reach of it.
 
     Dynamic programming over offsets across the sketch (the path is a function of the arc length
     of the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near
-    the sketch's own. A path `between_ends` comes last: the minimal path from end to end (Cohen and
-    Kimmel 1997), within the first of the reaches.
+    the sketch's own. A path `between_ends` comes second: the minimal path from end to end (Cohen
+    and Kimmel 1997).
 
     Parameters
     ----------
@@ -35,7 +33,7 @@ def paths_along(
         (H, W) 0 to 1.
     sketch
         (N, 2).
-    half_width, reaches
+    half_width, reach
         Px.
     between_ends
         Whether the sketch's ends are where the body's are.
@@ -48,29 +46,22 @@ def paths_along(
     count = max(12, round(length / along) + 1)
     along = length / (count - 1)
     extra = int(np.ceil(const.STRIP_BEYOND * length / along)) + 3
-    strips, costs = [], []
-    for reach in reaches:
-        points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
-        half = int(np.ceil(reach / across))
-        offsets = across * np.arange(-half, half + 1)
-        at = points[:, None] + offsets[None, :, None] * normal[:, None]
-        seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
-        cost = (1 - seen) + const.STRIP_ASTRAY * (offsets / reach) ** 2
-        for beyond in (cost[:extra], cost[-extra:]):
-            np.minimum(beyond, const.STRIP_EXTRA_MOST, out=beyond)
-        strips.append((at, seen))
-        costs.append(cost)
+    points, normal = _frame(sketch, count, extra, along, 0.3 * reach)
+    half = int(np.ceil(reach / across))
+    offsets = across * np.arange(-half, half + 1)
+    at = points[:, None] + offsets[None, :, None] * normal[:, None]
+    seen = ndimage.map_coordinates(evidence, at.transpose(2, 0, 1), order=1, cval=0.0)
+    cost = (1 - seen) + const.STRIP_ASTRAY * (offsets / reach) ** 2
+    for beyond in (cost[:extra], cost[-extra:]):
+        np.minimum(beyond, const.STRIP_EXTRA_MOST, out=beyond)
     steepest = max(2, int(np.ceil(const.STRIP_STEEPEST * along / across)))
-    found = []
-    best_of = _cheapest(costs, steepest, const.STRIP_TILT * (across / along) ** 2)
-    for (at, seen), best in zip(strips, best_of, strict=True):
-        ways = np.arange(len(best)), best
-        first, last = _ends(seen[ways], extra)
-        found.append(at[ways][first : last + 1])
+    best = _cheapest(cost, steepest, const.STRIP_TILT * (across / along) ** 2)
+    ways = np.arange(len(best)), best
+    first, last = _ends(seen[ways], extra)
+    found = [at[ways][first : last + 1]]
     if between_ends:
-        at, seen = strips[0]
         cost = 1 / (const.MINIMAL_FLOOR + seen.astype(np.float64))
-        first, last = ((row, seen.shape[1] // 2) for row in (extra, extra + count - 1))
+        first, last = ((row, half) for row in (extra, extra + count - 1))
         search = MCP_Geometric(cost, sampling=(along, across))
         search.find_costs([first], [last])
         ways = tuple(np.transpose(search.traceback(last)))
@@ -93,15 +84,8 @@ def _frame(
     return np.concatenate([before, points, after]), tangent[:, ::-1] * [-1.0, 1.0]
 
 
-def _cheapest(
-    costs: list[Float[Array, "S T"]], steepest: int, tilt: float
-) -> Iterator[Int[Array, " S"]]:
-    """Columns of the cheapest way from the first row of each strip to its last (Viterbi).
-
-    The strips are searched at once, side by side with walls between them.
-    """
-    walled = [np.pad(c, ((0, 0), (0, steepest)), constant_values=np.inf) for c in costs]
-    cost = np.concatenate(walled, axis=1)
+def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Array, " S"]:
+    """Columns of the cheapest way from the first row to the last (Viterbi)."""
     rows, columns = cost.shape
     price = tilt * np.arange(-steepest, steepest + 1.0) ** 2
     padded = np.full(columns + 2 * steepest, np.inf)
@@ -114,15 +98,10 @@ def _cheapest(
         ways = before + price
         came[row] = ways.argmin(1)
         total[:] = ways[index, came[row]] + cost[row]
-    first = 0
-    for strip in walled:
-        at = first + int(total[first : first + strip.shape[1]].argmin())
-        found = [at]
-        for row in range(rows - 1, 0, -1):
-            at += int(came[row, at]) - steepest
-            found.append(at)
-        yield np.array(found[::-1]) - first
-        first += strip.shape[1]
+    found = [int(total.argmin())]
+    for row in range(rows - 1, 0, -1):
+        found.append(found[-1] + int(came[row, found[-1]]) - steepest)
+    return np.array(found[::-1])
 
 
 def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
