@@ -261,8 +261,8 @@ def test_a_path_leaves_a_clicked_sketch_only_where_nothing_is_seen_near_it(monke
     """A body is in the dark for half of its length, and beside it runs one that is not."""
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     line = np.column_stack([45 + 4 * np.sin(np.linspace(0, 5, 81)), np.linspace(20, 100, 81)])
-    there = [line[:20], line[60:], line + [9.0, 0.0]] if aside < HALF_WIDTH else [line]
-    (start,) = found(drawn(there), [line[::16] + [aside, 0.0]]).starts
+    there = [line[:20], line[60:], np.add(line, [9.0, 0.0])] if aside < HALF_WIDTH else [line]
+    (start,) = found(drawn(there), [np.add(line[::16], [aside, 0.0])]).starts
     assert away(start.line[8:-8], line) < HALF_WIDTH
 
 

@@ -144,3 +144,18 @@ def test_textured_bodies_are_less_certain():
         curve = refine(made.image, [c[::20] for c in made.centrelines], "fast").curves[0]
         sd[name] = np.median(curve.sd)
     assert sd["textured"] > 1.3 * sd["plain"]
+
+
+def test_clicks_never_make_a_curve_less_certain(monkeypatch):
+    """They turn this one, whose points slide along it by more than they may be off across it."""
+    made, rng = synthetic.scene(35, bodies=1, length=70, bend=1.0), np.random.default_rng(35)
+    texture = ndimage.gaussian_filter(rng.normal(size=made.image.shape), 2.5)
+    image = made.image + 0.6 * np.ptp(made.image) * texture / texture.std()
+    (line,) = made.centrelines
+    clicked = line[:: len(line) // 5]
+    clicked = clicked + rng.normal(0, 1.0, clicked.shape)
+    (told,) = refine(image, [clicked]).curves
+    monkeypatch.setattr(position, "with_sketch", lambda knots, known, *_: (knots, known))
+    (untold,) = refine(image, [clicked]).curves
+    assert np.abs(told.points - untold.points).max() > 0.5
+    assert (told.sd / untold.sd).max() < 1.5

@@ -141,7 +141,8 @@ def _curves(
         if i in twins:
             reasons.append(f"it lies on the same body as curve {island.members[twins[i]]}")
         outline = assess.outline(body, sketch, start.tips, seen.valid.shape)
-        sd = position.normal_sd(known[i], body.knots, outline.u)
+        # Normals of the fit: clicks may turn the curve, but not what is unknown along it.
+        sd = position.normal_sd(known[i], fit.bodies[i].knots, outline.u)
         if not len(body.pixels):
             sd[:] = np.inf
         if i in fit.held:
