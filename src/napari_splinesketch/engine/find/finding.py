@@ -204,7 +204,7 @@ def _candidates(
     reach = reach_of(sketch, half_width)
     near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach)
     own, lines, known = with_paths_along(near if clicked else reach)
-    if clicked and scoring.cost(known).min() >= const.KEPT_SKETCH:
+    if clicked and scoring.cost(known).min() > const.KEPT_SKETCH - const.CLEAR_MARGIN:
         own, lines, known = with_paths_along(reach)
     cost = scoring.cost(known)
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
