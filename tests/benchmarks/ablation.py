@@ -4,8 +4,8 @@
 
 Every row runs in a process of its own, since compiled programs hold what they were compiled with.
 Frames of two and three generated bodies, one trial of each stability case, generated images of
-foreign make, and the images of tests/data/real. Rows go to docs/benchmarks/ablation.csv; a row
-without a loss means that the mechanism should go.
+foreign make, and the images of tests/data/real, with sketches as drawn and with right ones. Rows
+go to docs/benchmarks/ablation.csv; a row without a loss means that the mechanism should go.
 """
 
 import argparse
@@ -58,12 +58,13 @@ class Row:
     without
         The mechanism; empty for the engine as it is.
     where
-        "generated", "stability", "foreign" or "real".
+        "generated", "stability", "foreign", "real", or "right" for real ones whose sketches were
+        right already.
     bodies, lost, silent
         How many; lost ones; lost ones that are not marked. Foreign and real bodies are lost where
         less than 90 % of curve and reference lie on each other.
     dtw
-        Mean average DTW of those not lost, px; of real ones NaN.
+        Mean average DTW of those not lost, px; NaN where there is no exact reference.
     """
 
     without: str
@@ -168,7 +169,9 @@ def measure(without: str, frames: int) -> Iterator[Row]:
             if truth is not None:
                 found.setdefault("stability", []).append(_apart(curve, truth))
     images = [("foreign", case) for case in real_foreign.cases()]
-    images += [("real", case) for case in real_cases.in_folders(real_cases.FOLDERS[:1])]
+    real = list(real_cases.in_folders(real_cases.FOLDERS[:1]))
+    images += [("real", case) for case in real]
+    images += [("right", real_cases.jittered(case)) for case in real]
     for where, case in images:
         curves = refine(case.image, next(iter(case.sketches.values()))).curves
         for curve, reference in zip(curves, case.references, strict=True):
@@ -207,10 +210,10 @@ def table() -> str:
     for name in (name for name in MECHANISMS if (name, "real") in rows):
         mine = [rows[name, where] for where in places]
         lost = [f"{100 * row.lost / row.bodies:.0f} %" for row in mine]
-        apart = [f"{row.dtw:.3f}" for row in mine if row.where != "real"]
+        apart = [f"{row.dtw:.3f}" for row in mine if np.isfinite(row.dtw)]
         body.append([name or "(nothing)", *lost, *apart, str(sum(row.silent for row in mine))])
     header = ["without", *(f"lost, {where}" for where in places)]
-    header += [f"DTW, {where}" for where in places if where != "real"]
+    header += [f"DTW, {where}" for where in places if np.isfinite(rows["", where].dtw)]
     return markdown([*header, "lost unmarked"], body)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import constants
+from napari_splinesketch.engine import constants, spline
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import fit_scene
 from napari_splinesketch.engine.fit.fitting import Body
@@ -78,6 +78,19 @@ def test_beside_another_curve_the_error_is_larger(body):
     assert ratio.max() == pytest.approx(constants.SD_BESIDE, rel=0.1)
     assert 30 <= 10 + U[ratio.argmax()] * 100 <= 70
     np.testing.assert_allclose(ratio[75:], 1, atol=0.1)
+
+
+def test_knots_that_slide_along_a_bent_curve_do_not_make_it_uncertain():
+    around, at = np.linspace(0, np.pi, 8), np.linspace(0, 1, 8)
+    knots = 40 * np.column_stack([np.sin(around), np.cos(around)])
+    along = spline.basis(8, at, 1) @ knots
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = along[:, ::-1] * [-1, 1]
+    sliding, off = (
+        np.concatenate([np.diag(way[:, 0]), np.diag(way[:, 1])]) for way in (along, across)
+    )
+    assert position.normal_sd(sliding @ sliding.T, knots, U).max() < 1e-6
+    np.testing.assert_allclose(position.normal_sd(off @ off.T, knots, at), 1)
 
 
 KNOTS = np.column_stack([np.full(8, 45.0), np.linspace(10, 110, 8)])

@@ -1,12 +1,12 @@
 """Which curve, or which suggestion, is which body: by what the frames around predict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from napari_splinesketch.editing import flipped
 from napari_splinesketch.engine.spline import arc_length, neighbours
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
@@ -29,10 +29,8 @@ FREE = 6.0
 
 def run_like(curve: Curve, like: Points) -> Curve:
     """The curve, run through the way that a line runs."""
-    if ((curve.points - like) ** 2).sum() <= ((curve.points[::-1] - like) ** 2).sum():
-        return curve
-    turned = {name: getattr(curve, name)[::-1] for name in ("knots", "points", "half_width", "sd")}
-    return replace(curve, **turned)
+    off = [((points - like) ** 2).sum() for points in (curve.points, curve.points[::-1])]
+    return curve if off[0] <= off[1] else flipped(curve)
 
 
 def agrees(line: Points, predicted: Predicted, half_width: float) -> bool:

@@ -235,6 +235,7 @@ def _candidates(
 def _known(
     lines: list[Line], sketch: Line, half_width: float, evidence: Float[Array, "H W"]
 ) -> Float[Array, "C F"]:
+    """(C, F) features of lines for a sketch, each sampled at SCORE_SAMPLES points."""
     sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     return scoring.features(sampled, total, sketch, half_width, evidence)

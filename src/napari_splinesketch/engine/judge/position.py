@@ -90,12 +90,21 @@ def with_sketch(
 def normal_sd(
     covariance: Float[Array, "2K 2K"], knots: Float[Array, "K 2"], u: Float[Array, " P"]
 ) -> Float[Array, " P"]:
-    """(P,) standard error of points along the normal, px, from the covariance of the knots."""
+    """(P,) standard error of points along the normal, px, from the covariance of the knots.
+
+    Only what the knots may be off across the curve counts. How far they may slide along it is
+    hardly known, and where a curve bends that would count as if it were off.
+    """
     k = len(knots)
-    rows = spline.basis(k, u)
-    tangent = spline.basis(k, u, 1) @ knots
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    across = np.concatenate([-tangent[:, 1:] * rows, tangent[:, :1] * rows], axis=1)
+
+    def normals(u: Float[Array, " P"]) -> Float[Array, "P 2"]:
+        tangent = spline.basis(k, u, 1) @ knots
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+        return tangent[:, ::-1] * [-1.0, 1.0]
+
+    own = normals(np.linspace(0, 1, k))
+    rows = spline.basis(k, u) * (normals(u) @ own.T)
+    across = np.concatenate([rows * own[:, 0], rows * own[:, 1]], axis=1)
     variance = ((across @ covariance) * across).sum(1)
     return np.sqrt(np.maximum(variance, 0))
 
