@@ -93,12 +93,13 @@ def refine(
         with compile_cache.kept():
             progress("looking at the image", 0.0)
             for island in islands.split(image, lines, usable, fixed):
-                pixels = island.pose.cut(image)
-                blank = checks.blank(pixels)
+                blank = checks.blank(image[island.pose.window])
                 if blank:
                     faults = [blank if i in island.members else f for i, f in enumerate(faults)]
                     continue
-                scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
+                scenes = scene.read_scenes(
+                    island.pose.cut(image), island.sketches, polarity, half_width
+                )
                 for members, seen in scenes:
                     mine = island.of(members)
                     parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))

@@ -16,7 +16,12 @@ from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.look.sketched import half_width_across, look_around, reach_of
+from napari_splinesketch.engine.look.sketched import (
+    first_high,
+    half_width_across,
+    reach_of,
+    ridge_profile,
+)
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array
 
@@ -116,7 +121,7 @@ def find(
             margin = choice.margin(candidates[i], paths_of, costs, seen.half_width)
             start = _start(seen, sketches[i], candidates[i], int(paths_of[0]))
             starts[i] = replace(start, margin=margin)
-    seen.ridges.forget()
+    seen.ridges.keep(evidence={start.rung for start in starts})
     return _rescaled(Found(seen, starts, clusters))
 
 
@@ -247,17 +252,14 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
     if not wider:
         return
-    side = 0 if seen.contrast > 0 else 1
-    around = look_around(
-        seen.ridges, sketch, const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX, wider
-    )[side]
-    heights = np.array(around.profile[wider.start :])
+    near = const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX
+    heights = ridge_profile(seen.ridges, sketch, near, wider, seen.sign)[wider.start :]
     # The rims are ridges too, at half-widths of their own: each that stands out is tried.
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
         wide = wider.start + int(first + np.argmax(part >= const.WIDTH_ENOUGH * part.max()))
-        near = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
-        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], near)
+        middle = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
+        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], middle)
         line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
         sampled = spline.resample(line, const.SCORE_SAMPLES)
         if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
@@ -310,9 +312,9 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     ):
         return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
-    around = look_around(seen.ridges, line, WIDTHS[rung], near)[0 if seen.contrast > 0 else 1]
-    own = int(np.clip(around.rung, rung - 1, rung + 1))
-    contrast = around.profile[min(own, len(around.profile) - 1)] / const.CREST / abs(seen.contrast)
+    profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
+    own = int(np.clip(first_high(profile), rung - 1, near[-1]))
+    contrast = profile[own] / const.CREST / abs(seen.contrast)
     # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
     widest = WIDTHS[max(own, rung)]
     half_width = min(widest, half_width_across(seen.normal, line, widest))

@@ -130,8 +130,8 @@ def prepare(
     rungs = range(most)
     if half_width is not None:
         rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
-    sides = {"bright": (0,), "dark": (1,)}.get(polarity, (0, 1))
-    found = [_apart(_traced_at(ridges, valid, side, rungs), image.shape) for side in sides]
+    signs = {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
+    found = [_apart(_traced_at(ridges, valid, sign, rungs), image.shape) for sign in signs]
     total = [sum(one.strength * one.length for one in lines) for lines in found]
     likely = [
         lines
@@ -149,16 +149,16 @@ def prepare(
 
 
 def _traced_at(
-    ridges: Ridges, valid: Bool[Array, "H W"], side: int, rungs: Sequence[int]
+    ridges: Ridges, valid: Bool[Array, "H W"], sign: int, rungs: Sequence[int]
 ) -> list[Traced]:
     """Lines along bodies of one polarity, at several half-widths."""
-    height = max(float(np.quantile(ridges.heights(k)[side], const.SUGGEST_HIGHEST)) for k in rungs)
+    height = max(float(np.quantile(ridges.heights(k, sign), const.SUGGEST_HIGHEST)) for k in rungs)
     found: list[Traced] = []
     for rung in rungs:
-        evidence = ridges.alone(rung, 1 - 2 * side, height)
+        evidence = ridges.alone(rung, sign, height)
         evidence[~valid] = 0
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
-        found += _traced(ridges, evidence, side, rung, near)
+        found += _traced(ridges, evidence, sign, rung, near)
     counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
     return [
         replace(one, strength=one.strength * count)
@@ -168,7 +168,7 @@ def _traced_at(
 
 
 def _traced(
-    ridges: Ridges, evidence: Float[Array, "H W"], side: int, rung: int, near: range
+    ridges: Ridges, evidence: Float[Array, "H W"], sign: int, rung: int, near: range
 ) -> list[Traced]:
     """Lines along bodies of one half-width."""
     width = WIDTHS[rung]
@@ -180,7 +180,7 @@ def _traced(
         if length < const.SUGGEST_SHORTEST_HW * width:
             continue
         points = resample(line, max(8, int(length / 2)))
-        heights = [_median(ridges, k, side, points) for k in near]
+        heights = [_median(ridges, k, sign, points) for k in near]
         own = near[int(np.argmax(np.array(heights) >= const.SUGGEST_WIDTH * max(heights)))]
         seen = evidence[tuple(np.rint(points).astype(int).T)]
         sure = np.minimum(seen / const.SURE_EVIDENCE, 1).mean()
@@ -190,9 +190,9 @@ def _traced(
     return found
 
 
-def _median(ridges: Ridges, rung: int, side: int, points: Line) -> float:
+def _median(ridges: Ridges, rung: int, sign: int, points: Line) -> float:
     """Usual height of the ridge of one half-width along a line."""
-    heights, factor = ridges.heights(rung)[side], ridges.factor(rung)
+    heights, factor = ridges.heights(rung, sign), ridges.factor(rung)
     at = np.rint((points + 0.5) / factor - 0.5).astype(int)
     return float(np.median(heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]))
 

@@ -144,7 +144,8 @@ def make_bands(
     values, weight = np.zeros((2, n, m), np.float32)
     centre = theta[:, : 2 * k].reshape(count, 2, k).mean(2)
     tiles = np.zeros(n, np.int32)
-    for i, (own, slot) in enumerate(zip(pixels, _numbered(pixels), strict=True)):
+    numbers = np.split(_numbered(pixels), np.cumsum([len(own) for own in pixels])[:-1])
+    for i, (own, slot) in enumerate(zip(pixels, numbers, strict=True)):
         here, tiles[i] = slice(len(own)), -(-len(own) // const.TILE)
         slots[i, here], values[i, here], weight[i, here] = slot, image.ravel()[own], 1.0
         if i < count:
@@ -163,17 +164,16 @@ def make_bands(
     return Bands(position, values, weight, slots, tiles, mean, precision, slope), shift, begin
 
 
-def _numbered(pixels: list[Int[Array, " m"]]) -> list[Int[Array, " m"]]:
-    """The pixels of some bands with numbers from 0 up, without gaps."""
-    number = np.unique(np.concatenate(pixels), return_inverse=True)[1]
-    return np.split(number, np.cumsum([len(own) for own in pixels])[:-1])
+def _numbered(pixels: list[Int[Array, " m"]]) -> Int[Array, " M"]:
+    """The pixels of some bands, one after the other, with numbers from 0 up, without gaps."""
+    return np.unique(np.concatenate(pixels), return_inverse=True)[1]
 
 
 def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
     """Which bands share pixels with which others."""
     if len(pixels) < 2:
         return np.zeros((len(pixels), len(pixels)), dtype=bool)
-    number, ends = np.concatenate(_numbered(pixels)), np.cumsum([0, *map(len, pixels)])
+    number, ends = _numbered(pixels), np.cumsum([0, *map(len, pixels)])
     shape = len(pixels), 1 + number.max(initial=0)  # of bands without pixels SciPy cannot tell
     there = csr_array((np.ones(len(number), np.float32), number, ends), shape)
     shared = (there @ there.T).toarray() > 0

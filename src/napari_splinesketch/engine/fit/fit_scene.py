@@ -91,6 +91,7 @@ def fit_scene(
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
         bodies = pairs.settle_pairs(seen, starts, bodies, free, others)
+    seen.ridges.keep()
     return SceneFit(seen, bodies, others, starts, held)
 
 

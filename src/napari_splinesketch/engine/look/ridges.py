@@ -1,6 +1,7 @@
 """How much each pixel looks like the middle of a body: bounded, two-sided, local."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from math import pi, sqrt
 
 import numpy as np
 from jaxtyping import Float
@@ -27,31 +28,40 @@ class Ridges:
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
         self._image, self.noise = image.astype(np.float32), noise
-        self._evidence: dict[tuple[int, int, float], Array] = {}
-        self.forget()
-
-    def forget(self) -> None:
-        """Free all but the evidence; it is measured again when it is asked for."""
-        self._known: dict[int, tuple[Array, Array]] = {}
         self._reduced: dict[int, Array] = {}
+        self._heights: dict[tuple[int, int], Array] = {}
+        self._evidence: dict[tuple[int, int, float], Array] = {}
+
+    def keep(self, heights: Container[tuple[int, int]] = (), evidence: Container[int] = ()) -> None:
+        """Free all but the heights of some rungs and signs, and the evidence of some rungs.
+
+        What is asked for later is measured again.
+        """
+        self._heights = {asked: of for asked, of in self._heights.items() if asked in heights}
+        self._evidence = {asked: of for asked, of in self._evidence.items() if asked[0] in evidence}
+        if not self._heights:
+            self._reduced = {}
 
     def factor(self, rung: int) -> int:
         """By how much the image is reduced for the half-width WIDTHS[rung]."""
         return max(1, int(WIDTHS[rung] / const.RIDGE_REDUCED_PX))
 
-    def heights(self, rung: int) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
-        """By how much pixels are above, and below, both their sides; reduced by `factor`."""
-        if rung not in self._known:
+    def heights(self, rung: int, sign: int) -> Float[Array, "h w"]:
+        """By how much pixels are above both their sides, or below for a sign of -1.
+
+        The image is reduced by `factor`.
+        """
+        if (rung, sign) not in self._heights:
             factor, width = self.factor(rung), WIDTHS[rung]
             image = self._reduced.get(factor)
             if image is None:
                 image = self._reduced.setdefault(factor, _reduce(self._image, factor))
             sigma = max(const.RIDGE_BLUR_HW * width, const.RIDGE_BLUR_PX) / factor
             smooth = ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=3.0)
-            self._known[rung] = _heights(
+            self._heights[rung, 1], self._heights[rung, -1] = _heights(
                 smooth, (const.RIDGE_SIDE_HW * width + const.RIDGE_SIDE_PX) / factor
             )
-        return self._known[rung]
+        return self._heights[rung, sign]
 
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
         """Evidence of a body's middle at every pixel, 0 to 1.
@@ -84,14 +94,14 @@ class Ridges:
         self, rung: int, sign: int, height: float, around: float | None = None
     ) -> Float[Array, "H W"]:
         """The same of one half-width without its neighbours; blocks have the side `around`, px."""
-        mine, factor = self.heights(rung)[0 if sign > 0 else 1], self.factor(rung)
+        mine, factor = self.heights(rung, sign), self.factor(rung)
         block = max(
             const.USUAL_BLOCK_HW * WIDTHS[rung] if around is None else around, const.USUAL_BLOCK_PX
         )
         left = (
             const.RIDGE_NOISE
             * self.noise
-            / (2 * np.sqrt(np.pi) * max(const.RIDGE_BLUR_HW * WIDTHS[rung], const.RIDGE_BLUR_PX))
+            / (2 * sqrt(pi) * max(const.RIDGE_BLUR_HW * WIDTHS[rung], const.RIDGE_BLUR_PX))
         )
         usual = _usual(mine, block / factor)
         share = mine / np.maximum(usual, max(left, const.RIDGE_FLOOR * height, 1e-30))
@@ -132,20 +142,21 @@ def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
     """By how much pixels are above, and below, both their sides, in their best direction."""
     reach = int(np.ceil(away))
     wide = np.pad(smooth, reach, mode="edge")
-    found = np.empty((2, *smooth.shape), np.float32)
+    found = np.empty_like(smooth), np.empty_like(smooth)
     # Some rows after the other, so that what is computed stays in the cache.
     rows = max(1, const.RIDGE_CHUNK // smooth.shape[1])
     for first in range(0, len(smooth), rows):
         here = slice(first, first + rows)
-        _heights_of(smooth[here], wide[first : first + rows + 2 * reach], away, found[:, here])
-    return found[0], found[1]
+        part = found[0][here], found[1][here]
+        _heights_of(smooth[here], wide[first : first + rows + 2 * reach], away, part)
+    return found
 
 
 def _heights_of(
     smooth: Float[Array, "h W"],
     wide: Float[Array, "h+2r W+2r"],
     away: float,
-    found: Float[Array, "2 h W"],
+    found: tuple[Float[Array, "h W"], Float[Array, "h W"]],
 ) -> None:
     """The same for some rows, of which `wide` is what is around them."""
     rows, columns = smooth.shape

@@ -61,9 +61,14 @@ class Scene:
         """Whether bodies are brighter or darker than the background."""
         return "bright" if self.contrast > 0 else "dark"
 
+    @property
+    def sign(self) -> int:
+        """1 for bright bodies, -1 for dark ones."""
+        return 1 if self.contrast > 0 else -1
+
     def evidence(self, rung: int) -> Float[Array, "H W"]:
         """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1."""
-        return self.ridges.evidence(rung, int(np.sign(self.contrast)), self.height)
+        return self.ridges.evidence(rung, self.sign, self.height)
 
 
 def read_scenes(
@@ -83,15 +88,9 @@ def read_scenes(
     polarity, half_width
         As given to `refine`.
     """
-    image = np.asarray(image, dtype=np.float64)
-    valid = np.isfinite(image)
-    whole = image if valid.all() else filled(image, valid)
-    noise = pixel_noise(whole)
-    ridges = Ridges(whole, noise)
+    valid, above, kind, ridges, faintest = _measured(image)
     around = [look_around(ridges, line) for line in sketches]
     signs = _signs([bright.vote for bright, _ in around], polarity)
-    background, kind = estimate_background(whole, noise)
-    rounding = 1e-9 * float(np.abs(image[valid]).max()) + 1e-30
     scenes = []
     for sign in (1, -1):
         members = [i for i, s in enumerate(signs) if s == sign]
@@ -100,13 +99,13 @@ def read_scenes(
         mine = [around[i][0 if sign > 0 else 1] for i in members]
         rungs, contradicted = _rungs(mine, half_width)
         height = float(np.median([a.height for a in mine])) / const.CREST
-        contrast = sign * max(height, const.FAINTEST_CONTRAST * noise, rounding)
+        contrast = sign * max(height, faintest)
         scene = Scene(
-            ((whole - background) / contrast).astype(np.float32),
+            above / contrast,
             valid,
             kind,
             contrast,
-            max(noise / abs(contrast), 0.01),
+            max(ridges.noise / abs(contrast), 0.01),
             abs(contrast) * const.CREST,
             float(np.median([WIDTHS[r] for r in rungs])),
             ridges,
@@ -114,7 +113,30 @@ def read_scenes(
             contradicted,
         )
         scenes.append((members, scene))
+    # Finding asks for these, and for none of narrower bodies.
+    ridges.keep({(k, s.sign) for _, s in scenes for k in range(min(s.rungs) - 1, len(WIDTHS))})
     return scenes
+
+
+def _measured(
+    image: Real[Array, "H W"],
+) -> tuple[Bool[Array, "H W"], Float[Array, "H W"], Kind, Ridges, float]:
+    """What does not depend on sketches, so that nothing else of the image's size stays.
+
+    Returns
+    -------
+    Where the image is finite; its height above its background, and the background's kind; its
+    ridges; and the least contrast that bodies may have.
+    """
+    image = np.asarray(image, dtype=np.float64)
+    valid = np.isfinite(image)
+    whole = image if valid.all() else filled(image, valid)
+    noise = pixel_noise(whole)
+    background, kind = estimate_background(whole, noise)
+    above = (whole - background).astype(np.float32)
+    rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
+    faintest = max(const.FAINTEST_CONTRAST * noise, rounding)
+    return valid, above, kind, Ridges(whole, noise), faintest
 
 
 def _signs(votes: list[float], polarity: Polarity) -> list[int]:

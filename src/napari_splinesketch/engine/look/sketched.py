@@ -34,11 +34,6 @@ class Around:
     height: float
     profile: tuple[float, ...]
 
-    @property
-    def half_width(self) -> float:
-        """Px."""
-        return WIDTHS[self.rung]
-
 
 def reach_of(line: Line, half_width: float = 0.0) -> float:
     """How far from its sketch a body may be, px."""
@@ -67,53 +62,65 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
     return float(np.mean(found))
 
 
-def look_around(
-    ridges: Ridges, line: Line, reach: float | None = None, wanted: range | None = None
-) -> tuple[Around, Around]:
-    """What is around a sketch, seen as a bright body's and as a dark one's.
-
-    On each profile across the sketch the highest ridge counts, of any direction, the nearer the
-    more; how high it is there tells the sketch's half-width, that of its median profile. Looked for
-    within `reach` px, at the `wanted` indices of WIDTHS; by default both follow from the sketch.
-    """
+def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
+    """What is around a sketch, seen as a bright body's and as a dark one's."""
     length = float(spline.arc_length(line)[-1])
-    if wanted is None:
-        wanted = range(
-            int(
-                np.searchsorted(
-                    WIDTHS, max(const.WIDEST_SHARE * length, const.WIDEST_PX), side="right"
-                )
-            )
-        )
-    reach = reach_of(line, WIDTHS[wanted[-1]]) if reach is None else reach
+    widest = max(const.WIDEST_SHARE * length, const.WIDEST_PX)
+    wanted = range(int(np.searchsorted(WIDTHS, widest, side="right")))
+    heights, votes = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
+    best = np.maximum(votes.max(1), 0)
+    vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
+    found = []
+    for sign, profile in zip((1, -1), np.median(heights, axis=2), strict=True):
+        k = first_high(profile)
+        found.append(Around(sign * vote, k, float(max(profile[k], 0.0)), tuple(profile.tolist())))
+    return found[0], found[1]
+
+
+def ridge_profile(
+    ridges: Ridges, line: Line, reach: float, wanted: range, sign: int
+) -> Float[Array, " R"]:
+    """(R,) usual height of the ridge along a line for each of WIDTHS to the last one `wanted`.
+
+    Looked for within `reach` px; 0 at half-widths that are not wanted.
+    """
+    return np.median(_ridges(ridges, line, reach, wanted, (sign,))[0][0], axis=1)
+
+
+def first_high(profile: Float[Array, " R"]) -> int:
+    """Index of the smallest half-width whose ridge is nearly the highest."""
+    return int(np.argmax(profile >= const.WIDTH_ENOUGH * profile.max()))
+
+
+def _ridges(
+    ridges: Ridges, line: Line, reach: float, wanted: range, signs: tuple[int, ...]
+) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"]]:
+    """Heights of the highest ridges across a line, of each sign, half-width and point; and votes.
+
+    On each profile across the line the highest ridge counts, of any direction, the nearer the more.
+    """
     points, offsets = _profiles(line, reach)
     at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
     near = 1 / (1 + (2 * offsets / reach) ** 2)
-    heights, reduced = np.zeros((2, wanted.stop, len(at))), {}
+    heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
     votes, profile = np.zeros_like(heights), np.arange(len(at))
     for rung in wanted:
-        both, factor = ridges.heights(rung), ridges.factor(rung)
-        if factor not in reduced:
-            reduced[factor] = _pixels(at, near, both[0].shape, factor)
-        pixels, weight = reduced[factor]
+        factor = ridges.factor(rung)
         chance = (
             const.CHANCE_HEIGHT
             * ridges.noise
             / np.sqrt(max(const.RIDGE_BLUR_HW * WIDTHS[rung], 0.5))
         )
-        for k, height in enumerate(both):
+        for k, sign in enumerate(signs):
+            height = ridges.heights(rung, sign)
+            if factor not in reduced:
+                reduced[factor] = _pixels(at, near, height.shape, factor)
+            pixels, weight = reduced[factor]
             high = height.ravel()[pixels]
             most = profile, (weight * high).argmax(1)
             votes[k, rung] = (weight * high)[most] - chance
             heights[k, rung] = np.where(weight[most] > 0, high[most], 0.0) - chance
-    best = np.maximum(votes.max(1), 0)
-    vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
-    found = []
-    for sign, of in zip((1, -1), heights, strict=True):
-        typical = np.median(of, axis=1)
-        k = int(np.argmax(typical >= const.WIDTH_ENOUGH * typical.max()))
-        found.append(Around(sign * vote, k, float(max(typical[k], 0.0)), tuple(typical.tolist())))
-    return found[0], found[1]
+    return heights, votes
 
 
 def _pixels(

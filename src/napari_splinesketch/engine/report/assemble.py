@@ -163,7 +163,7 @@ def _draw(valid: Bool[Array, "H W"], bodies: list[Body]) -> Float[Array, "H W"]:
     """All bodies, as a share of the contrast; guessed where the image has no value."""
     there = np.zeros(valid.shape, dtype=bool)
     there.flat[np.concatenate([body.pixels for body in bodies])] = True
-    drawn = np.zeros(valid.shape)
+    drawn = np.zeros(valid.shape, np.float32)
     drawn[there] = fitting.drawn(bodies, np.flatnonzero(there))
     return drawn if valid.all() else scene.filled(drawn, valid)
 
