@@ -52,6 +52,8 @@ def main() -> None:
     if "scaling" in options.parts:
         measured = [n for n in names if "scaling" in methods.make(n).parts]
         scaling.run(measured, largest=QUICK_LARGEST if options.quick else LARGEST)
+    if "memory" in options.parts:
+        scaling.memory(names)
     if "solvers" in options.parts:
         import compare_solvers
 
@@ -64,7 +66,8 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser("python tests/benchmarks", description=__doc__)
-    parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(PARTS))
+    known = (*PARTS, "memory")
+    parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(known))
     parser.add_argument("--methods", nargs="+", default=list(methods.NAMES), choices=methods.NAMES)
     parser.add_argument("--bodies", type=int, nargs="+", default=COUNTS, help="in a frame")
     parser.add_argument("--frames", type=int, help="frames in each cell")
@@ -72,9 +75,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a few frames only")
     parser.add_argument("--fresh", action="store_true", help="forget what was run before")
     options = parser.parse_args()
-    unknown = set(options.parts) - set(PARTS)
+    unknown = set(options.parts) - set(known)
     if unknown:
-        parser.error(f"unknown parts {', '.join(sorted(unknown))}; known are {', '.join(PARTS)}")
+        parser.error(f"unknown parts {', '.join(sorted(unknown))}; known are {', '.join(known)}")
     if options.quick and options.frames is None:
         options.frames = QUICK_FRAMES
     return options

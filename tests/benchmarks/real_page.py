@@ -152,9 +152,9 @@ def targets_table(rows: Sequence[Row]) -> str:
         "bad ones marked / good ones marked | 95 / 57 % | ≥ 90 / ≤ 15 % | "
         f"{real.bad_marked:.0f} / {real.good_marked:.0f} %",
         "right sketches (1 px off) made wrong, real / generated; unmarked | 36 % | ≤ 1 %, none | "
-        + " / ".join(_percent(s.spoilt) for s in right)
+        + " / ".join(f"{s.spoilt:.1f} %" for s in right)
         + "; "
-        + " / ".join(_percent(s.spoilt_silently) for s in right),
+        + " / ".join(f"{s.spoilt_silently:.1f} %" for s in right),
         "minimal path between the sketch's ends, real images: good | better in some | "
         f"never better | {path.good:.0f} %; better in {_better(rows)} images",
         f"`suggest`, reference bodies found; slowest image | 15 % | ≥ 60 %, 3 s | "
