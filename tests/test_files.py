@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -93,6 +94,38 @@ def test_nothing_is_left_of_what_failed(inside: Path) -> None:
         (folder / "a").touch()
         raise ZeroDivisionError
     assert os.listdir() == []
+
+
+def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_made(
+    inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mkdir = Path.mkdir
+
+    def interrupted(*given, **options) -> None:
+        mkdir(*given, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "mkdir", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic("a.csv"):
+        pass
+    assert os.listdir() == []
+
+
+def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_removed(
+    inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rmtree, calls = shutil.rmtree, []
+
+    def interrupted(*given, **options) -> None:
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        rmtree(*given, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic("a.csv") as temporary:
+        temporary.write_text("whole")
+    assert os.listdir() == ["a.csv"]
 
 
 FULL: dict[str, Exception] = {

@@ -7,11 +7,12 @@ import os
 import shutil
 import socket
 import stat
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from uuid import uuid4
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 BEYOND = 2**30
@@ -207,14 +208,19 @@ def printable(text: str) -> str:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
+    folder = target.parent / f".{uuid4().hex}.part"
+    clear = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
-        folder = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=target.parent))
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(target)) from error
-    try:
+        try:
+            folder.mkdir(0o700)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(target)) from error
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            clear()
+        finally:  # once more, should Ctrl-C have stopped it
+            clear()
 
 
 @contextmanager

@@ -132,6 +132,27 @@ def test_a_bright_blob_is_no_ridge():
     assert (seen[rim] > 0.5).mean() < 0.1
 
 
+def test_what_has_the_size_of_the_image_is_in_single_precision():
+    made = frame(4)
+    seen = read(replace(made, image=made.image.astype(float)))
+    pictures = seen.normal, seen.evidence(seen.rungs[0]), seen.ridges.heights(2, -1)
+    assert [picture.dtype for picture in pictures] == [np.float32] * 3
+
+
+def test_what_was_freed_is_measured_again():
+    image = np.random.default_rng(0).normal(size=(60, 80))
+    looked = ridges.Ridges(image, 1.0)
+    heights, evidence = looked.heights(3, 1), looked.evidence(3, 1, 1.0)
+    looked.keep({(3, 1)}, {3})
+    assert looked.heights(3, 1) is heights
+    assert looked.evidence(3, 1, 1.0) is evidence
+    looked.keep()
+    assert looked.heights(3, 1) is not heights
+    assert looked.evidence(3, 1, 1.0) is not evidence
+    np.testing.assert_array_equal(looked.heights(3, 1), heights)
+    np.testing.assert_array_equal(looked.evidence(3, 1, 1.0), evidence)
+
+
 def test_pixels_that_are_not_finite_are_left_out():
     made = frame(4)
     holed = made.image.copy()
