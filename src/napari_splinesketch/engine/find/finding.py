@@ -257,7 +257,7 @@ def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     # The rims are ridges too, at half-widths of their own: each that stands out is tried.
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
     for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
-        wide = wider.start + int(first + np.argmax(part >= const.WIDTH_ENOUGH * part.max()))
+        wide = wider.start + int(first) + first_high(part)
         middle = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
         [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], middle)
         line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]

@@ -72,8 +72,7 @@ def with_sketch(
     beside = (at > 0) & (at < 1)
     at = np.concatenate([at[beside], [0, 1], [0, 1]])
     drawn = np.concatenate([sketch[beside], *[sketch[[0, -1]]] * 2])
-    basis, way = spline.basis(count, at), spline.basis(count, at, 1) @ knots
-    way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
+    basis, way = spline.basis(count, at), _tangents(knots, at)
     way[:-2] = way[:-2, ::-1] * [-1.0, 1.0]
     rows = np.concatenate([way[:, :1] * basis, way[:, 1:] * basis], axis=1)
     off = ((drawn - basis @ knots) * way).sum(1)
@@ -95,18 +94,17 @@ def normal_sd(
     Only what the knots may be off across the curve counts. How far they may slide along it is
     hardly known, and where a curve bends that would count as if it were off.
     """
-    k = len(knots)
-
-    def normals(u: Float[Array, " P"]) -> Float[Array, "P 2"]:
-        tangent = spline.basis(k, u, 1) @ knots
-        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-        return tangent[:, ::-1] * [-1.0, 1.0]
-
-    own = normals(np.linspace(0, 1, k))
-    rows = spline.basis(k, u) * (normals(u) @ own.T)
-    across = np.concatenate([rows * own[:, 0], rows * own[:, 1]], axis=1)
+    own = _tangents(knots, np.linspace(0, 1, len(knots)))
+    rows = spline.basis(len(knots), u) * (_tangents(knots, u) @ own.T)
+    across = np.concatenate([-rows * own[:, 1], rows * own[:, 0]], axis=1)
     variance = ((across @ covariance) * across).sum(1)
     return np.sqrt(np.maximum(variance, 0))
+
+
+def _tangents(knots: Float[Array, "K 2"], u: Float[Array, " P"]) -> Float[Array, "P 2"]:
+    """(P, 2) unit tangents of a spline."""
+    tangent = spline.basis(len(knots), u, 1) @ knots
+    return tangent / (np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9)
 
 
 def _misfit_along(
