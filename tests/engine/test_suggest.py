@@ -10,7 +10,13 @@ from suggested import FOUND, judged, on, worms
 
 from napari_splinesketch import suggest, synthetic
 from napari_splinesketch.data import load_sample
-from napari_splinesketch.engine.find.suggest import prepare
+from napari_splinesketch.engine.find.suggest import _medians, prepare
+
+
+def test_medians_of_parts_are_those_of_numpy() -> None:
+    values, counts = np.random.default_rng(0).normal(size=20), np.array([1, 8, 2, 9])
+    parts = np.split(values, np.cumsum(counts)[:-1])
+    np.testing.assert_array_equal(_medians(values, counts), [np.median(part) for part in parts])
 
 
 @pytest.fixture(scope="module")

@@ -98,6 +98,21 @@ def test_headings_point_out_of_the_piece():
         np.testing.assert_allclose(heading[0], [0, -direction], atol=0.35)
 
 
+def test_ends_that_run_askew_are_left_out():
+    hook = np.array([[3.0, 0], [2, 0], [1, 0], [0, 0], *[[0.0, k] for k in range(1, 40)]])
+    lone = np.array([[20.0, 0], [20, 4]])
+    for chains in ([hook, lone], [lone, hook]):
+        at, out, left_out, lengths = tracing.ends_of(chains, HALF_WIDTH, askew=3.0)
+        k = int(chains[0] is lone)
+        np.testing.assert_array_equal(at[k], [[0, 0], [0, 36]])
+        np.testing.assert_allclose(out[k], [[0, -1], [0, 1]], atol=1e-6)
+        np.testing.assert_array_equal(left_out[k], [3, 3])
+        # A quarter of a chain at most, and not a point of any other chain.
+        np.testing.assert_array_equal(at[1 - k], [[20, 4], [20, 0]])
+        np.testing.assert_allclose(lengths[[k, 1 - k]], [42, 4])
+    assert [len(each) for each in tracing.ends_of([], HALF_WIDTH)] == [0, 0, 0, 0]
+
+
 def test_ring_is_closed():
     graph = traced(RING)
     assert graph.lengths.sum() == pytest.approx(2 * np.pi * 25, rel=0.12)

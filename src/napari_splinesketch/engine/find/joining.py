@@ -1,12 +1,15 @@
 """From pieces of skeleton to whole lines: each end goes on in the piece that it points at."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.cluster.hierarchy import DisjointSet
 from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine.find.tracing import ends_of
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Array
 
@@ -24,15 +27,17 @@ def joined(
     chains = [part for whole in skeleton for part in _unkinked(whole.astype(float), half_width)]
     if not chains:
         return []
-    mate: dict[int, int] = {}
-    whole = list(range(len(chains)))
-    for _, i, j in sorted(_joins(chains, evidence, half_width)):
-        if i not in mate and j not in mate and whole[i >> 1] != whole[j >> 1]:
+    ends, out, askew, _ = ends_of(chains, half_width, const.CROOKED_HW * half_width)
+    joins = _joins(ends.reshape(-1, 2), out.reshape(-1, 2), evidence, half_width)
+    mate, lines = dict[int, int](), DisjointSet(range(len(chains)))
+    for _, i, j in sorted(joins):
+        if i not in mate and j not in mate and lines.merge(i >> 1, j >> 1):
             mate[i], mate[j] = j, i
-            old, new = whole[i >> 1], whole[j >> 1]
-            whole = [new if number == old else number for number in whole]
-    begins = [end for end in range(2 * len(chains)) if _begins(mate, end)]
-    return [_walked(chains, mate, end, half_width) for end in begins]
+    begins, left_out = (
+        filter(partial(_begins, mate), range(2 * len(chains))),
+        askew.ravel().tolist(),
+    )
+    return [_walked(chains, mate, end, left_out) for end in begins]
 
 
 def _begins(mate: dict[int, int], end: int) -> bool:
@@ -45,14 +50,16 @@ def _begins(mate: dict[int, int], end: int) -> bool:
     return end < other
 
 
-def _walked(chains: list[Line], mate: dict[int, int], end: int, half_width: float) -> Line:
-    """The chains from a free end on; end 2i is the first of chain i, and 2i + 1 its last."""
+def _walked(chains: list[Line], mate: dict[int, int], end: int, left_out: list[int]) -> Line:
+    """The chains from a free end on; where they are joined, so many points are `left_out`.
+
+    End 2i is the first of chain i, and 2i + 1 its last.
+    """
     parts = []
     at: int | None = end
     while at is not None:
         chain = chains[at >> 1][:: 1 - 2 * (at & 1)]
-        begin = _crooked(chain, half_width) if at in mate else 0
-        beyond = _crooked(chain[::-1], half_width) if at ^ 1 in mate else 0
+        begin, beyond = (left_out[side] if side in mate else 0 for side in (at, at ^ 1))
         parts.append(chain[begin : len(chain) - beyond])
         at = mate.get(at ^ 1)
     return np.concatenate(parts)
@@ -78,12 +85,12 @@ def _unkinked(chain: Line, half_width: float) -> list[Line]:
 
 
 def _joins(
-    chains: list[Line], evidence: Float[Array, "H W"], half_width: float
+    ends: Float[Array, "E 2"],
+    out: Float[Array, "E 2"],
+    evidence: Float[Array, "H W"],
+    half_width: float,
 ) -> list[tuple[float, int, int]]:
-    """Cost of every join of two ends that is possible, and the ends."""
-    ends, out = np.array([_end(c[::way], half_width) for c in chains for way in (1, -1)]).swapaxes(
-        0, 1
-    )
+    """Cost of every join of two ends that is possible, and the ends; `out` points out of them."""
     pairs = KDTree(ends).query_pairs(const.JOIN_HW * half_width, output_type="ndarray")
     one, two = pairs[pairs[:, 0] >> 1 != pairs[:, 1] >> 1].T
     between = ends[two] - ends[one]
@@ -100,25 +107,6 @@ def _joins(
     )
     good = (turn < const.JOIN_RAD) & (cost < const.JOIN_MOST)
     return list(zip(cost[good].tolist(), one[good].tolist(), two[good].tolist(), strict=True))
-
-
-def _end(line: Line, half_width: float) -> tuple[Line, Line]:
-    """Where the first end of a line is straight, and a unit vector that points out of it."""
-    first = _crooked(line, half_width)
-    inner = line[
-        min(
-            np.searchsorted(arc_length(line), (const.CROOKED_HW + const.HEADING_HW) * half_width),
-            len(line) - 1,
-        )
-    ]
-    out = line[first] - inner
-    return line[first], out / (np.linalg.norm(out) + 1e-9)
-
-
-def _crooked(line: Line, half_width: float) -> int:
-    """How many points at the beginning of a line run askew."""
-    length = arc_length(line)
-    return int(np.searchsorted(length, min(const.CROOKED_HW * half_width, length[-1] / 4)))
 
 
 def _angle(one: Float[Array, "N 2"], two: Float[Array, "N 2"]) -> Float[Array, " N"]:

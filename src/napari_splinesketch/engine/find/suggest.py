@@ -16,7 +16,7 @@ from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
-from napari_splinesketch.engine.spline import arc_length, fit_knots, resample
+from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
 from napari_splinesketch.engine.types import Array, Polarity
 
 Line = Float[Array, "N 2"]
@@ -174,27 +174,37 @@ def _traced(
     width = WIDTHS[rung]
     body = apply_hysteresis_threshold(evidence, *const.SUGGEST_BODY)
     body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
-    found = []
-    for line in joined(traced(body, width), evidence, width):
-        length = arc_length(line)[-1]
-        if length < const.SUGGEST_SHORTEST_HW * width:
-            continue
-        points = resample(line, max(8, int(length / 2)))
-        heights = [_median(ridges, k, sign, points) for k in near]
-        own = near[int(np.argmax(np.array(heights) >= const.SUGGEST_WIDTH * max(heights)))]
-        seen = evidence[tuple(np.rint(points).astype(int).T)]
-        sure = np.minimum(seen / const.SURE_EVIDENCE, 1).mean()
-        strength = np.sqrt(max(heights)) * sure**3 * np.log(length / width)
-        strength = float(strength) if abs(own - rung) <= const.SUGGEST_OFF else 0.0
-        found.append(Traced(line, WIDTHS[own], strength))
-    return found
+    lines = joined(traced(body, width), evidence, width)
+    lengths = np.array([arc_length(line)[-1] for line in lines])
+    long = np.flatnonzero(lengths >= const.SUGGEST_SHORTEST_HW * width)
+    if not len(long):
+        return []
+    lines, lengths = [lines[i] for i in long], lengths[long]
+    counts = np.maximum(8, (lengths / 2).astype(int))
+    points = np.concatenate(resample_each(lines, counts.tolist()))
+    heights = np.array([_medians(_heights(ridges, k, sign, points), counts) for k in near])
+    highest = np.maximum(heights.max(0), 0)
+    own = near.start + (heights >= const.SUGGEST_WIDTH * highest).argmax(0)
+    seen = np.minimum(evidence[tuple(np.rint(points).astype(int).T)] / const.SURE_EVIDENCE, 1)
+    sure = np.add.reduceat(seen, np.cumsum(counts) - counts) / counts
+    strength = np.sqrt(highest) * sure**3 * np.log(lengths / width)
+    strength[np.abs(own - rung) > const.SUGGEST_OFF] = 0
+    each = zip(lines, own.tolist(), strength.tolist(), strict=True)
+    return [Traced(line, WIDTHS[k], strong) for line, k, strong in each]
 
 
-def _median(ridges: Ridges, rung: int, sign: int, points: Line) -> float:
-    """Usual height of the ridge of one half-width along a line."""
+def _heights(ridges: Ridges, rung: int, sign: int, points: Line) -> Float[Array, " P"]:
+    """Height of the ridge of one half-width at some points."""
     heights, factor = ridges.heights(rung, sign), ridges.factor(rung)
     at = np.rint((points + 0.5) / factor - 0.5).astype(int)
-    return float(np.median(heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]))
+    return heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]
+
+
+def _medians(values: Float[Array, " P"], counts: Int[Array, " N"]) -> Float[Array, " N"]:
+    """Medians of so many values each."""
+    order = np.lexsort([values, np.repeat(np.arange(len(counts)), counts)])
+    first = np.cumsum(counts) - counts
+    return (values[order[first + (counts - 1) // 2]] + values[order[first + counts // 2]]) / 2
 
 
 def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:

@@ -1,7 +1,7 @@
 """From an image to a graph whose edges are pieces of body: threshold, skeleton, split, prune."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -88,11 +88,11 @@ def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> Tr
             bridges.append(crossing and short)
     nodes = np.array(list(number), dtype=float).reshape(-1, 2)
     tips = np.array([degree[node] == 1 for node in number], dtype=bool)
-    headings, lengths = _headings(pieces, half_width)
+    _, headings, _, lengths = ends_of(pieces, half_width)
     gaps = _gaps(nodes, tips, ends, headings, const.GAP_HW * half_width)
     if gaps:
         pieces += list(nodes[gaps])
-        across, far = _headings(pieces[-len(gaps) :], half_width)
+        _, across, _, far = ends_of(pieces[-len(gaps) :], half_width)
         headings, lengths = np.concatenate([headings, across]), np.append(lengths, far)
         ends, bridges = ends + gaps, bridges + [False] * len(gaps)
     return TraceGraph(
@@ -133,19 +133,29 @@ def _gaps(nodes, tips, ends, headings, reach: float) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _headings(
-    pieces: list[Float[Array, "N 2"]], half_width: float
-) -> tuple[Float[Array, "E 2 2"], Float[Array, " E"]]:
-    """Unit vectors that point out of pieces at their first and last points, and their lengths."""
-    if not pieces:
-        return np.zeros((0, 2, 2)), np.zeros(0)
-    points, last = np.concatenate(pieces), np.cumsum([len(piece) for piece in pieces]) - 1
+def ends_of(
+    chains: Sequence[Float[Array, "N 2"]], half_width: float, askew: float = 0.0
+) -> tuple[Float[Array, "E 2 2"], Float[Array, "E 2 2"], Int[Array, "E 2"], Float[Array, " E"]]:
+    """First and last points of chains, unit vectors that point out there, and the chains' lengths.
+
+    What is within `askew` px of an end, a quarter of the chain at most, is left out; third comes
+    how many points that are.
+    """
+    if not chains:
+        return np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2), dtype=int), np.zeros(0)
+    points, last = np.concatenate(chains), np.cumsum([len(chain) for chain in chains]) - 1
     first, s = np.append(0, last[:-1] + 1), arc_length(points)
-    after = np.searchsorted(s, s[first] + const.HEADING_HW * half_width)
-    before = np.searchsorted(s, s[last] - const.HEADING_HW * half_width, side="right") - 1
-    inner = np.stack([np.minimum(after, last), np.maximum(before, first)], axis=1)
-    out = points[np.stack([first, last], axis=1)] - points[inner]
-    return out / (np.linalg.norm(out, axis=2, keepdims=True) + 1e-9), s[last] - s[first]
+
+    def within(away: float | Float[Array, " E"]) -> Int[Array, "E 2"]:
+        after = np.searchsorted(s, s[first] + away)
+        before = np.searchsorted(s, s[last] - away, side="right") - 1
+        return np.clip([after, before], first, last).T
+
+    length = s[last] - s[first]
+    at = within(np.minimum(askew, length / 4))
+    out = points[at] - points[within(askew + const.HEADING_HW * half_width)]
+    out /= np.linalg.norm(out, axis=2, keepdims=True) + 1e-9
+    return points[at], out, np.abs(at - np.stack([first, last], axis=1)), length
 
 
 def _split(chain: Float[Array, "N 2"], longest: float) -> list[Float[Array, "N 2"]]:
@@ -159,30 +169,38 @@ def _split(chain: Float[Array, "N 2"], longest: float) -> list[Float[Array, "N 2
 
 def _chains(skeleton: Bool[Array, "H W"]) -> Iterator[Int[Array, "N 2"]]:
     """Pixel chains between pixels that do not have two neighbours, and closed loops."""
-    pixels, links = _links(skeleton)
-    degree = [len(n) for n in links]
+    pixels, links, degree = _links(skeleton)
+    one, two, degrees = links[:, 0].tolist(), links[:, 1].tolist(), degree.tolist()
     seen: set[tuple[int, int]] = set()
-    starts = [i for i, d in enumerate(degree) if d not in (0, 2)]
-    loops = [i for i, d in enumerate(degree) if d == 2]
     visited = np.zeros(len(pixels), dtype=bool)
-    for start in starts + loops:
-        if degree[start] == 2 and visited[start]:
-            continue
-        for step in links[start]:
+
+    def beginning_at(start: int) -> Iterator[Int[Array, "N 2"]]:
+        for step in links[start, : degrees[start]].tolist():
             if (start, step) in seen:
                 continue
-            chain = [start, step]
-            while degree[chain[-1]] == 2 and chain[-1] != start:
-                a, b = links[chain[-1]]
-                chain.append(b if a == chain[-2] else a)
-            seen.add((start, step))
-            seen.add((chain[-1], chain[-2]))
-            visited[chain] = True
-            yield pixels[chain]
+            before, at, chain = start, step, [start, step]
+            while degrees[at] == 2 and at != start:
+                before, at = at, two[at] if one[at] == before else one[at]
+                chain.append(at)
+            seen.update([(start, step), (at, before)])
+            numbers = np.array(chain)
+            visited[numbers] = True
+            yield pixels[numbers]
+
+    for start in np.flatnonzero((degree != 0) & (degree != 2)).tolist():
+        yield from beginning_at(start)
+    for start in np.flatnonzero((degree == 2) & ~visited).tolist():
+        if not visited[start]:
+            yield from beginning_at(start)
 
 
-def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[int]]]:
-    """Skeleton pixels and their neighbours, without diagonals that cut a corner."""
+def _links(
+    skeleton: Bool[Array, "H W"],
+) -> tuple[Int[Array, "N 2"], Int[Array, "N 8"], Int[Array, " N"]]:
+    """Skeleton pixels, the numbers of their neighbours, and how many of the eight there are.
+
+    Diagonals that cut a corner are left out.
+    """
     pixels = np.argwhere(skeleton)
     index = np.full((skeleton.shape[0] + 2, skeleton.shape[1] + 2), -1, np.int32)
     r, c = pixels.T + 1
@@ -192,8 +210,9 @@ def _links(skeleton: Bool[Array, "H W"]) -> tuple[Int[Array, "N 2"], list[list[i
     for dr, dc in [(1, 1), (1, -1), (-1, -1), (-1, 1)]:
         corner = (index[r + dr, c] < 0) & (index[r, c + dc] < 0)
         found.append(np.where(corner, index[r + dr, c + dc], -1))
-    links = [[j for j in row if j >= 0] for row in np.stack(found, 1).tolist()]
-    return pixels, links
+    links = np.stack(found, axis=1)
+    there = links >= 0
+    return pixels, np.take_along_axis(links, np.argsort(~there, 1, kind="stable"), 1), there.sum(1)
 
 
 def traced(mask: Bool[Array, "H W"], half_width: float) -> list[Int[Array, "N 2"]]:
