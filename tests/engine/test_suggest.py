@@ -10,13 +10,27 @@ from suggested import FOUND, judged, on, worms
 
 from napari_splinesketch import suggest, synthetic
 from napari_splinesketch.data import load_sample
-from napari_splinesketch.engine.find.suggest import _medians, prepare
+from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine.find.suggest import _bodies, _medians, prepare
 
 
 def test_medians_of_parts_are_those_of_numpy() -> None:
     values, counts = np.random.default_rng(0).normal(size=20), np.array([1, 8, 2, 9])
     parts = np.split(values, np.cumsum(counts)[:-1])
     np.testing.assert_array_equal(_medians(values, counts), [np.median(part) for part in parts])
+
+
+def test_bodies_are_parts_that_are_large_and_certain_enough() -> None:
+    low, high = const.SUGGEST_BODY
+    evidence = np.zeros((12, 20), np.float32)
+    evidence[1, 1:10] = evidence[3:6, 1:4] = evidence[8, 1:4] = low + 0.01
+    evidence[1, 9] = evidence[8, 2] = high + 0.01  # the second is nowhere certain
+    evidence[2, 10] = 1.0  # touches the first at a corner only
+    expected = np.zeros(evidence.shape, dtype=bool)
+    expected[1, 1:10] = True
+    np.testing.assert_array_equal(_bodies(evidence, 3.0), expected)
+    np.testing.assert_array_equal(_bodies(evidence, 2.9)[8], evidence[8] > 0)
+    assert not _bodies(np.zeros((4, 5), np.float32), 0.0).any()
 
 
 @pytest.fixture(scope="module")

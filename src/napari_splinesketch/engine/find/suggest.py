@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
+from scipy import ndimage
 from scipy.spatial import KDTree
-from skimage.filters import apply_hysteresis_threshold
-from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import checks
 from napari_splinesketch.engine import constants as const
@@ -172,9 +171,7 @@ def _traced(
 ) -> list[Traced]:
     """Lines along bodies of one half-width."""
     width = WIDTHS[rung]
-    body = apply_hysteresis_threshold(evidence, *const.SUGGEST_BODY)
-    body = remove_small_objects(body, max_size=int(max(8 * width**2, 12)))
-    lines = joined(traced(body, width), evidence, width)
+    lines = joined(traced(_bodies(evidence, max(8 * width**2, 12)), width), evidence, width)
     lengths = np.array([arc_length(line)[-1] for line in lines])
     long = np.flatnonzero(lengths >= const.SUGGEST_SHORTEST_HW * width)
     if not len(long):
@@ -191,6 +188,21 @@ def _traced(
     strength[np.abs(own - rung) > const.SUGGEST_OFF] = 0
     each = zip(lines, own.tolist(), strength.tolist(), strict=True)
     return [Traced(line, WIDTHS[k], strong) for line, k, strong in each]
+
+
+def _bodies(evidence: Float[Array, "H W"], most: float) -> Bool[Array, "H W"]:
+    """Pixels of bodies: what is above the lower threshold, in parts that reach the higher one.
+
+    Parts of `most` pixels or fewer are left out. scikit-image's functions label the image for each
+    of these two, and take three times as long.
+    """
+    low, high = const.SUGGEST_BODY
+    part = np.empty(evidence.shape, np.int32)
+    ndimage.label(evidence > low, output=part)
+    kept = np.bincount(part.ravel()) > most
+    kept &= np.bincount(part[evidence > high], minlength=len(kept)) > 0
+    kept[0] = False
+    return kept[part]
 
 
 def _heights(ridges: Ridges, rung: int, sign: int, points: Line) -> Float[Array, " P"]:
