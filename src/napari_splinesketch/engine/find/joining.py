@@ -1,6 +1,5 @@
 """From pieces of skeleton to whole lines: each end goes on in the piece that it points at."""
 
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -33,10 +32,8 @@ def joined(
     for _, i, j in sorted(joins):
         if i not in mate and j not in mate and lines.merge(i >> 1, j >> 1):
             mate[i], mate[j] = j, i
-    begins, left_out = (
-        filter(partial(_begins, mate), range(2 * len(chains))),
-        askew.ravel().tolist(),
-    )
+    begins = [end for end in range(2 * len(chains)) if _begins(mate, end)]
+    left_out = askew.ravel().tolist()
     return [_walked(chains, mate, end, left_out) for end in begins]
 
 

@@ -193,8 +193,8 @@ def _traced(
 def _bodies(evidence: Float[Array, "H W"], most: float) -> Bool[Array, "H W"]:
     """Pixels of bodies: what is above the lower threshold, in parts that reach the higher one.
 
-    Parts of `most` pixels or fewer are left out. scikit-image's functions label the image for each
-    of these two, and take three times as long.
+    Parts of `most` pixels or fewer are left out. scikit-image has a function for each of these two,
+    and each labels the image anew.
     """
     low, high = const.SUGGEST_BODY
     part = np.empty(evidence.shape, np.int32)
