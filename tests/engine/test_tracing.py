@@ -109,6 +109,7 @@ def test_ends_that_run_askew_are_left_out():
         np.testing.assert_array_equal(left_out[k], [3, 3])
         # A quarter of a chain at most, and not a point of any other chain.
         np.testing.assert_array_equal(at[1 - k], [[20, 4], [20, 0]])
+        np.testing.assert_array_equal(out[1 - k], np.zeros((2, 2)))
         np.testing.assert_allclose(lengths[[k, 1 - k]], [42, 4])
     assert [len(each) for each in tracing.ends_of([], HALF_WIDTH)] == [0, 0, 0, 0]
 
