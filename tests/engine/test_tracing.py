@@ -100,16 +100,16 @@ def test_headings_point_out_of_the_piece():
 
 def test_ends_that_run_askew_are_left_out():
     hook = np.array([[3.0, 0], [2, 0], [1, 0], [0, 0], *[[0.0, k] for k in range(1, 40)]])
-    lone = np.array([[20.0, 0], [20, 4]])
-    for chains in ([hook, lone], [lone, hook]):
+    short = np.array([[20.0, k] for k in range(5)])
+    out_there = [[0, -1], [0, 1]]
+    for chains in ([hook, short], [short, hook]):
         at, out, left_out, lengths = tracing.ends_of(chains, HALF_WIDTH, askew=3.0)
-        k = int(chains[0] is lone)
+        k = int(chains[0] is short)
         np.testing.assert_array_equal(at[k], [[0, 0], [0, 36]])
-        np.testing.assert_allclose(out[k], [[0, -1], [0, 1]], atol=1e-6)
-        np.testing.assert_array_equal(left_out[k], [3, 3])
-        # A quarter of a chain at most, and not a point of any other chain.
-        np.testing.assert_array_equal(at[1 - k], [[20, 4], [20, 0]])
-        np.testing.assert_array_equal(out[1 - k], np.zeros((2, 2)))
+        # A quarter of a chain at most, and no point of any other chain.
+        np.testing.assert_array_equal(at[1 - k], [[20, 1], [20, 3]])
+        np.testing.assert_allclose(out, [out_there, out_there], atol=1e-6)
+        np.testing.assert_array_equal(left_out[[k, 1 - k]], [[3, 3], [1, 1]])
         np.testing.assert_allclose(lengths[[k, 1 - k]], [42, 4])
     assert [len(each) for each in tracing.ends_of([], HALF_WIDTH)] == [0, 0, 0, 0]
 
