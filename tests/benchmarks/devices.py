@@ -98,7 +98,7 @@ def main() -> None:
     if options.write:
         new = not FIGURES.exists()
         with FIGURES.open("a", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, FIELDS)
+            writer = csv.DictWriter(file, FIELDS, lineterminator="\n")
             if new:
                 writer.writeheader()
             writer.writerows(rows)
