@@ -223,7 +223,7 @@ def main() -> None:
     parser = argparse.ArgumentParser("python tests/benchmarks/real_modes.py", description=__doc__)
     parser.add_argument("modes", nargs="*", default=list(MODES), help=", ".join(MODES))
     parser.add_argument("--preset", default="balanced")
-    parser.add_argument("--frames", type=int, default=24, help="frames of each kind")
+    parser.add_argument("--frames", type=int, default=120, help="frames of each kind")
     options = parser.parse_args()
     unknown = set(options.modes) - set(MODES)
     if unknown:
