@@ -90,7 +90,7 @@ def groups(image, sketches, right, source: str, name: str) -> Iterator[Group]:
                     [
                         _sums(known, paths),
                         np.maximum(covers - 1, 0) @ price,
-                        -choice.eagerness(graph, of) * ((earns > 0) @ length),
+                        -choice.eagerness(len(cluster)) * ((earns > 0) @ length),
                     ]
                 )
                 count = _sums([np.array(g) for g in good], paths)

@@ -10,7 +10,7 @@ from skimage import io
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import constants, spline
-from napari_splinesketch.engine.find import choice, finding, paths, scoring, strip, tracing
+from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Polarity
@@ -234,29 +234,6 @@ def test_one_body_of_a_crowd_is_found_by_its_shape(seed):
     sketch = synthetic.rotate(made.centrelines[0], 20.0 * (-1) ** (seed + 1))
     (curve,) = refine(made.image, [sketch]).curves
     assert average_dtw(curve.points, made.centrelines[0]) < 2
-
-
-def test_a_sketch_earns_less_where_a_body_beside_it_has_none():
-    """Of two bodies that cross, the cheapest path of one sketch explains one, those of two all."""
-    lines = cross()
-
-    def eagerness(sketches: list[np.ndarray]) -> float:
-        ((_, seen),) = scene.read_scenes(drawn(lines), sketches, "auto", None)
-        return choice.eagerness(*finding.candidates_of(seen, sketches, Settings(), lambda _: None))
-
-    both = [turned(line, 15) for line in lines]
-    assert eagerness(both[:1]) < 0.5
-    assert eagerness(both) > 0.9
-
-
-def test_a_path_that_ends_before_both_tips_is_not_short_unless_it_was_clicked():
-    stroke = np.column_stack([np.full(101, 30.0), np.linspace(10, 110, 101)])
-    path = stroke[None, 3:-3]
-    short = [
-        scoring.features(path, np.array([94.0]), sketch, HALF_WIDTH, np.zeros((60, 120)))[0, 4]
-        for sketch in (stroke, stroke[::20])
-    ]
-    assert short == pytest.approx([0.0, 0.06])
 
 
 def test_a_path_along_the_sketch_bridges_gaps_and_ends_with_the_body():

@@ -130,9 +130,6 @@ BEYOND_HW = (1.5, 3.0)  # where a body is looked for beyond the end of a path: f
 HIT_HW = 0.5  # a path within this of a vertex has hit it,
 HIT_PX = 1.5  # plus this,
 HIT_SHARE = 0.004  # plus this share of a clicked sketch's length: long bodies are seen from afar
-# a path ends this far before its body's tip, where evidence fades (geometry); clicked ends say
-# themselves what is missing:
-TIP_HW = 1.0
 VERTICES_MOST = 12  # most vertices of a sketch that are compared (speed)
 SHAPE_COST = 1.5  # cost of a path whose shape is not that of an unclicked line ...
 SHAPE_HW = 0.5  # ... measured by how far its vertices stay off after the best shift and turn

@@ -69,16 +69,13 @@ def prices(
     return graph.lengths / usual, np.where(free, 0.1, 1.0) * graph.lengths / usual
 
 
-def eagerness(graph: TraceGraph, candidates: list[Candidates]) -> float:
-    """Share of EXPLAINED_GAIN that sketches earn that are chosen together.
+def eagerness(count: int) -> float:
+    """Share of EXPLAINED_GAIN that each of `count` sketches earns that are chosen together.
 
-    The square of the share of the pieces near them that their cheapest paths run along: the rest
-    may be bodies that have no sketch, and no path should run on along those.
+    The fewer there are, the likelier it is that bodies beside them have no sketch; no path should
+    run on along those.
     """
-    bodies = graph.lengths * ~graph.bridges
-    there = float(bodies[np.unique(np.concatenate([c.pieces for c in candidates]))].sum())
-    cheapest = sum(float(bodies[c.pieces[c.covers[0]]].sum()) for c in candidates)
-    return min(1.0, cheapest / max(there, 1e-9)) ** 2
+    return count / (count + 1)
 
 
 def sets(
@@ -106,7 +103,6 @@ def sets(
     used = np.unique(np.concatenate([c.pieces for c in candidates]))
     length, price = (x[used] for x in prices(graph, half_width, usual))
     keep = const.FIXED_COST * length * (taken[used] & ~graph.bridges[used])
-    eager = eagerness(graph, candidates)
     rows = np.zeros((1, 0), dtype=int)
     covered = np.zeros((1, len(used)), np.float32)
     total = np.zeros(1)
@@ -114,7 +110,7 @@ def sets(
     for i in order:
         mine = candidates[i]
         covers = mine.along(used)
-        earned = mine.explains * eager * length
+        earned = mine.explains * eagerness(len(candidates)) * length
         own = mine.cost + covers @ (keep - earned * ~taken[used])
         again = (covered * (const.SHARED_COST * price + earned)) @ covers.T
         extended = total[:, None] + own[None] + again

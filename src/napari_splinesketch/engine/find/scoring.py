@@ -65,14 +65,13 @@ def features(
     missed = _missed(at, sketch, half_width, tips)
     if len(sketch) == 2:
         missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width, tips)
-    tip_to_tip = total if clicked(sketch) else total + 2 * const.TIP_HW * half_width
     return np.column_stack(
         [
             1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0),
             np.log1p(apart.mean(0)),
             missed,
             np.clip(sharpest - const.USUAL_BEND, 0, 1),
-            np.maximum(1 - tip_to_tip / length, 0),
+            np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
     )
