@@ -4,9 +4,9 @@
 
 Only mouse and keys are used, at the pace of a practised hand: 1.1 s to bring the mouse somewhere,
 0.1 s to press or release its button, 0.28 s for a key (the keystroke-level model of Card, Moran
-and Newell). The worms are those of worms_of_a_frame.csv, found by eye. One of them is forgotten at
-first, one is turned and one is dragged by hand. Lines are suggested; --by-hand draws all of them.
-Versions without keys are used in the way that they have.
+and Newell). The worms are those of worms_of_a_frame.csv, found by eye. One of them is turned, and
+one is dragged by hand. Lines are suggested; --by-hand draws all of them. Versions without keys are
+used in the way that they have.
 
 Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/label_a_frame.py
 """

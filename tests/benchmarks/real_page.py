@@ -159,7 +159,7 @@ def targets_table(rows: Sequence[Row]) -> str:
         f"never better | {path.good:.0f} %; better in {_better(rows)} images",
         f"`suggest`, reference bodies found; slowest image | 15 % | ≥ 60 %, 3 s | "
         f"{mode('suggest', 'found, %')}; {mode('suggest', 'slowest image, s', ' s')}",
-        f"crowd one by one, lost | 39 % | ≤ 6 % | {mode('crowd', 'lost, %')}",
+        f"crowd, one or two of three sketched: lost | 39 % | ≤ 6 % | {mode('crowd', 'lost, %')}",
         "order, orientation: curves that move over 0.1 px; largest move unmarked | 60 % | "
         f"≤ 2 %, 0.5 px | {mode('order', 'moved over 0.1 px, %')}; "
         f"{mode('order', 'largest unmarked, px', ' px')}",

@@ -9,6 +9,9 @@ import numpy as np
 from stability_cases import CASES, by_group
 from stability_rows import Row
 
+WANTED = ("same_body",)
+"""Cases in which a curve should be marked though it lies on a body."""
+
 
 @dataclass(frozen=True)
 class Shares:
@@ -23,7 +26,7 @@ class Shares:
     marked_lost
         Share of marked curves among those that are lost, or have no body; NaN without any.
     marked_found
-        Share of the others that are marked, where only being wrong calls for a mark.
+        Share of the others that are marked.
     median
         Of average DTW over curves that have a body to find, px.
     """
@@ -38,13 +41,13 @@ class Shares:
 def shares(rows: Sequence[Row]) -> Shares:
     """Sum up some rows."""
     lost = [row for row in rows if row.lost]
-    plain = [row for row in rows if not row.lost and CASES[row.case].expects != "marked"]
+    found = [row for row in rows if not row.lost]
     bodies = [row for row in rows if np.isfinite(row.dtw)]
     return Shares(
         bodies=len(rows),
         lost=_share([row.lost for row in bodies]),
         marked_lost=_share([row.marked for row in lost]),
-        marked_found=_share([row.marked for row in plain]),
+        marked_found=_share([row.marked for row in found]),
         median=float(np.median([row.dtw for row in bodies])) if bodies else float("nan"),
     )
 
@@ -62,7 +65,7 @@ def write_csv(rows: dict[str, list[Row]], path: Path) -> None:
         )
         for preset, all_rows in rows.items():
             for case in [*CASES, "all"]:
-                found = shares([row for row in all_rows if case in (row.case, "all")])
+                found = shares(_of_case(all_rows, case))
                 values = (found.lost, found.marked_lost, found.marked_found, found.median)
                 cells = [f"{v:.3f}" if np.isfinite(v) else "" for v in values]
                 writer.writerow([preset, case, found.bodies, *cells])
@@ -76,19 +79,24 @@ def table(rows: dict[str, list[Row]]) -> str:
     for group, cases in by_group().items():
         lines.append(f"| **{group}** |" + " |" * (len(header) - 1))
         lines += [_line(f"[{c.what}](#{c.name})", c.name, rows) for c in cases]
-    lines.append(_line("**all together**", "", rows))
+    lines.append(_line("**all together**", "all", rows))
     return "\n".join(lines) + "\n"
 
 
 def _line(label: str, case: str, rows: dict[str, list[Row]]) -> str:
-    """Shares of one case, or of all."""
-    found = {p: shares([r for r in some if not case or r.case == case]) for p, some in rows.items()}
+    found = {preset: shares(_of_case(some, case)) for preset, some in rows.items()}
     main = found.get("balanced", next(iter(found.values())))
     cells = [percent(s.lost) for s in found.values()]
-    always = bool(case) and CASES[case].expects == "marked"
-    marked = "always" if always else percent(main.marked_found)
+    marked = percent(main.marked_found) + " (wanted)" * (case in WANTED)
     median = f"{main.median:.2f}" if np.isfinite(main.median) else "–"
     return "| " + " | ".join([label, *cells, percent(main.marked_lost), marked, median]) + " |"
+
+
+def _of_case(rows: Sequence[Row], case: str) -> list[Row]:
+    """Rows of one case; of "all" those of curves that are right on their body, or wrong."""
+    if case != "all":
+        return [row for row in rows if row.case == case]
+    return [row for row in rows if row.case not in WANTED and np.isfinite(row.dtw)]
 
 
 def percent(share: float) -> str:

@@ -23,8 +23,16 @@ def test_shares_by_hand():
     assert found.marked_lost == pytest.approx(2 / 3)
     assert found.marked_found == pytest.approx(1 / 4)
     assert found.median == pytest.approx(0.3)
-    always = summary.shares([replace(ALARM, case="same_body")])
-    assert np.isnan([always.marked_found, always.marked_lost]).all()
+    assert np.isnan(summary.shares([ALARM]).marked_lost)
+
+
+def test_curves_that_should_be_marked_say_so_and_count_for_no_sum():
+    twin = replace(ALARM, case="same_body")
+    lines = summary.table({"balanced": [FOUND, LOST, SILENT, twin, NOTHING]}).splitlines()
+    cells = {line.split("|")[1].strip(): line.split("|")[2:5] for line in lines}
+    said = {name: [cell.strip() for cell in found] for name, found in cells.items()}
+    assert said["[two sketches on one body](#same_body)"] == ["0 %", "–", "100 % (wanted)"]
+    assert said["**all together**"] == ["67 %", "50 %", "0 %"]
 
 
 def test_reasons_are_counted_without_their_numbers():
