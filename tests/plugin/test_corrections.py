@@ -139,6 +139,9 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     until(lambda: mark.edge_width > 2.5 * before, 5)
     shown = mark.edge_width * viewer.scene.camera.zoom * mark.scale[-2:].mean()
     assert shown > 1.8, "it is seen at any zoom, px of the screen"
+    size = viewer.scene.camera.zoom * curves.scale[-2:].mean()
+    assert size * min(curves.edge_width) > 1.3, "and so are the curves"
+    assert size * max(curves.edge_width) < 4.0, "which are no broader than the eye needs"
     hand.drag((30, 30), (50, 50))
     assert lines.nshapes == 3, "a short line is one"
 

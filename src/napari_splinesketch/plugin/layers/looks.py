@@ -16,6 +16,7 @@ COLOURS: dict[Status, str] = palette.STATUS  # pyright: ignore[reportAssignmentT
 MARKS: dict[Status, str] = {"good": "", "check": "?", "failed": "!"}  # the worst is last
 STEP = 1.1  # between breadths that differ: for less, lines are not drawn again
 BREADTHS: dict[Status, float] = {"good": 1.0, "check": 1.6, "failed": 2.2}  # of lines, relative
+LEAST_LINE = 1.5  # breadth of a good curve's line at least, px of the screen: thinner ones break up
 RIBBON_SDS = 2.0
 UNKNOWN_REACH = 3.0  # from centreline to edge where no width is known, px
 LEAST = 12  # pieces of one side of an outline
@@ -38,12 +39,15 @@ def has_outline(curve: Curve) -> bool:
     return curve.status != "failed" and bool(np.isfinite(curve.half_width).all())
 
 
-def breadth(curves: Sequence[Curve]) -> float:
-    """Breadth of a good curve's line, px: a third of the bodies' width, in steps of a tenth."""
+def breadth(curves: Sequence[Curve], pixel: float = 0.0) -> float:
+    """Breadth of a good curve's line, px: a third of the bodies' width, in steps of a tenth.
+
+    More where the eye would not see that: `pixel` is what one of the screen covers.
+    """
     widths = np.array([curve.typical_half_width for curve in curves])
     finite = widths[np.isfinite(widths)]
     wanted = np.clip(0.6 * np.median(finite), 0.6, 8.0) if finite.size else 1.0
-    return stepped(float(wanted))
+    return stepped(max(float(wanted), LEAST_LINE * pixel))
 
 
 def stepped(size: float) -> float:

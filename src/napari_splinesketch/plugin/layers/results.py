@@ -13,6 +13,7 @@ from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from superqt.utils import qthrottled
 
+from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
@@ -27,7 +28,7 @@ OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
 ERASE = ("Delete", "Backspace")  # with which napari deletes shapes
-AFTER_MS = 120  # marks and halos follow the camera when it has stood still for so long
+AFTER_MS = 120  # marks, halos and breadths follow the camera when it has stood still for so long
 
 
 class CurveLines(Slot):
@@ -50,14 +51,14 @@ class CurveLines(Slot):
         self._shown = [before[i] for i in kept]
         fresh = [record for record in records if id(record.curve) not in there]
         curves = [record.curve for record in fresh]
-        unit, image = looks.breadth(curves), self.work.image
+        image = self.work.image
         # Worked out when they are added.
         chunks = (curves[i : i + drawn.CHUNK] for i in range(0, len(curves), drawn.CHUNK))
         lines = (line for some in chunks for line in thinned([curve.points for curve in some]))
         pairs = zip(fresh, lines, strict=True)
         shapes = (space.in_stack(image, record.frame, line) for record, line in pairs)
         how = {"edge_color": columns.colours_of(fresh, look), "face_color": "transparent"}
-        how["edge_width"] = [unit * looks.BREADTHS[curve.status] for curve in curves]
+        how["edge_width"] = self._breadths(curves)
         for done in drawn.add_shapes(layer, shapes, ["path"] * len(fresh), **how):
             self._shown = [*self._shown, *fresh[done]]
             # A few are worked out at a time: below, and for outlines, all are asked for.
@@ -72,7 +73,22 @@ class CurveLines(Slot):
         colours = looks.rgba(columns.colours_of(known, look))
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
+        self.broaden()
         yield
+
+    def broaden(self) -> None:
+        """Keep the lines as broad as the eye needs: their breadth is in pixels of the image."""
+        layer, curves = self.layer, [record.curve for record in self._shown]
+        if layer is None or layer.nshapes != len(curves):
+            return
+        wanted = self._breadths(curves)
+        if not np.allclose(layer.edge_width, wanted):
+            layer.edge_width = wanted
+            layer.events.edge_width()  # napari does not tell of it by itself
+
+    def _breadths(self, curves: Sequence[Curve]) -> list[float]:
+        unit = looks.breadth(curves, self.work.screen)
+        return [unit * looks.BREADTHS[curve.status] for curve in curves]
 
 
 @model.once
@@ -96,9 +112,9 @@ class Work:
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Suggestion, np.ndarray] = {}
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
-        self.slots["curves"] = CurveLines("curves", MAKERS["curves"], self)
+        self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self._busy = False
-        self._soon_seen = qthrottled(self._update, AFTER_MS, leading=False)
+        self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
         vars(sketches).setdefault(WORKS, []).append(self)
@@ -268,7 +284,12 @@ class Work:
 
     def _on_move(self, event: object) -> None:
         if self.records:
-            self._soon_seen("marks", "selected")  # what depends on the camera
+            self._soon_seen()
+
+    def _look(self) -> None:
+        """Let what depends on the camera follow it."""
+        self._update("marks", "selected")
+        self._lines.broaden()
 
     def on_visible(self, event: Any) -> None:
         """Follow the eye of a layer: halos and marks go with their curves."""
