@@ -101,11 +101,16 @@ def _row(
     )
 
 
+def path_of(name: str) -> Path:
+    """Where the rows of a preset are."""
+    return FOLDER / "rows" / f"{name}.csv"
+
+
 class Store:
     """The rows of one preset in one file; those of other versions of the engine are dropped."""
 
     def __init__(self, name: str, version: str) -> None:
-        self.path = FOLDER / "rows" / f"{name}.csv"
+        self.path = path_of(name)
         self.version = version
         self.rows = [row for row in read(self.path) if row.version == version]
         self._done = {(row.case, row.seed) for row in self.rows}
