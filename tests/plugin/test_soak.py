@@ -18,6 +18,7 @@ import pytest
 from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin.films import SUGGEST
 from napari_splinesketch.plugin.layers import pictures
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED
@@ -210,16 +211,17 @@ class Day:
             known = self.shadow.curves
             self.shadow.step(known | {k: (turned[k], known[k][1], False) for k in keys})
 
-    def act(self, does: Callable[[], object], *, settle: bool = True) -> set[Key]:
-        """Do something that is one step or none; the curves that are no longer as they were."""
+    def act(self, does: Callable[[], object], *, amends: bool = False) -> set[Key]:
+        """Do something that is one step or none, or `amends` the last one; gives what changed."""
         controller, before = self.bench.controller, dict(self.shadow.curves)
         value = controller.state
         does()
-        if settle:
-            self.bench.rest()
+        self.bench.rest()
         after = {key: held(record) for key, record in self.records().items()}
         if controller.state is not value:
+            done = self.shadow.done
             self.shadow.step(after)
+            self.shadow.done = done if amends else self.shadow.done
         return {key for key in before.keys() | after if before.get(key) != after.get(key)}
 
     def refine_more(self) -> None:
@@ -298,8 +300,9 @@ class Day:
         suggestions = self.bench.controller.suggestions
         assert not self.act(suggestions.suggest)
         if self.chance.random() < 0.5:
-            suggestions.change_sensitivity(self.chance.random())
-            QTest.qWait(100)
+            last = self.bench.controller.steps.done == SUGGEST
+            some = self.chance.random()
+            self.act(lambda: (suggestions.change_sensitivity(some), QTest.qWait(100)), amends=last)
 
     def cancel(self) -> None:
         """Stop a refinement, or let it fail, or take away its layer of curves meanwhile."""
