@@ -38,7 +38,7 @@ def sweep(cases: list[str], seeds: int, deadline: float) -> int:
 
 
 def stored() -> dict[str, list[Row]]:
-    """All rows, by preset; of an earlier version of the engine where none of this one are there."""
+    """All rows that are there, by preset, whichever version of the engine they are of."""
     return {PRESET: list(read(path_of(PRESET)))}
 
 

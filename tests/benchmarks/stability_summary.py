@@ -93,7 +93,7 @@ def _line(label: str, case: str, rows: dict[str, list[Row]]) -> str:
 
 
 def _of_case(rows: Sequence[Row], case: str) -> list[Row]:
-    """Rows of one case; of "all" those of curves that are right on their body, or wrong."""
+    """Rows of one case; of "all", those of curves that have a body of their own to find."""
     if case != "all":
         return [row for row in rows if row.case == case]
     return [row for row in rows if row.case not in WANTED and np.isfinite(row.dtw)]

@@ -70,6 +70,7 @@ class Day:
         self.chance = random.Random(seed)
         self.shadows: dict[str, Shadow] = {}
         self.gone: dict[str, Shadow] = {}  # layers that were removed, and are offered again
+        self.found: tuple[np.ndarray, ...] = ()  # what the engine suggests, at full sensitivity
         self.layers = 0
         self.bench = self.opened()
 
@@ -236,7 +237,7 @@ class Day:
         assert set(before) <= set(self.records())
 
     def shape(self) -> None:
-        """Split, join, extend, or show and move knots: nothing else changes."""
+        """Split or join curves: nothing else changes."""
         keys = self.chosen()
         if not keys:
             return
@@ -244,14 +245,13 @@ class Day:
         locked = {key for key, record in self.records().items() if record.locked}
         controller.select(keys)
         controller.viewer.cursor.position = (keys[0][0], *self.records()[keys[0]].curve.points[30])
-        name = self.chance.choice(["split", "join", "extend"])
-        if name == "extend":
-            return  # two steps
-        new = {key for key in self.act(lambda: controller.actions.run(name)) if key[1] > 0}
-        assert not new & locked
-        assert len(new - set(keys)) <= 1
+        name = self.chance.choice(["split", "join"])
+        gone = self.act(lambda: controller.actions.run(name))
+        assert not gone & locked
+        assert len(gone - set(keys)) <= 1
 
     def knots(self) -> None:
+        """Drag a knot, and keep that or not: no other curve changes."""
         keys = self.chosen()[:1]
         if not keys:
             return
@@ -270,21 +270,21 @@ class Day:
             assert controller.knots
             controller.knots.discard()
 
-        undone = self.shadow.undone
         gone = self.act(drag)
         assert gone <= set(keys)
         assert not any(before[key].locked for key in gone)
-        if not gone and controller.steps.undone == "":
-            self.shadow.undone = [] if undone else undone
+        if controller.steps.undone == "":  # also where it was not kept
+            self.shadow.undone = []
 
     def carry(self) -> None:
-        """Track: frames other than those carried to are as they were, and so is what is decided."""
+        """Track: the frame in view is as it was, and so is what she drew or decided elsewhere."""
         if self.layer is None:
             return
-        before = self.records()
+        before, here = self.records(), self.bench.controller.frame
         name = self.chance.choice(["next_frame", "previous_frame", "track", "track_back"])
         gone = self.act(lambda: self.bench.controller.actions.run(name))
         assert not any(before[key].decided or before[key].drawn for key in gone & set(before))
+        assert all(frame != here for frame, _ in gone)
 
     def suggest(self) -> None:
         """Suggest some lines, and others with another sensitivity."""
@@ -296,7 +296,7 @@ class Day:
         )
         frame = float(self.bench.controller.frame)
         self.shadow.suggested += [np.insert(line, 0, frame, axis=1) for line in lines]
-        engine.suggest = lambda *task: SimpleNamespace(choose=lambda some: lines[: int(3 * some)])
+        self.found = lines
         suggestions = self.bench.controller.suggestions
         assert not self.act(suggestions.suggest)
         if self.chance.random() < 0.5:
@@ -305,29 +305,24 @@ class Day:
             self.act(lambda: (suggestions.change_sensitivity(some), QTest.qWait(100)), amends=last)
 
     def cancel(self) -> None:
-        """Stop a refinement, or let it fail, or take away its layer of curves meanwhile."""
-        fake, controller = self.fake, self.bench.controller
-        how = self.chance.choice(["cancel", "fail", "hide"])
+        """Stop a refinement, or let it fail, and maybe hide the curves meanwhile."""
+        fake, controller, before = self.fake, self.bench.controller, self.bench.controller.state
         if self.layer is None:
             return
         fake.go.clear()
-
-        def begin() -> None:
-            controller.refine(self.chance.choice(["new", "all"]))
-            QTest.qWait(self.chance.choice([0, 20]))
-            if how == "cancel":
-                controller.cancel()
-            elif how == "fail":
-                fake.error = ValueError("no")
-            elif controller.progress:
-                layer = controller.work and controller.work.layer("curves")
-                if layer is not None:
-                    layer.visible = not layer.visible
-                controller.cancel()
-            fake.go.set()
-
-        assert not self.act(begin)
+        controller.refine(self.chance.choice(["new", "all"]))
+        QTest.qWait(self.chance.choice([0, 20]))
+        curves = controller.work and controller.work.layer("curves")
+        if curves is not None and self.chance.random() < 0.5:
+            curves.visible = not curves.visible
+        if self.chance.random() < 0.5:
+            controller.cancel()
+        else:
+            fake.error = ValueError("no")
+        fake.go.set()
+        self.bench.rest()
         fake.error = None
+        assert controller.state is before
 
     def remove_curves(self) -> None:
         """Remove the layer of curves: a step like others."""
@@ -463,6 +458,12 @@ def test_nothing_is_ever_gone(qapp: Any, fake: FakeEngine, monkeypatch: pytest.M
     for module, name in ((pictures, "STEP_MS"), (pictures, "FIRST_MS")):
         monkeypatch.setattr(module, name, 0)
     day, told = Day(SEED, fake), Counter[str]()
+
+    def suggest(*task: Any) -> SimpleNamespace:
+        lines = day.found
+        return SimpleNamespace(choose=lambda some: lines[: int(len(lines) * some)])
+
+    monkeypatch.setattr(engine, "suggest", suggest)
     done: list[str] = []
     try:
         for _ in range(STEPS):

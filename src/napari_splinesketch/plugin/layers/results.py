@@ -87,7 +87,8 @@ class CurveLines(Slot):
             layer.events.edge_width()  # napari does not tell of it by itself
 
     def _breadths(self, curves: Sequence[Curve]) -> list[float]:
-        unit = looks.breadth(curves, self.work.screen)
+        every = [record.curve for record in self.work.records]
+        unit = looks.breadth(every, self.work.screen)
         return [unit * looks.BREADTHS[curve.status] for curve in curves]
 
 
