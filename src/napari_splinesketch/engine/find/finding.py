@@ -53,6 +53,8 @@ class Start:
     goes_on
         Whether a body goes on beyond its first and beyond its last point; where such a curve ends
         is known from the sketch alone.
+    tips
+        Whether its first and its last end are clicked tips of the body.
     """
 
     line: Line
@@ -64,6 +66,7 @@ class Start:
     known: Float[Array, " F"]
     margin: float = np.inf
     goes_on: tuple[bool, bool] = (False, False)
+    tips: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +321,8 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     sampled = spline.resample(line, const.SCORE_SAMPLES)
     at = sampled.T[:, :, None]
     first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
-    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last))
+    tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
+    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last), tips)
 
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:
