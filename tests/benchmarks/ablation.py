@@ -133,6 +133,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
     "clicks are measurements": _set(position, with_sketch=lambda knots, known, *_: (knots, known)),
     "a clicked sketch without a body stays": _set(constants, KEPT_SKETCH=np.inf),
+    "blunt ends are followed to their tips": _set(constants, BLUNT=(2.0, 3.0)),
     "clicked ends are followed to their tips": _set(constants, CAP_AHEAD=2.0),
     "hollow bodies": _set(finding, _between_rims=lambda *_: False),
     "curves that leave their paths are fitted again": _set(
@@ -143,6 +144,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "bodies resist bending": _set(constants, BEND=0.0),
     "knots resist uneven spacing": _set(constants, UNEVEN=1e6),
     "learned taper": _held("log_power", "log_extent"),
+    "half-width of the tips": _held("tip"),
     "half-width varies along": _held("log_width_1", "log_width_2", "log_width_3"),
     "brightness varies along": _held("brightness_1", "brightness_2"),
     "learned blur": _held("log_blur"),

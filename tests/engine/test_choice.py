@@ -142,7 +142,8 @@ def test_a_body_that_bows_out_is_found_from_a_line_between_its_ends(monkeypatch)
     body = arc((50, 55), 28, 200)
     image, sketch = drawn([body], half_width=2.0), body[[0, -1]]
     (curve,) = refine(image, [sketch]).curves
-    assert away(curve.points, body) < 2 and away(body, curve.points) < 3
+    # The body as drawn has round caps of 2 px beyond the ends of its line.
+    assert away(curve.points, body) < 2.5 and away(body, curve.points) < 3
     monkeypatch.setattr(constants, "GRAPH_BOW", 0.0)
     (near,) = refine(image, [sketch]).curves
     assert away(body, near.points) > 5, "within reach without it: the case tells nothing"
@@ -154,7 +155,8 @@ def test_a_curve_has_its_own_knots_whatever_its_neighbour_needs():
     sketches = [wave[::10], bar[[0, 40, -1]]]
     wavy, straight = refine(drawn([wave, bar], half_width=2.0), sketches).curves
     assert len(straight.knots) == 8 < len(wavy.knots)
-    assert away(straight.points, bar) < 1 and away(wavy.points, wave) < 2
+    assert abs(straight.points[:, 1] - 63).max() < 0.5
+    assert away(straight.points, bar) < 2.5 and away(wavy.points, wave) < 2.5, "caps of 2 px"
 
 
 def test_the_middle_of_a_body_that_goes_on_is_marked():

@@ -178,14 +178,14 @@ def test_shading_darkens_the_edge_and_leaves_the_middle():
 
 def test_taper_is_symmetric_whole_in_the_middle_and_thin_at_the_ends():
     u = np.linspace(0, 1, 101)
-    width = tube.tapered_width(u, np.log(3.0), np.log(0.5), np.log(0.2), np)
+    width = tube.tapered_width(u, np.log(3.0), np.log(0.5), np.log(0.2), 0.1, np)
     np.testing.assert_allclose(width, width[::-1])
     np.testing.assert_allclose(width[20:81], 3)
     assert (np.diff(width[2:20]) > 0).all()
     # x(1.5 - 0.5 x²) at half of the extent, to the power of 0.5.
-    assert width[10] == pytest.approx(3 * np.sqrt(0.5 * (1.5 - 0.125)))
-    assert 0 < width[0] < 0.2 * 3
-    same = tube.tapered_width(jnp.asarray(u), np.log(3.0), np.log(0.5), np.log(0.2))
+    assert width[10] == pytest.approx(3 * (0.1 + 0.9 * np.sqrt(0.5 * (1.5 - 0.125))))
+    assert 0.1 * 3 < width[0] < 0.2 * 3
+    same = tube.tapered_width(jnp.asarray(u), np.log(3.0), np.log(0.5), np.log(0.2), 0.1)
     np.testing.assert_allclose(same, width, rtol=1e-4)
 
 

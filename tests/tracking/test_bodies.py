@@ -16,7 +16,7 @@ from napari_splinesketch.tracking.types import NOTHING_GIVEN, Tracked
 
 from .test_follow import BRIGHT, LINE, FakeRefine, curve, moved
 
-LENGTH, HALF_WIDTH, CAP = 50.0, 2.5, 1.5
+LENGTH, HALF_WIDTH = 50.0, 2.5
 
 
 def at(frame: int, first: float = 0, last: float = LENGTH) -> np.ndarray:
@@ -32,7 +32,7 @@ def held(
     line: np.ndarray, first: float = 0, last: float = LENGTH, places: ShownPlaces | None = None
 ) -> Curve:
     """The body where it is predicted so, in an image of a part of it."""
-    shown = at(6, first + CAP, last - CAP)
+    shown = at(6, first + HALF_WIDTH, last - HALF_WIDTH)  # round ends
     rng = np.random.default_rng(0)
     rows, columns = np.indices((50, 100))
     apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)

@@ -47,6 +47,16 @@ def test_the_wave_of_a_swimmer_goes_on() -> None:
         assert sd < most + 0.3
 
 
+def test_a_single_frame_does_not_tell_that_a_body_swims() -> None:
+    """The directions of a few uncertain points at an end look like waves, too."""
+    lines = [motion.ahead(known(swimming, range(n)), n).line for n in (3, 4)]
+    few, more = (
+        np.linalg.norm(line - swimming(n), axis=1).max()
+        for n, line in zip((3, 4), lines, strict=True)
+    )
+    assert more < 0.3 < 1 < few
+
+
 def test_nothing_is_sure_before_it_was_measured() -> None:
     assert motion.ahead(known(drifting, [0]), 1)[1] == np.inf
     assert motion.ahead(known(drifting, [0, 1]), 2)[1] == np.inf

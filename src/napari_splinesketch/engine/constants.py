@@ -203,7 +203,8 @@ LIGHT_MODES = 2  # Legendre polynomials of the brightness along a body, beside t
 SLOPE_UNIT_PX = 50.0
 FINER = 16  # samples of a curve for each one that the nearest is first looked for among (speed)
 EDGE_SHADE = 0.25  # the edge of a body is darker than its middle by this share: bodies are round
-TAPER_FLOOR = 0.02  # distance from the end at which the taper starts, as a share of its extent
+# distance from the end below which a taper is not followed, as a share of its extent (numerics):
+TAPER_LEAST = 0.003
 CURVE_SAMPLES = 64  # least number of samples that pixels find their nearest point among (speed) ...
 CURVE_SAMPLES_A_KNOT = 2.6  # ... and for each knot (accuracy of the Newton step from there)
 # weight of the bending energy, times half-width / length³ (tuned; ×10 either way: docs/limits.md):
@@ -211,6 +212,10 @@ BEND = 10.0
 UNEVEN = 0.1  # standard deviation of the knots' spacing along a curve, as a share of it
 # standard deviations of a curve's local background where the scene's is simple:
 FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
+# the same of the ends of a curve that is known to reach from tip to tip: a body that something
+# hides looks blunt there ...
+WHOLE_ENDS = {"log_power": 0.1, "log_extent": 0.1, "tip": 0.03}
+WHOLE_TIP = 0.1  # ... and the half-width at its tips, as a share of the body's
 PIN_PX = 0.003  # standard deviation of knots that do not move (numerics)
 MARGIN_HW = 0.5  # background on either side of a body in its band ...
 MARGIN_PX = 3.5  # ... and its least value
@@ -260,7 +265,13 @@ PAIR_PIXELS = 8.0  # unexplained pixels that weigh as much as one unit of a path
 PAIR_REACH_HW = 5.0  # reach on either side in which a pair's outer edges are looked for (geometry)
 
 # === Judge
+# half-widths of ends, as a share of the body's: none, and all, of the cap belongs to the curve
+BLUNT = (0.3, 0.7)
+# a body ends in its cap where, so many half-widths of the end beyond that ...
+BEYOND_CAP = (1.5, 2.0, 2.5)
+DARK = 0.3  # ... the image is darker than this share of the body
 CAP_AHEAD = 0.7  # least cosine between a curve's end and the sketch's end that its cap reaches for
+CAP_POINTS = 17  # points at which the length of a cap is measured (speed)
 BORDER_POINTS = 32  # points for each knot at which a curve is checked for leaving the image (speed)
 TWIN_SHARE = 0.5  # two curves are on one body where this share of one ...
 TWIN_HW = 0.6  # ... is closer than this to the other

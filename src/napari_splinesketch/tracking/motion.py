@@ -109,23 +109,25 @@ def of_length(line: Points, length: float) -> Points:
 def _best(known: Sequence[Known], base: int) -> tuple[Mover, float]:
     """The mover that would have predicted the last frames best, and its error.
 
-    A movement is that of so many frames together.
+    A movement is that of so many frames together. Waves can predict almost any single frame, so
+    that one does not tell that there are any.
     """
-    errors: list[list[float]] = [[] for _ in MOVERS]
+    movers = MOVERS if len(known) > base + 2 else MOVERS[:-1]
+    errors: list[list[float]] = [[] for _ in movers]
     for i in range(base, len(known) - 1):
         older, newer = known[i - base], known[i]
         for frame, there in known[i + 1 :]:
             lag = max(abs(frame - newer[0]), 1.0)
-            for mover, found in zip(MOVERS, errors, strict=True):
+            for mover, found in zip(movers, errors, strict=True):
                 line = mover(older[1], newer[1], steps_to(older, newer, frame))
                 squared = float(((line - there) ** 2).sum(1).mean()) / 2
                 found.append(squared / lag ** (2 * GROWTH))
     count = len(errors[0])
     if not count:
-        return MOVERS[0], np.inf
+        return movers[0], np.inf
     totals = [sum(found) for found in errors]
     best = int(np.argmin(totals))
-    return MOVERS[best], float(np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED)))
+    return movers[best], float(np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED)))
 
 
 def steps_to(older: Known, newer: Known, frame: float) -> float:

@@ -53,8 +53,8 @@ class Start:
     goes_on
         Whether a body goes on beyond its first and beyond its last point; where such a curve ends
         is known from the sketch alone.
-    tips
-        Whether its first and its last end are clicked tips of the body.
+    whole
+        Whether the line is known to reach from tip to tip.
     """
 
     line: Line
@@ -66,7 +66,7 @@ class Start:
     known: Float[Array, " F"]
     margin: float = np.inf
     goes_on: tuple[bool, bool] = (False, False)
-    tips: tuple[bool, bool] = (False, False)
+    whole: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +145,9 @@ def candidates_of(
 
 def believed(seen: Scene, sketches: list[Line]) -> Found:
     """The sketches as they are, where they are known to lie on their bodies."""
+    unknown = np.zeros(len(scoring.FEATURES))
     starts = [
-        Start(sketch, True, sketch, rung, WIDTHS[rung], 1.0, np.zeros(len(scoring.FEATURES)))
+        Start(sketch, True, sketch, rung, WIDTHS[rung], 1.0, unknown, whole=True)
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
     return Found(seen, starts, [[i] for i in range(len(sketches))])
@@ -321,8 +322,7 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     sampled = spline.resample(line, const.SCORE_SAMPLES)
     at = sampled.T[:, :, None]
     first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
-    tips = (not first, not last) if scoring.clicked(sketch) else (False, False)
-    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last), tips)
+    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last))
 
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:

@@ -51,8 +51,9 @@ def default_priors(count: int, half_width: float) -> Priors:
         **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, const.LIGHT_MODES + 1)},
         "contrast": (1.0, 0.3, 0.1, 5.0),
         "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
-        "log_power": (np.log(0.45), 0.35, np.log(0.1), np.log(1.5)),
-        "log_extent": (np.log(0.25), 0.35, np.log(0.03), np.log(0.5)),
+        "log_power": (np.log(0.45), 0.25, np.log(0.1), np.log(1.5)),
+        "log_extent": (np.log(0.25), 0.25, np.log(0.03), np.log(0.5)),
+        "tip": (0.2, 0.15, 0.0, 1.0),
         "overlap": (0.7, 0.3, 0.0, 1.0),
         "offset": (0.0, 0.15, -1.0, 1.0),
         "slope_row": (0.0, 0.1, -1.0, 1.0),
@@ -70,14 +71,23 @@ def level(seen: Scene, priors: Priors, knots: int) -> Level:
 
 
 def begin(
-    bodies: Sequence[tuple[Float[Array, "N 2"], float, float]], knots: int, seen: Scene
+    bodies: Sequence[tuple[Float[Array, "N 2"], float, float]],
+    knots: int,
+    seen: Scene,
+    whole: bool = False,
 ) -> tuple[Float[Array, "n D"], Priors]:
-    """Parameters to start from, and priors, of bodies: their lines, half-widths and contrasts."""
+    """Parameters to start from, and priors, of bodies: their lines, half-widths and contrasts.
+
+    Lines that are `whole` are known to reach from tip to tip.
+    """
     priors = default_priors(len(bodies), seen.half_width)
     if seen.background_kind != "textured":
         priors.sd[[INDEX[name] for name in const.FLAT_BACKGROUND]] = list(
             const.FLAT_BACKGROUND.values()
         )
+    if whole:
+        priors.mean[:, INDEX["tip"]] = const.WHOLE_TIP
+        priors.sd[[INDEX[name] for name in const.WHOLE_ENDS]] = list(const.WHOLE_ENDS.values())
     for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
         mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
     lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]

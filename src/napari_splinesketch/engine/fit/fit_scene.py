@@ -186,7 +186,8 @@ def _fit_group(
     """
     knots, count = max(own), len(starts)
     moving = [(s.line, s.half_width, s.contrast) for s in starts]
-    theta, priors = bands.begin([*moving, *fixed], knots, seen)
+    whole = all(start.whole for start in starts)
+    theta, priors = bands.begin([*moving, *fixed], knots, seen, whole)
     hold = np.zeros((len(theta), 2 * knots, 2 * knots))
     ends = [0, knots - 1, knots, 2 * knots - 1]
     for row, start in enumerate(starts):

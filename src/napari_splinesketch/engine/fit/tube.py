@@ -19,12 +19,14 @@ GLOBALS = (
     "log_blur",
     "log_power",
     "log_extent",
+    "tip",
     "overlap",
     "offset",
     "slope_row",
     "slope_col",
 )
 INDEX = {name: i for i, name in enumerate(GLOBALS)}
+TAPER = ("log_power", "log_extent", "tip")
 
 
 class Basis(NamedTuple):
@@ -128,21 +130,21 @@ def brightness(distance, u, g, xp=jnp, erf=erf):
         g[const.WIDTH_MODES + i - 1] * shape[i] for i in range(1, 1 + const.LIGHT_MODES)
     )
     blur = xp.exp(g[INDEX["log_blur"]]) * np.sqrt(2.0)
-    width = tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], xp)
+    width = tapered_width(u, log_width, *(g[INDEX[name]] for name in TAPER), xp=xp)
     edge = 0.5 * (erf((width + distance) / blur) + erf((width - distance) / blur))
     across = xp.minimum((distance / width) ** 2, 1.0)
     return g[INDEX["contrast"]] * light * edge * (1 - const.EDGE_SHADE * across)
 
 
-def tapered_width(u, log_width, log_power, log_extent, xp=jnp):
-    """Half-width at u, px: the body's width times a rise from TAPER_FLOOR at the ends to 1.
+def tapered_width(u, log_width, log_power, log_extent, tip, xp=jnp):
+    """Half-width at u, px: rises from `tip` at the ends, a share of the body's, to all of it.
 
-    It is ∝ (distance from the end / extent)^power, with the extent as a share of the length.
+    The rise is ∝ (distance from the end / extent)^power, with the extent as a share of the length.
     `xp` is the array library to compute with.
     """
-    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), const.TAPER_FLOOR, 1.0)
-    rounded = x * (1.5 - 0.5 * x**2)
-    return xp.exp(log_width + xp.exp(log_power) * xp.log(rounded))
+    x = xp.clip(xp.minimum(u, 1 - u) * xp.exp(-log_extent), const.TAPER_LEAST, 1.0)
+    rise = xp.exp(xp.exp(log_power) * xp.log(x * (1.5 - 0.5 * x**2)))
+    return xp.exp(log_width) * (tip + (1 - tip) * rise)
 
 
 def modes(u):

@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.fit.tube import INDEX, modes, tapered_width
+from napari_splinesketch.engine.fit.tube import INDEX, TAPER, modes, tapered_width
+from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 ENDS = np.array([0.0, 1.0])
@@ -35,13 +38,13 @@ class Outline:
 
 
 def outline(
-    body: Body, sketch: Float[Array, "N 2"], tips: tuple[bool, bool], shape: tuple[int, ...]
+    body: Body, sketch: Float[Array, "N 2"], tips: Bool[Array, "2"], seen: Scene
 ) -> Outline:
-    """A body with the round caps that the model draws at its ends, as far as its sketch goes.
+    """A body with the round caps that the model draws at blunt ends.
 
-    A blunt body is drawn as well by a spline that ends where its cap begins as by one that ends at
-    its tip: only the sketch tells. Nor does the image tell how far a body goes on beyond it: a
-    curve leaves the image only as far as its sketch does.
+    A tapered end is where the taper ends; the more blunt an end is, the more of its cap belongs to
+    the curve, and all as far as a clicked sketch reaches into it. The image does not tell how far a
+    body goes on beyond it: a curve leaves the image only as far as its sketch does.
 
     Parameters
     ----------
@@ -49,20 +52,32 @@ def outline(
         From the last level.
     sketch
         (N, 2) what was drawn.
-    tips, shape
-        Which ends may be tips, and of the image: other ends, and caps beyond it, stay.
+    tips
+        Which ends may be tips; others stay.
+    seen
+        The image. Caps beyond it, or on something that goes on, are left out.
     """
-    count = len(body.knots)
+    shape, count = seen.valid.shape, len(body.knots)
     at, ahead = (spline.basis(count, ENDS, order) @ body.knots for order in (0, 1))
-    ahead *= [[-1.0], [1.0]]
-    speed = np.linalg.norm(ahead, axis=1) + 1e-9
-    beyond = sketch[[0, -1]] - at
-    further = (beyond * ahead).sum(1) / speed
-    further *= further > const.CAP_AHEAD * np.linalg.norm(beyond, axis=1)
-    cap = np.clip(further, 0, _half_width(body.parameters, ENDS))
-    caps = at + (cap / speed)[:, None] * ahead
+    ahead *= np.array([[-1.0], [1.0]]) / (np.linalg.norm(ahead, axis=1, keepdims=True) + 1e-9)
+    whole = _half_width(body.parameters, ENDS)
+    cap = np.interp(body["tip"], const.BLUNT, (0, 1)) * whole
+    beyond = at + np.multiply.outer(const.BEYOND_CAP, whole[:, None] * ahead)
+    left = ndimage.map_coordinates(seen.normal, np.moveaxis(beyond, 2, 0), order=1, mode="nearest")
+    cap *= left.mean(0) < const.DARK * body["contrast"]
+    if scoring.clicked(sketch):
+        beyond = sketch[[0, -1]] - at
+        further, near = (beyond * ahead).sum(1), scoring.hit(body.half_width)
+        most = np.maximum(whole, body.half_width)
+        cap = np.clip(further + near, 0, cap)
+        further *= further > const.CAP_AHEAD * np.linalg.norm(beyond, axis=1)
+        cap = np.clip(further * (further < most + near), cap, most)
+    caps = at + cap[:, None] * ahead
     inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)
-    cap = np.where(inside & tips, np.minimum(cap / speed, 0.5 / count), 0)
+    away = np.linspace(0, 2 / count, const.CAP_POINTS)
+    lines = (spline.basis(count, u) @ body.knots for u in (-away, 1 + away))
+    lengths = np.stack([spline.arc_length(line) for line in lines])
+    cap = [np.interp(*one, away) for one in zip(cap * (inside & tips), lengths, strict=True)]
     u = np.linspace(0, 1, const.BORDER_POINTS * count)
     line = spline.even_basis(count, const.BORDER_POINTS * count) @ body.knots
     least = np.minimum(sketch.min(0), -0.5)
@@ -74,7 +89,7 @@ def outline(
     def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
         beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
         return _half_width(body.parameters, u) * np.sqrt(
-            1 - np.clip(beyond, 0, 1 - const.TAPER_FLOOR) ** 2
+            1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2
         )
 
     even = np.linspace(low, high, count)
@@ -89,7 +104,7 @@ def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " 
     """(P,) half-width at the spline parameters `u`, px; beyond the ends that of the ends."""
     u = np.clip(u, 0, 1)
     log_width = g[: const.WIDTH_MODES] @ modes(u)
-    return tapered_width(u, log_width, g[INDEX["log_power"]], g[INDEX["log_extent"]], np)
+    return tapered_width(u, log_width, *(g[INDEX[name]] for name in TAPER), xp=np)
 
 
 def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " count"]:

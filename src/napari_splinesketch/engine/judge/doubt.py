@@ -9,6 +9,8 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
+from napari_splinesketch.engine.judge.assess import Outline
+from napari_splinesketch.engine.judge.position import end_directions
 from napari_splinesketch.engine.types import Array
 
 SIGNS = ("sd", "astray", "cost", "rival")
@@ -78,7 +80,7 @@ class Evidence:
 
 
 def collect(
-    points: Float[Array, "P 2"],
+    outline: Outline,
     sd: Float[Array, " P"],
     sketch: Float[Array, "N 2"],
     half_width: float,
@@ -88,8 +90,8 @@ def collect(
 
     Parameters
     ----------
-    points, sd
-        (P, 2) the curve, uniform in arc length; (P,) its standard errors, px.
+    outline, sd
+        The curve; (P,) its standard errors, px.
     sketch
         (N, 2) what was drawn.
     half_width
@@ -97,15 +99,15 @@ def collect(
     start
         Where its fit began.
     """
+    points, inside = outline.points, (outline.u >= 0) & (outline.u <= 1)
     end = int(const.END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))
-    astray = max(spline.apart(points, drawn).max(), spline.apart(drawn, points).max())
+    astray = max(spline.apart(points[inside], drawn).max(), spline.apart(drawn, points).max())
     room, length = half_width + const.STROKE_PX, float(spline.arc_length(sketch)[-1])
     missed_end = 0.0
     if scoring.clicked(sketch):
-        out = points[[0, -1]] - points[[end, -1 - end]]
-        out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-9
-        short = float(((sketch[[0, -1]] - points[[0, -1]]) * out).sum(1).max())
+        beyond = sketch[[0, -1]] - points[[0, -1]]
+        short = float((beyond * end_directions(points)).sum(1).max())
         usual = scoring.hit(half_width, length) + const.CLICKED_END * length
         missed_end = short if short > usual else 0.0
     else:

@@ -73,6 +73,8 @@ def with_sketch(
     at = np.concatenate([at[beside], [0, 1], [0, 1]])
     drawn = np.concatenate([sketch[beside], *[sketch[[0, -1]]] * 2])
     basis, way = spline.basis(count, at), _tangents(knots, at)
+    ends = end_directions(line)
+    way[-4:] = np.tile(ends * [[-1.0], [1.0]], (2, 1))
     way[:-2] = way[:-2, ::-1] * [-1.0, 1.0]
     rows = np.concatenate([way[:, :1] * basis, way[:, 1:] * basis], axis=1)
     off = ((drawn - basis @ knots) * way).sum(1)
@@ -84,6 +86,13 @@ def with_sketch(
     known = rows @ covariance
     gain = np.linalg.solve(known @ rows.T + np.diag(sd**2), known).T
     return knots + (gain @ off).reshape(2, -1).T, covariance - gain @ known
+
+
+def end_directions(line: Float[Array, "N 2"]) -> Float[Array, "2 2"]:
+    """Unit vectors out of a curve at both its ends, which may end in small hooks."""
+    points, end = spline.resample(line, POINTS), int(const.END_SHARE * POINTS)
+    out = points[[0, -1]] - points[[end, -1 - end]]
+    return out / (np.linalg.norm(out, axis=1, keepdims=True) + 1e-9)
 
 
 def normal_sd(

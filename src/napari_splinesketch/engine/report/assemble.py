@@ -140,14 +140,15 @@ def _curves(
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
             reasons.append(f"it lies on the same body as curve {island.members[twins[i]]}")
-        outline = assess.outline(body, sketch, start.tips, seen.valid.shape)
+        tips = start.found & ~(start.whole | np.array(start.goes_on))
+        outline = assess.outline(body, sketch, tips, seen)
         # Normals of the fit: clicks may turn the curve, but not what is unknown along it.
         sd = position.normal_sd(known[i], fit.bodies[i].knots, outline.u)
         if not len(body.pixels):
             sd[:] = np.inf
         if i in fit.held:
             sd = np.maximum(sd, body.half_width)
-        reasons += doubt.reasons(doubt.collect(outline.points, sd, sketch, body.half_width, start))
+        reasons += doubt.reasons(doubt.collect(outline, sd, sketch, body.half_width, start))
         yield Curve(
             outline.knots,
             outline.points,
