@@ -356,18 +356,33 @@ def test_a_sketch_between_two_bodies_may_mean_either_and_one_beside_a_body_means
     assert between.margin < 2 < beside.margin
 
 
+def refined(name):
+    """The curves of a real image, from its sketches."""
+    folder = Path(__file__).parents[1] / "data" / "real" / name
+    image = io.imread(next(folder.glob("image.*"))).astype(float)
+    image = image.mean(2) if image.ndim == 3 else image
+    ((_, sketches),) = json.loads((folder / "sketches.json").read_text()).items()
+    return refine(image, [np.array(line) for line in sketches]).curves
+
+
+def turns(points):
+    """How sharply a polyline turns at each of its points, rad."""
+    step = np.diff(points, axis=0)
+    return np.abs(np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0]))))
+
+
 @pytest.mark.parametrize("name", ["flower_stems", "retina_rim"])
 def test_no_curve_folds_over_itself(name):
     """It never turns back within a half-width, also where other bodies branch off.
 
     Within two half-widths of its tips it may hook: see docs/limits.md.
     """
-    folder = Path(__file__).parents[1] / "data" / "real" / name
-    image = io.imread(next(folder.glob("image.*"))).astype(float)
-    image = image.mean(2) if image.ndim == 3 else image
-    ((_, sketches),) = json.loads((folder / "sketches.json").read_text()).items()
-    for curve in refine(image, [np.array(line) for line in sketches]).curves:
+    for curve in refined(name):
         count = round(curve.length / np.median(curve.half_width))
-        step = np.diff(spline.resample(curve.points, count), axis=0)
-        turn = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
-        assert np.abs(turn[2:-2]).max() < np.pi / 2
+        assert turns(spline.resample(curve.points, count))[2:-2].max() < np.pi / 2
+
+
+def test_no_curve_kinks_where_its_knots_crowd():
+    """As in bodies that are wide beside the distance of their knots, and not smoothly bright."""
+    for curve in refined("bacteria"):
+        assert curve.status != "good" or turns(curve.points).max() < 0.5

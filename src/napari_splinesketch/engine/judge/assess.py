@@ -44,7 +44,8 @@ def outline(
 
     A tapered end is where the taper ends; the more blunt an end is, the more of its cap belongs to
     the curve, and all as far as a clicked sketch reaches into it. The image does not tell how far a
-    body goes on beyond it: a curve leaves the image only as far as its sketch does.
+    body goes on beyond it: a curve leaves the image only as far as its sketch does. Where knots
+    crowd, a curve may fold between them: it then gets as many that are evenly spaced.
 
     Parameters
     ----------
@@ -94,8 +95,15 @@ def outline(
 
     even = np.linspace(low, high, count)
     knots = spline.basis(count, even) @ body.knots
+    apart = np.diff(spline.arc_length(knots))
+    if apart.min() < const.CROWDED * apart.mean():
+        dense = np.linspace(low, high, const.BORDER_POINTS * count)
+        line = spline.basis(count, dense) @ body.knots
+        s = spline.arc_length(line)
+        knots = spline.fit_knots(line, count)
+        even = np.interp(np.linspace(0, s[-1], count), s, dense)
     part = uniform(knots)
-    u = low + (high - low) * part
+    u = np.interp(part, np.linspace(0, 1, count), even)
     points = spline.basis(count, part) @ knots
     return Outline(np.column_stack([knots, half_width(even)]), u, points, half_width(u))
 
