@@ -384,5 +384,6 @@ def test_no_curve_folds_over_itself(name):
 
 def test_no_curve_kinks_where_its_knots_crowd():
     """As in bodies that are wide beside the distance of their knots, and not smoothly bright."""
-    for curve in refined("bacteria"):
-        assert curve.status != "good" or turns(curve.points).max() < 0.5
+    good = [curve for curve in refined("bacteria") if curve.status == "good"]
+    assert len(good) > 8
+    assert max(turns(curve.points).max() for curve in good) < 0.5

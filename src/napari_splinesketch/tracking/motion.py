@@ -223,3 +223,4 @@ def _along(line: Points, s: Float[Array, " P"], at: Float[Array, " P"]) -> Point
 
 
 MOVERS: tuple[Mover, ...] = (_half, _stay, _drift, _slide, _wave)
+"""The last needs more than one frame to be told from the others."""
