@@ -33,7 +33,7 @@ from stability_rows import FAR
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import constants
-from napari_splinesketch.engine.find import finding, paths, scoring, strip
+from napari_splinesketch.engine.find import hollow, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.judge import doubt, position
@@ -134,8 +134,9 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "clicks are measurements": _set(position, with_sketch=lambda knots, known, *_: (knots, known)),
     "a clicked sketch without a body stays": _set(constants, KEPT_SKETCH=np.inf),
     "blunt ends are followed to their tips": _set(constants, BLUNT=(2.0, 3.0)),
+    "knots that crowd are spaced evenly": _set(constants, CROWDED=0.0),
     "clicked ends are followed to their tips": _set(constants, CAP_AHEAD=2.0),
-    "hollow bodies": _set(finding, _between_rims=lambda *_: False),
+    "hollow bodies": _set(hollow, _between_rims=lambda *_: False),
     "curves that leave their paths are fitted again": _set(
         constants, FOLD_RAD=9.0, STRAYED_COST=1e9
     ),

@@ -29,6 +29,9 @@ REACH = 2.2
 MISS = (1.5, 5.0)
 """A vertex of a sketch is off by half a half-width, but never less or more than this, px."""
 
+BESIDE = (2.5, 6.0)
+"""How far two bodies of a pair are apart, in half-widths."""
+
 Along = Float[np.ndarray, " N"]
 
 
@@ -285,3 +288,20 @@ def single(seed: int, half_width: float, length: float, **look: object) -> Case:
     sketch = hand_drawn(rng, line, half_width, points)
     name = f"{half_width:g} x {length:g}"
     return Case(name, "single", image.astype(np.float32), (line,), {SET: (sketch,)}, half_width)
+
+
+def pair(seed: int) -> Case:
+    """Two bodies that run side by side in a frame that just holds them; the first has a sketch."""
+    rng = np.random.default_rng([seed, 2])
+    half_width, length = rng.uniform(1.5, 3.0), rng.uniform(80, 120)
+    curve = random_curve(rng, length, half_width, 0.5)
+    along = np.gradient(curve, axis=0)
+    aside = along[:, ::-1] * [-1, 1] / np.linalg.norm(along, axis=1, keepdims=True)
+    lines = np.stack([curve, curve + rng.uniform(*BESIDE) * half_width * aside])
+    lines += 3 * half_width + 12 - lines.min(axis=(0, 1))
+    rows, columns = np.ceil(lines.max(axis=(0, 1)) + 3 * half_width + 12).astype(int).tolist()
+    look = Look(shape=(rows, columns), half_width=half_width)
+    image = sum(drawn(rng, line, half_width, look) for line in lines)
+    image = gaussian_filter(image, 0.7) + look.noise * rng.standard_normal(look.shape)
+    sketch = hand_drawn(rng, lines[0], half_width)
+    return Case(f"pair {seed}", "pair", image, (lines[0],), {SET: (sketch,)}, half_width)

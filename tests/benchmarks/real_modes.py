@@ -1,4 +1,4 @@
-"""Measurements of one thing each: crowd, order, ends, sizes, contrast and suggest.
+"""Measurements of one thing each: crowd, order, ends, sizes, contrast, hollow and suggest.
 
 python tests/benchmarks/real_modes.py [modes...] [--preset balanced] [--frames N]
 
@@ -11,6 +11,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -19,8 +20,8 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import numpy as np
 from frames import spoil
-from real_cases import FOLDERS, ROOT, Line, in_folders
-from real_foreign import SET, TAPERS, single
+from real_cases import FOLDERS, ROOT, Case, Line, in_folders, straightened
+from real_foreign import LOOKS, NAME, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
 
 from napari_splinesketch import Curve, refine, suggest, synthetic
@@ -44,6 +45,12 @@ SIZES = (
     (36.0, 500),
 )
 """Half-widths and lengths, px."""
+RIMS = (3.5, 4.5, 6.0)
+"""Half-widths of hollow bodies, px."""
+SCENES = 20
+"""There is one scene of six hollow bodies of each half-width for so many frames."""
+FIRST = 1000
+"""Number of the first of these scenes."""
 
 Figures = dict[str, float]
 Refine = Callable[[np.ndarray, Sequence[Line]], tuple[Curve, ...]]
@@ -180,6 +187,34 @@ def sizes(run: Refine, frames: int) -> Figures:
     return {"good": sum(figures.values()), "of": len(figures), **figures}
 
 
+def hollow(run: Refine, frames: int) -> Figures:
+    """Straight lines over hollow bodies, and over one of two bodies that run side by side."""
+    found, marked, beside = [], [], []
+    for number in range(FIRST, FIRST + max(1, frames // SCENES)):
+        for half_width in RIMS:
+            look = replace(LOOKS["hollow"], half_width=half_width)
+            for good, mark in _straight(run, scene(f"{NAME}{half_width}_{number}", "hollow", look)):
+                found.append(good)
+                marked += [mark] * (not good)
+    for seed in range(frames):
+        beside += [good for good, _ in _straight(run, pair(SEED + seed))]
+    return {
+        "bodies": len(found),
+        "good, %": _percent(found),
+        "others marked, %": _percent(marked),
+        "pairs": len(beside),
+        "good beside another, %": _percent(beside),
+    }
+
+
+def _straight(run: Refine, case: Case) -> list[tuple[bool, bool]]:
+    """Whether the curves of straight lines are good, and whether they are marked."""
+    ((_, sketches),) = straightened(case).sketches.items()
+    pairs = zip(run(case.image, sketches), case.references, strict=True)
+    near = [(curve, shares(curve.points, of, curve.typical_half_width)) for curve, of in pairs]
+    return [(verdict(*both) == "good", curve.status != "good") for curve, both in near]
+
+
 def suggested(run: Refine, frames: int) -> Figures:
     """Share of the reference bodies of the real images that are among the suggested sketches."""
     del run, frames
@@ -214,6 +249,7 @@ MODES = {
     "ends": ends,
     "sizes": sizes,
     "contrast": contrast,
+    "hollow": hollow,
     "suggest": suggested,
 }
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from real_cases import (
     FRESH,
     RIGHT,
     Case,
+    Line,
     by_arc,
     in_folders,
     jittered,
@@ -24,6 +26,9 @@ from real_cases import (
     read,
     split_of,
 )
+
+from napari_splinesketch import Curve, refine
+from napari_splinesketch.engine.find import hollow
 
 PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
@@ -183,3 +188,15 @@ def test_points_are_uniform_along_a_polyline():
 
 def test_about_a_third_is_held_out():
     assert 80 < sum(split_of(f"case {i}") == "held" for i in range(300)) < 120
+
+
+def test_straight_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(monkeypatch):
+    figures = real_modes.hollow(refined, 8)
+    assert figures["good, %"] > 50
+    assert figures["good beside another, %"] == 100
+    monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
+    assert real_modes.hollow(refined, 1)["good, %"] < 30
+
+
+def refined(image: np.ndarray, sketches: Sequence[Line]) -> tuple[Curve, ...]:
+    return refine(image, sketches).curves

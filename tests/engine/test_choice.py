@@ -10,7 +10,7 @@ from skimage import io
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import constants, spline
-from napari_splinesketch.engine.find import finding, paths, scoring, strip, tracing
+from napari_splinesketch.engine.find import finding, hollow, paths, scoring, strip, tracing
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Polarity
@@ -336,7 +336,7 @@ def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside,
     (curve,) = refine(image, [sketch]).curves
     assert away(curve.points[10:-10], line) < 1.5
     assert np.median(curve.half_width) > 0.6 * aside
-    monkeypatch.setattr(finding, "_between_rims", lambda *_: False)
+    monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
     (curve,) = refine(image, [sketch]).curves
     assert away(curve.points[10:-10], line) > 3
 

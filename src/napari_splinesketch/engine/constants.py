@@ -113,7 +113,12 @@ PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviation
 HOLLOW_MIDDLE_HW = 0.5
 HOLLOW_RIM_HW = 1.3  # rims of a hollow body are looked for within this of its middle (geometry) ...
 HOLLOW_OFFSETS = 8  # ... at this many places on either side (speed)
-HOLLOW_COST = 0.5  # extra cost of reading two ridges as one hollow body: they may be two bodies
+# a path that may be a rim has the other one at least this far beside it (geometry) ...
+HOLLOW_APART_HW = 3.0
+HOLLOW_SEEN = 0.6  # ... with this evidence along all of it, on average,
+HOLLOW_ENDS = 5  # but for so many of SCORE_SAMPLES at either end, where the rims meet (geometry)
+# extra cost of taking a clicked sketch for the middle of a hollow body: it may be between two:
+HOLLOW_COST = 0.5
 
 # === Find: what a path costs its sketch
 SCORE_SAMPLES = 48  # points at which a path is compared with its sketch (speed)

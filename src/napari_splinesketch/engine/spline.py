@@ -9,6 +9,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Array
 
 
@@ -132,6 +133,23 @@ def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:
         return points
     parts = np.array_split(points[1:-1], most - 2)
     return np.array([points[0], *(part.mean(0) for part in parts), points[-1]])
+
+
+def smoothed(lines: Sequence[Float[Array, "N 2"]], sigma: float) -> list[Float[Array, "M 2"]]:
+    """Polylines resampled every px and smoothed along their length; their ends stay."""
+    lines, reach = resample_each(lines), int(const.PATH_SMOOTH_CUT * sigma + 0.5)
+    row = np.concatenate([_mirrored(line, reach) for line in lines])
+    row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=const.PATH_SMOOTH_CUT)
+    first = np.cumsum([reach, *(len(line) + 2 * reach for line in lines[:-1])])
+    return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
+
+
+def _mirrored(line: Float[Array, "N 2"], reach: int) -> Float[Array, "M 2"]:
+    """A line with `reach` points more at either end, mirrored through the end point."""
+    if len(line) <= reach:
+        return np.pad(line, ((reach, reach), (0, 0)), "reflect", reflect_type="odd")
+    before, after = 2 * line[:1] - line[reach:0:-1], 2 * line[-1:] - line[-2 : -reach - 2 : -1]
+    return np.concatenate([before, line, after])
 
 
 def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:

@@ -1,16 +1,15 @@
 """Find before polish: which body each sketch means."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import ndimage
 from skimage.morphology import remove_small_objects
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.find import choice, paths, scoring, strip
+from napari_splinesketch.engine.find import choice, hollow, paths, scoring, strip
 from napari_splinesketch.engine.find.choice import Candidates
 from napari_splinesketch.engine.find.tracing import TraceGraph, trace
 from napari_splinesketch.engine.look.band import band
@@ -204,7 +203,7 @@ def _candidates(
     def with_paths_along(reach: float) -> tuple[list[Line], list[Line], Float[Array, "C F"]]:
         own = strip.paths_along(evidence, sketch, half_width, reach, between_ends=len(sketch) == 2)
         own += [sketch] * clicked
-        lines = smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
+        lines = spline.smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
         return own, lines, _known(lines, sketch, half_width, evidence)
 
     reach = reach_of(sketch, half_width)
@@ -215,14 +214,17 @@ def _candidates(
     cost = scoring.cost(known)
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     rungs = [rung] * len(lines)
+    likely = lines[int(cost.argmin())]
     if clicked:
         cost[-1] = min(cost[-1], const.KEPT_SKETCH)
-        for wide, line in _wider(seen, sketch, rung):
-            more = _known([line], sketch, WIDTHS[wide], seen.evidence(wide))
-            lines, rungs = [*lines, line], [*rungs, wide]
-            known = np.concatenate([known, more])
-            cost = np.append(cost, scoring.cost(more) + const.HOLLOW_COST)
-            along = np.concatenate([along, [_along(graph, [line], half_width)]])
+    for wide, line in hollow.middles(seen, sketch, rung, likely):
+        more = _known([line], sketch, WIDTHS[wide], seen.evidence(wide))
+        lines, rungs = [*lines, line], [*rungs, wide]
+        known = np.concatenate([known, more])
+        cost = np.append(cost, scoring.cost(more) + const.HOLLOW_COST * clicked)
+        # It explains both of its rims.
+        near = half_width if clicked else const.HOLLOW_RIM_HW * WIDTHS[wide]
+        along = np.concatenate([along, [_along(graph, [line], near)]])
     order = np.argsort(cost, kind="stable")
     order = order[cost[order] < cost[order[0]] + const.PLAUSIBLE]
     explains = 0.0 if clicked else const.EXPLAINED_GAIN
@@ -245,40 +247,6 @@ def _known(
     sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
     total = np.array([spline.arc_length(line)[-1] for line in lines])
     return scoring.features(sampled, total, sketch, half_width, evidence)
-
-
-def _wider(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
-    """The wider bodies whose hollow middle a clicked sketch may lie on: paths at their rungs."""
-    length = spline.arc_length(sketch)[-1]
-    wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
-    if not wider:
-        return
-    near = const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX
-    heights = ridge_profile(seen.ridges, sketch, near, wider, seen.sign)[wider.start :]
-    # The rims are ridges too, at half-widths of their own: each that stands out is tried.
-    dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
-    for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
-        wide = wider.start + int(first) + first_high(part)
-        middle = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
-        [line] = strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], middle)
-        line = smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
-        sampled = spline.resample(line, const.SCORE_SAMPLES)
-        if _between_rims(seen.evidence(rung), sampled, WIDTHS[wide]):
-            yield wide, line
-
-
-def _between_rims(evidence: Float[Array, "H W"], line: Line, half_width: float) -> bool:
-    """Whether there is a ridge on either side of a line, and none along it."""
-    seen = spline.across(
-        evidence,
-        line,
-        half_width
-        * np.linspace(-const.HOLLOW_RIM_HW, const.HOLLOW_RIM_HW, 2 * const.HOLLOW_OFFSETS + 1),
-    )
-    rims = np.minimum(
-        seen[:, : const.HOLLOW_OFFSETS].max(1), seen[:, const.HOLLOW_OFFSETS + 1 :].max(1)
-    ).mean()
-    return bool(seen[:, const.HOLLOW_OFFSETS].mean() < const.BODY_EVIDENCE < rims)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
@@ -353,20 +321,3 @@ def _rescaled(found: Found) -> Found:
         for s in found.starts
     ]
     return Found(seen, starts, found.clusters)
-
-
-def smoothed(lines: list[Line], sigma: float) -> list[Line]:
-    """Polylines resampled every px and smoothed along their length; their ends stay."""
-    lines, reach = spline.resample_each(lines), int(const.PATH_SMOOTH_CUT * sigma + 0.5)
-    row = np.concatenate([_mirrored(line, reach) for line in lines])
-    row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=const.PATH_SMOOTH_CUT)
-    first = np.cumsum([reach, *(len(line) + 2 * reach for line in lines[:-1])])
-    return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
-
-
-def _mirrored(line: Line, reach: int) -> Line:
-    """A line with `reach` points more at either end, mirrored through the end point."""
-    if len(line) <= reach:
-        return np.pad(line, ((reach, reach), (0, 0)), "reflect", reflect_type="odd")
-    before, after = 2 * line[:1] - line[reach:0:-1], 2 * line[-1:] - line[-2 : -reach - 2 : -1]
-    return np.concatenate([before, line, after])

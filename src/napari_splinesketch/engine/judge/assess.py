@@ -42,11 +42,6 @@ def outline(
 ) -> Outline:
     """A body with the round caps that the model draws at blunt ends.
 
-    A tapered end is where the taper ends; the more blunt an end is, the more of its cap belongs to
-    the curve, and all as far as a clicked sketch reaches into it. The image does not tell how far a
-    body goes on beyond it: a curve leaves the image only as far as its sketch does. Where knots
-    crowd, a curve may fold between them: it then gets as many that are evenly spaced.
-
     Parameters
     ----------
     body
@@ -58,7 +53,32 @@ def outline(
     seen
         The image. Caps beyond it, or on something that goes on, are left out.
     """
-    shape, count = seen.valid.shape, len(body.knots)
+    cap = _caps(body, sketch, tips, seen)
+    first, last = _inside(body, sketch, seen.valid.shape)
+    low, high = first or -cap[0], last if last < 1 else 1 + cap[1]
+
+    def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
+        beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
+        return _half_width(body.parameters, u) * np.sqrt(
+            1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2
+        )
+
+    even, knots = _uncrowded(body, low, high)
+    part = uniform(knots)
+    u = np.interp(part, np.linspace(0, 1, len(knots)), even)
+    points = spline.basis(len(knots), part) @ knots
+    return Outline(np.column_stack([knots, half_width(even)]), u, points, half_width(u))
+
+
+def _caps(
+    body: Body, sketch: Float[Array, "N 2"], tips: Bool[Array, "2"], seen: Scene
+) -> list[float]:
+    """How far a body goes on beyond its first and last knot, in units of the spline's parameter.
+
+    A tapered end is where the taper ends; the more blunt an end is, the more of its cap belongs to
+    the curve, and all as far as a clicked sketch reaches into it.
+    """
+    count = len(body.knots)
     at, ahead = (spline.basis(count, ENDS, order) @ body.knots for order in (0, 1))
     ahead *= np.array([[-1.0], [1.0]]) / (np.linalg.norm(ahead, axis=1, keepdims=True) + 1e-9)
     whole = _half_width(body.parameters, ENDS)
@@ -74,38 +94,45 @@ def outline(
         further *= further > const.CAP_AHEAD * np.linalg.norm(beyond, axis=1)
         cap = np.clip(further * (further < most + near), cap, most)
     caps = at + cap[:, None] * ahead
-    inside = ((caps >= 0) & (caps <= np.array(shape) - 1)).all(1)
+    inside = ((caps >= 0) & (caps <= np.array(seen.valid.shape) - 1)).all(1)
     away = np.linspace(0, 2 / count, const.CAP_POINTS)
     lines = (spline.basis(count, u) @ body.knots for u in (-away, 1 + away))
-    lengths = np.stack([spline.arc_length(line) for line in lines])
-    cap = [np.interp(*one, away) for one in zip(cap * (inside & tips), lengths, strict=True)]
-    u = np.linspace(0, 1, const.BORDER_POINTS * count)
-    line = spline.even_basis(count, const.BORDER_POINTS * count) @ body.knots
+    lengths = [spline.arc_length(line) for line in lines]
+    return [
+        float(np.interp(*one, away)) for one in zip(cap * (inside & tips), lengths, strict=True)
+    ]
+
+
+def _inside(body: Body, sketch: Float[Array, "N 2"], shape: tuple[int, ...]) -> tuple[float, float]:
+    """Where a body enters and leaves the image: it leaves it only as far as its sketch does.
+
+    The image does not tell how far a body goes on beyond it.
+    """
+    points = const.BORDER_POINTS * len(body.knots)
+    line = body.points(points)
     least = np.minimum(sketch.min(0), -0.5)
     most = np.maximum(sketch.max(0), np.array(shape) - 0.5)
-    there = u[((line >= least) & (line <= most)).all(1)]
-    first, last = (there[0], there[-1]) if len(there) > 1 else (0.0, 1.0)
-    low, high = first or -cap[0], last if last < 1 else 1 + cap[1]
+    there = np.linspace(0, 1, points)[((line >= least) & (line <= most)).all(1)]
+    return (float(there[0]), float(there[-1])) if len(there) > 1 else (0.0, 1.0)
 
-    def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
-        beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
-        return _half_width(body.parameters, u) * np.sqrt(
-            1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2
-        )
 
+def _uncrowded(
+    body: Body, low: float, high: float
+) -> tuple[Float[Array, " K"], Float[Array, "K 2"]]:
+    """As many knots as a body has from `low` to `high`, and where on its spline they are.
+
+    Where they would crowd, so that the curve may fold between them, they are evenly spaced.
+    """
+    count = len(body.knots)
     even = np.linspace(low, high, count)
     knots = spline.basis(count, even) @ body.knots
     apart = np.diff(spline.arc_length(knots))
-    if apart.min() < const.CROWDED * apart.mean():
-        dense = np.linspace(low, high, const.BORDER_POINTS * count)
-        line = spline.basis(count, dense) @ body.knots
-        s = spline.arc_length(line)
-        knots = spline.fit_knots(line, count)
-        even = np.interp(np.linspace(0, s[-1], count), s, dense)
-    part = uniform(knots)
-    u = np.interp(part, np.linspace(0, 1, count), even)
-    points = spline.basis(count, part) @ knots
-    return Outline(np.column_stack([knots, half_width(even)]), u, points, half_width(u))
+    if apart.min() >= const.CROWDED * apart.mean():
+        return even, knots
+    dense = np.linspace(low, high, const.BORDER_POINTS * count)
+    line = spline.basis(count, dense) @ body.knots
+    s = spline.arc_length(line)
+    return np.interp(np.linspace(0, s[-1], count), s, dense), spline.fit_knots(line, count)
 
 
 def _half_width(g: Float[Array, " G"], u: Float[Array, " P"]) -> Float[Array, " P"]:

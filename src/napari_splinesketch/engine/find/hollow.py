@@ -1,0 +1,101 @@
+"""Hollow bodies: two ridges side by side that are the rims of one.
+
+A sketch that was clicked along the middle, or a straight line from end to end, may mean the middle;
+of a stroke nobody knows how well it was drawn, and two bodies side by side are more usual.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.find import scoring, strip
+from napari_splinesketch.engine.look.ridges import WIDTHS
+from napari_splinesketch.engine.look.scene import Scene
+from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge_profile
+from napari_splinesketch.engine.types import Array
+
+Line = Float[Array, "N 2"]
+
+
+def middles(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:
+    """Paths along the middles of hollow bodies that a sketch may mean, with their rungs.
+
+    Parameters
+    ----------
+    seen
+        The image.
+    sketch
+        (N, 2).
+    rung
+        Of the rims' half-width.
+    path
+        (P, 2) what the sketch means if there is no hollow body: maybe one of its rims.
+    """
+    found: Iterator[tuple[int, Line]] = iter(())
+    if scoring.clicked(sketch):
+        found = _around(seen, sketch, rung)
+    elif len(sketch) == 2:
+        found = _beside(seen, sketch, rung, path)
+    for wide, line in found:
+        line = spline.smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
+        if _between_rims(seen.evidence(rung), line, WIDTHS[wide]):
+            yield wide, line
+
+
+def _around(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
+    """Paths near a clicked sketch: its line runs along the middle."""
+    length = spline.arc_length(sketch)[-1]
+    wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
+    if not wider:
+        return
+    near = const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX
+    heights = ridge_profile(seen.ridges, sketch, near, wider, seen.sign)[wider.start :]
+    # The rims are ridges too, at half-widths of their own: each that stands out is tried.
+    dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))
+    for first, part in zip([0, *dips], np.split(heights, dips), strict=True):
+        wide = wider.start + int(first) + first_high(part)
+        reach = const.HOLLOW_MIDDLE_HW * WIDTHS[wide]
+        yield wide, strip.paths_along(seen.evidence(wide), sketch, WIDTHS[wide], reach)[0]
+
+
+def _beside(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:
+    """The path between a rim and a ridge that runs along all of it, at the same distance.
+
+    Where the ends of a straight line lie on the rim, there are two bodies instead.
+    """
+    evidence, half_width = seen.evidence(rung), WIDTHS[rung]
+    widest = const.WIDEST_SHARE * spline.arc_length(sketch)[-1]
+    rim = spline.resample(path, const.SCORE_SAMPLES)[const.HOLLOW_ENDS : -const.HOLLOW_ENDS]
+    away = np.arange(const.HOLLOW_APART_HW * half_width, 2 * widest, half_width / 2)
+    sides = [spline.across(evidence, rim, side * away).mean(0) for side in (1, -1)]
+    along = max(sides, key=lambda side: side.max(initial=0.0))
+    high = along.max(initial=0.0)
+    if high < const.HOLLOW_SEEN:
+        return
+    first = int(along.argmax())
+    lower = np.append(along[first:] < const.WIDTH_ENOUGH * high, True)
+    middle = float(away[first:][: int(lower.argmax())].mean()) / 2
+    at = np.linalg.norm(sketch[:, None] - rim, axis=2).argmin(1)
+    off = ((sketch - rim[at]) * spline.normals(rim)[at]).sum(1)
+    if np.sqrt(np.mean(off**2)) < max(middle / 2, scoring.hit(half_width)):
+        return
+    wide = int(np.abs(np.log(np.array(WIDTHS) / (middle + half_width))).argmin())
+    inside = seen.evidence(wide) * (1 - evidence)
+    reach = reach_of(sketch, WIDTHS[wide])
+    yield wide, strip.paths_along(inside, sketch, WIDTHS[wide], reach, between_ends=True)[1]
+
+
+def _between_rims(evidence: Float[Array, "H W"], path: Line, half_width: float) -> bool:
+    """Whether there is a ridge on either side of a path, and none along it."""
+    away = np.linspace(-const.HOLLOW_RIM_HW, const.HOLLOW_RIM_HW, 2 * const.HOLLOW_OFFSETS + 1)
+    line = spline.resample(path, const.SCORE_SAMPLES)
+    one, middle, two = np.split(
+        spline.across(evidence, line, half_width * away),
+        [const.HOLLOW_OFFSETS, const.HOLLOW_OFFSETS + 1],
+        axis=1,
+    )
+    rims = np.minimum(one.max(1), two.max(1)).mean()
+    return bool(middle.mean() < const.BODY_EVIDENCE < rims)
