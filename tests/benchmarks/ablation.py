@@ -117,7 +117,10 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),
     "slopes count against ridges": _set(constants, RIDGE_SLOPE=0.0),
     "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
-    "paths along the sketch": _set(strip, paths_along=lambda _, sketch, *__, **___: [sketch]),
+    "paths along the sketch": _set(
+        strip,
+        paths_along=lambda _, sketch, *__, between_ends=False: [sketch] * (1 + between_ends),
+    ),
     "ends of straight lines": _set(constants, ENDS_COST=0.0),
     "joint choice": _set(constants, SHARED_COST=0.0, EXPLAINED_GAIN=0.0),
     "bends of a path": _set(
