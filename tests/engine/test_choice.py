@@ -258,18 +258,13 @@ def test_a_path_between_both_ends_follows_a_bow_and_does_not_run_on():
     assert abs(np.hypot(path[:, 0] - 60, path[:, 1] - 60) - 30).max() < 3
 
 
-def test_a_path_along_a_clicked_sketch_stays_near_it(monkeypatch):
+@pytest.mark.parametrize("aside", [1.0, 9.0])
+def test_a_path_leaves_a_clicked_sketch_only_where_nothing_is_seen_near_it(monkeypatch, aside):
     """A body is in the dark for half of its length, and beside it runs one that is not."""
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     line = np.column_stack([45 + 4 * np.sin(np.linspace(0, 5, 81)), np.linspace(20, 100, 81)])
-    there = [line[:20], line[60:], np.add(line, [9.0, 0.0])]
-    (start,) = found(drawn(there), [np.add(line[::16], [1.0, 0.0])]).starts
-    assert away(start.line[8:-8], line) < HALF_WIDTH
-
-
-def test_a_body_is_found_where_all_clicks_miss_it():
-    line = np.column_stack([45 + 4 * np.sin(np.linspace(0, 5, 81)), np.linspace(20, 100, 81)])
-    (start,) = found(drawn([line]), [np.add(line[::16], [9.0, 0.0])]).starts
+    there = [line[:20], line[60:], np.add(line, [9.0, 0.0])] if aside < HALF_WIDTH else [line]
+    (start,) = found(drawn(there), [np.add(line[::16], [aside, 0.0])]).starts
     assert away(start.line[8:-8], line) < HALF_WIDTH
 
 

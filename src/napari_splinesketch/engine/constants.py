@@ -106,7 +106,7 @@ STRIP_EXTRA_MOST = 0.6  # largest cost of a step beyond the ends before they are
 STRIP_SEEN = 0.4  # evidence above this speaks for a step, below against it
 MINIMAL_FLOOR = 0.2  # what a minimal path adds to the evidence, whose inverse a step costs
 NARROW_HW = 1.0  # a path along a clicked sketch is looked for within this of its line ...
-NARROW_PX = 1.0  # ... plus this
+NARROW_PX = 1.0  # ... plus this, and farther where nothing is clearly better than the sketch itself
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
 # a hollow body's path is within this of its clicked sketch, or a rim is nearer (geometry):

@@ -200,19 +200,23 @@ def _candidates(
             row[np.array(routes[i]) >> 1] = True
     clicked = scoring.clicked(sketch)
 
+    def with_paths_along(reach: float) -> tuple[list[Line], list[Line], Float[Array, "C F"]]:
+        own = strip.paths_along(evidence, sketch, half_width, reach, between_ends=len(sketch) == 2)
+        own += [sketch] * clicked
+        lines = spline.smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
+        return own, lines, _known(lines, sketch, half_width, evidence)
+
     reach = reach_of(sketch, half_width)
-    if clicked:
-        reach = min(const.NARROW_HW * half_width + const.NARROW_PX, reach)
-    own = strip.paths_along(evidence, sketch, half_width, reach, between_ends=len(sketch) == 2)
-    own += [sketch] * clicked
-    lines = spline.smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
-    known = _known(lines, sketch, half_width, evidence)
+    near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach)
+    own, lines, known = with_paths_along(near if clicked else reach)
+    if clicked and scoring.cost(known).min() > const.KEPT_SKETCH - const.CLEAR_MARGIN:
+        own, lines, known = with_paths_along(reach)
     cost = scoring.cost(known)
+    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
+    rungs = [rung] * len(lines)
     likely = lines[int(cost.argmin())]
     if clicked:
         cost[-1] = min(cost[-1], const.KEPT_SKETCH)
-    along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
-    rungs = [rung] * len(lines)
     for wide, line in hollow.middles(seen, sketch, rung, likely):
         more = _known([line], sketch, WIDTHS[wide], seen.evidence(wide))
         lines, rungs = [*lines, line], [*rungs, wide]
