@@ -3,7 +3,7 @@
 import json
 import shutil
 import sys
-from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from real_cases import (
     FRESH,
     RIGHT,
     Case,
-    Line,
     by_arc,
     in_folders,
     jittered,
@@ -27,7 +26,6 @@ from real_cases import (
     split_of,
 )
 
-from napari_splinesketch import Curve, refine
 from napari_splinesketch.engine.find import hollow
 
 PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
@@ -191,12 +189,9 @@ def test_about_a_third_is_held_out():
 
 
 def test_straight_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(monkeypatch):
-    figures = real_modes.hollow(refined, 8)
+    run = partial(real_modes._refine, preset="balanced")
+    figures = real_modes.hollow(run, 8)
     assert figures["good, %"] > 50
     assert figures["good beside another, %"] == 100
     monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
-    assert real_modes.hollow(refined, 1)["good, %"] < 30
-
-
-def refined(image: np.ndarray, sketches: Sequence[Line]) -> tuple[Curve, ...]:
-    return refine(image, sketches).curves
+    assert real_modes.hollow(run, 1)["good, %"] < 30
