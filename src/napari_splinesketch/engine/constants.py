@@ -106,7 +106,10 @@ STRIP_EXTRA_MOST = 0.6  # largest cost of a step beyond the ends before they are
 STRIP_SEEN = 0.4  # evidence above this speaks for a step, below against it
 MINIMAL_FLOOR = 0.2  # what a minimal path adds to the evidence, whose inverse a step costs
 NARROW_HW = 1.0  # a path along a clicked sketch is looked for within this of its line ...
-NARROW_PX = 1.0  # ... plus this, and farther where nothing is clearly better than the sketch itself
+NARROW_PX = 1.0  # ... plus this; where nothing is clearly better than the sketch itself, also one
+# farther away, if the sketch was moved off it as a whole: shifted and turned, its vertices miss it
+# by no more than this share of what is a hit (rms):
+MOVED_HITS = 0.67
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
 # a hollow body's path is within this of its clicked sketch, or a rim is nearer (geometry):
@@ -136,7 +139,7 @@ HIT_HW = 0.5  # a path within this of a vertex has hit it,
 HIT_PX = 1.5  # plus this,
 HIT_SHARE = 0.004  # plus this share of a clicked sketch's length: long bodies are seen from afar
 VERTICES_MOST = 12  # most vertices of a sketch that are compared (speed)
-SHAPE_COST = 1.5  # cost of a path whose shape is not that of an unclicked line ...
+SHAPE_COST = 2.5  # cost of a path whose shape is not that of an unclicked line ...
 SHAPE_HW = 0.5  # ... measured by how far its vertices stay off after the best shift and turn
 ENDS_COST = 2.0  # cost of a path that does not end where a line of two points does ...
 ENDS_SAMPLES = 4  # ... or where no body is seen at so many of its last points (speed)

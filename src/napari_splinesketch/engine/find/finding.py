@@ -182,35 +182,20 @@ def _candidates(
 ) -> Candidates:
     """Paths that one sketch may mean: of the graph, along the sketch, and a clicked one itself."""
     half_width, evidence = WIDTHS[rung], seen.evidence(rung)
-    tolerance = float(scoring.tolerance(sketch, half_width).min())
-    routes = list[paths.Route]()
-    if settings.traced:
-        reach = _reach(sketch, half_width)
-        routes = paths.routes_of_sketch(graph, unseen, sketch, half_width, reach, tolerance)
-    traced: list[Line] = []
-    along = np.zeros((0, len(graph.pieces)), dtype=bool)
-    if routes:
-        sampled, total = paths.sampled(graph, routes, const.SCORE_SAMPLES_ROUGH)
-        cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
-        best = np.argsort(cost, kind="stable")[: const.ROUTES_KEPT]
-        best = best[cost[best] < cost[best[0]] + const.PLAUSIBLE]
-        traced = [paths.polyline(graph, routes[i]) for i in best]
-        along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
-        for row, i in zip(along, best, strict=True):
-            row[np.array(routes[i]) >> 1] = True
-    clicked = scoring.clicked(sketch)
-
-    def with_paths_along(reach: float) -> tuple[list[Line], list[Line], Float[Array, "C F"]]:
-        own = strip.paths_along(evidence, sketch, half_width, reach, between_ends=len(sketch) == 2)
-        own += [sketch] * clicked
-        lines = spline.smoothed([*traced, *own], const.PATH_SMOOTH_HW * half_width)
-        return own, lines, _known(lines, sketch, half_width, evidence)
-
-    reach = reach_of(sketch, half_width)
-    near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach)
-    own, lines, known = with_paths_along(near if clicked else reach)
+    traced, along = _through_graph(graph, sketch, half_width, unseen, evidence, settings)
+    clicked, reach = scoring.clicked(sketch), reach_of(sketch, half_width)
+    near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach) if clicked else reach
+    own = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
+    own += [sketch] * clicked
+    smooth = const.PATH_SMOOTH_HW * half_width
+    lines = spline.smoothed([*traced, *own], smooth)
+    known = _known(lines, sketch, half_width, evidence)
     if clicked and scoring.cost(known).min() > const.KEPT_SKETCH - const.CLEAR_MARGIN:
-        own, lines, known = with_paths_along(reach)
+        far = spline.smoothed(strip.paths_along(evidence, sketch, half_width, reach), smooth)
+        if scoring.moved(sketch, far[0], half_width):
+            own = [*far, *own]
+            lines = [*lines[: len(traced)], *far, *lines[len(traced) :]]
+            known = _known(lines, sketch, half_width, evidence)
     cost = scoring.cost(known)
     along = np.concatenate([along, [_along(graph, [line], half_width) for line in own]])
     rungs = [rung] * len(lines)
@@ -238,6 +223,32 @@ def _candidates(
         tuple(rungs[i] for i in order),
         explains,
     )
+
+
+def _through_graph(
+    graph: TraceGraph,
+    sketch: Line,
+    half_width: float,
+    unseen: Float[Array, " E"],
+    evidence: Float[Array, "H W"],
+    settings: Settings,
+) -> tuple[list[Line], Bool[Array, "C E"]]:
+    """Paths through the graph that a sketch may mean, and which pieces each one runs along."""
+    routes = list[paths.Route]()
+    if settings.traced:
+        reach = _reach(sketch, half_width)
+        tolerance = float(scoring.tolerance(sketch, half_width).min())
+        routes = paths.routes_of_sketch(graph, unseen, sketch, half_width, reach, tolerance)
+    if not routes:
+        return [], np.zeros((0, len(graph.pieces)), dtype=bool)
+    sampled, total = paths.sampled(graph, routes, const.SCORE_SAMPLES_ROUGH)
+    cost = scoring.cost(scoring.features(sampled, total, sketch, half_width, evidence))
+    best = np.argsort(cost, kind="stable")[: const.ROUTES_KEPT]
+    best = best[cost[best] < cost[best[0]] + const.PLAUSIBLE]
+    along = np.zeros((len(best), len(graph.pieces)), dtype=bool)
+    for row, i in zip(along, best, strict=True):
+        row[np.array(routes[i]) >> 1] = True
+    return [paths.polyline(graph, routes[i]) for i in best], along
 
 
 def _known(

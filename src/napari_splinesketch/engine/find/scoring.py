@@ -26,6 +26,13 @@ def hit(half_width: float, clicked_length: float = 0.0) -> float:
     return const.HIT_HW * half_width + const.HIT_PX + const.HIT_SHARE * clicked_length
 
 
+def moved(sketch: Line, path: Line, half_width: float) -> bool:
+    """Whether a sketch has the shape of a path: it may have been moved off it as a whole."""
+    at = spline.resample(path, const.SCORE_SAMPLES).T[:, :, None]
+    near = hit(half_width, float(spline.arc_length(sketch)[-1]))
+    return bool(_reshaped(at, sketch)[0] < (const.MOVED_HITS * near) ** 2)
+
+
 def tolerance(
     sketch: Line, half_width: float, samples: int = const.SCORE_SAMPLES
 ) -> Float[Array, " S"]:
