@@ -1,8 +1,8 @@
 """The benchmark of images of other kinds: how many bodies are found, lost, marked and spoilt.
 
 python tests/benchmarks/real.py [--methods ...] [--images real|generated|all|fresh]
-    [--split tune|held|all] [--jitter | --straight] [--folder DIR ...] [--cases NAME ...]
-    [--rows FILE] [--fresh] [--gallery] [--page]
+    [--split tune|held|all] [--jitter | --straight | --freehand] [--folder DIR ...]
+    [--cases NAME ...] [--rows FILE] [--fresh] [--gallery] [--page]
 
 Stops and goes on case by case: rows of the same version of a method are kept.
 """
@@ -28,6 +28,7 @@ from real_cases import (
     RIGHT,
     ROOT,
     Case,
+    freehand,
     in_folders,
     jittered,
     split_of,
@@ -40,6 +41,8 @@ FRESH_ROWS = ROWS.with_name("fresh.csv")
 """Rows of the images that nothing was chosen on."""
 STRAIGHT_ROWS = ROWS.with_name("straight.csv")
 """Rows of sketches that are straight lines between both ends."""
+FREEHAND_ROWS = ROWS.with_name("freehand.csv")
+"""Rows of sketches that are drawn in one stroke."""
 
 
 def main() -> None:
@@ -82,14 +85,15 @@ def _document(options: argparse.Namespace) -> None:
         real_gallery.draw()
     if options.page and options.images != "fresh":
         real_page.write(list(read(options.rows)), list(in_folders(options.folder)))
-        real_page.write_straight(list(read(STRAIGHT_ROWS)))
+        real_page.write_lines("straight", list(read(STRAIGHT_ROWS)))
+        real_page.write_lines("freehand", list(read(FREEHAND_ROWS)))
         real_page.write_fresh(list(read(FRESH_ROWS)), list(in_folders(FRESH)))
     elif options.page:
         real_page.write_fresh(list(read(options.rows)), list(in_folders(options.folder)))
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[Case]:
-    """Cases that the options ask for, with right sketches or straight ones if asked for."""
+    """Cases that the options ask for, with right, straight or freehand sketches if asked for."""
 
     def wanted(name: str) -> bool:
         in_split = options.split in (split_of(name), "all")
@@ -100,8 +104,8 @@ def _chosen(options: argparse.Namespace) -> Iterator[Case]:
         cases += [case for case in in_folders(options.folder) if wanted(case.name)]
     if options.images in ("generated", "all"):
         cases += real_foreign.cases(wanted)
-    if options.straight:
-        return map(straightened, cases)
+    if options.straight or options.freehand:
+        return map(straightened if options.straight else freehand, cases)
     return map(jittered, cases) if options.jitter else iter(cases)
 
 
@@ -113,6 +117,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
     parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
     parser.add_argument("--straight", action="store_true", help="lines between both ends")
+    parser.add_argument("--freehand", action="store_true", help="lines drawn in one stroke")
     parser.add_argument("--folder", nargs="+", type=Path, help="of cases")
     parser.add_argument("--cases", nargs="+", default=[], help="only these")
     parser.add_argument("--rows", type=Path, help="where results are kept")
@@ -122,7 +127,8 @@ def _options() -> argparse.Namespace:
     options = parser.parse_args()
     fresh = options.images == "fresh"
     options.folder = options.folder or (FRESH if fresh else FOLDERS)
-    usual = STRAIGHT_ROWS if options.straight else FRESH_ROWS if fresh else ROWS
+    lines = STRAIGHT_ROWS if options.straight else FREEHAND_ROWS if options.freehand else None
+    usual = lines or (FRESH_ROWS if fresh else ROWS)
     options.rows = options.rows or usual
     return options
 

@@ -68,6 +68,9 @@ RIGHT = "right"
 STRAIGHT, ENDS_OFF = "straight", 0.5
 """Name of the set of straight lines between both ends, which are off by so many half-widths
 (standard deviation, row and column)."""
+FREEHAND, STROKE_OFF = "freehand", (1.0, 0.01)
+"""Name of the set of lines drawn in one stroke, which are off by so many px and by this share of
+their length (rms), smoothly over a sixth of it."""
 
 Line = Float[np.ndarray, "N 2"]
 Split = Literal["tune", "held"]
@@ -177,6 +180,20 @@ def straightened(case: Case) -> Case:
     off = ENDS_OFF * case.half_width
     lines = [line[[0, -1]] + rng.normal(0, off, (2, 2)) for line in case.references]
     return replace(case, sketches={STRAIGHT: tuple(lines)})
+
+
+def freehand(case: Case) -> Case:
+    """The same with lines drawn in one stroke: a point every 2 px."""
+    rng = np.random.default_rng(crc32(case.name.encode()))
+    return replace(case, sketches={FREEHAND: tuple(_stroke(x, rng) for x in case.references)})
+
+
+def _stroke(line: Line, rng: np.random.Generator) -> Line:
+    length = length_of(line)
+    points = by_arc(line, max(12, int(length / 2)))
+    off = ndimage.gaussian_filter1d(rng.normal(size=points.shape), len(points) / 6, axis=0)
+    off /= np.sqrt((off**2).sum(1).mean())
+    return points + (STROKE_OFF[0] + STROKE_OFF[1] * length) * off
 
 
 def jittered(case: Case) -> Case:

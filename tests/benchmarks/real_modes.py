@@ -20,7 +20,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import numpy as np
 from frames import spoil
-from real_cases import FOLDERS, ROOT, Case, Line, in_folders, straightened
+from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, straightened
 from real_foreign import LOOKS, NAME, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
 
@@ -188,28 +188,37 @@ def sizes(run: Refine, frames: int) -> Figures:
 
 
 def hollow(run: Refine, frames: int) -> Figures:
-    """Straight lines over hollow bodies, and over one of two bodies that run side by side."""
-    found, marked, beside = [], [], []
-    for number in range(FIRST, FIRST + max(1, frames // SCENES)):
-        for half_width in RIMS:
-            look = replace(LOOKS["hollow"], half_width=half_width)
-            for good, mark in _straight(run, scene(f"{NAME}{half_width}_{number}", "hollow", look)):
-                found.append(good)
-                marked += [mark] * (not good)
-    for seed in range(frames):
-        beside += [good for good, _ in _straight(run, pair(SEED + seed))]
-    return {
-        "bodies": len(found),
-        "good, %": _percent(found),
-        "others marked, %": _percent(marked),
-        "pairs": len(beside),
-        "good beside another, %": _percent(beside),
-    }
+    """Lines over hollow bodies, and over one of two bodies that run side by side.
+
+    They are straight from end to end, or drawn in one stroke.
+    """
+    figures: Figures = {}
+    pairs = [pair(SEED + seed) for seed in range(frames)]
+    scenes = [
+        scene(
+            f"{NAME}{half_width}_{number}",
+            "hollow",
+            replace(LOOKS["hollow"], half_width=half_width),
+        )
+        for number in range(FIRST, FIRST + max(1, frames // SCENES))
+        for half_width in RIMS
+    ]
+    for kind, sketched in (("straight", straightened), ("freehand", freehand)):
+        found = [one for case in scenes for one in _good(run, sketched(case))]
+        beside = [one for case in pairs for one in _good(run, sketched(case))]
+        figures |= {
+            f"{kind}: bodies": len(found),
+            f"{kind}: good, %": _percent([good for good, _ in found]),
+            f"{kind}: others marked, %": _percent([mark for good, mark in found if not good]),
+            f"{kind}: pairs": len(beside),
+            f"{kind}: good beside another, %": _percent([good for good, _ in beside]),
+        }
+    return figures
 
 
-def _straight(run: Refine, case: Case) -> list[tuple[bool, bool]]:
-    """Whether the curves of straight lines are good, and whether they are marked."""
-    ((_, sketches),) = straightened(case).sketches.items()
+def _good(run: Refine, case: Case) -> list[tuple[bool, bool]]:
+    """Whether the curves of a case with one set of sketches are good, and whether marked."""
+    (sketches,) = case.sketches.values()
     pairs = zip(run(case.image, sketches), case.references, strict=True)
     near = [(curve, shares(curve.points, of, curve.typical_half_width)) for curve, of in pairs]
     return [(verdict(*both) == "good", curve.status != "good") for curve, both in near]

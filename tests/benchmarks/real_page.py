@@ -31,9 +31,9 @@ def write(rows: Sequence[Row], cases: Sequence[Case]) -> None:
     chart(rows)
 
 
-def write_straight(rows: Sequence[Row]) -> None:
-    """Write the table of sketches that are straight lines."""
-    insert("straight", methods_table(rows), PAGE)
+def write_lines(kind: str, rows: Sequence[Row]) -> None:
+    """Write the table of sketches of one kind: straight lines, or lines drawn in one stroke."""
+    insert(kind, methods_table(rows), PAGE)
 
 
 def write_fresh(rows: Sequence[Row], cases: Sequence[Case]) -> None:

@@ -188,10 +188,11 @@ def test_about_a_third_is_held_out():
     assert 80 < sum(split_of(f"case {i}") == "held" for i in range(300)) < 120
 
 
-def test_straight_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(monkeypatch):
+def test_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(monkeypatch):
     run = partial(real_modes._refine, preset="balanced")
     figures = real_modes.hollow(run, 8)
-    assert figures["good, %"] > 50
-    assert figures["good beside another, %"] == 100
+    for kind in ("straight", "freehand"):
+        assert figures[f"{kind}: good, %"] > 50
+        assert figures[f"{kind}: good beside another, %"] == 100
     monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
-    assert real_modes.hollow(run, 1)["good, %"] < 30
+    assert real_modes.hollow(run, 1)["freehand: good, %"] < 30

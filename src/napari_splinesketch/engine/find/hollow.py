@@ -1,7 +1,7 @@
 """Hollow bodies: two ridges side by side that are the rims of one.
 
-A sketch that was clicked along the middle, or a straight line from end to end, may mean the middle;
-of a stroke nobody knows how well it was drawn, and two bodies side by side are more usual.
+A sketch that was clicked along the middle lies there. A line that was not clicked means the middle
+where it lies between the rims: two bodies side by side are more usual, and look the same.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring, strip
-from napari_splinesketch.engine.look.ridges import WIDTHS
+from napari_splinesketch.engine.look.ridges import WIDTHS, rung_of
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge_profile
 from napari_splinesketch.engine.types import Array
@@ -34,11 +34,8 @@ def middles(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[
     path
         (P, 2) what the sketch means if there is no hollow body: maybe one of its rims.
     """
-    found: Iterator[tuple[int, Line]] = iter(())
-    if scoring.clicked(sketch):
-        found = _around(seen, sketch, rung)
-    elif len(sketch) == 2:
-        found = _beside(seen, sketch, rung, path)
+    clicked = scoring.clicked(sketch)
+    found = _around(seen, sketch, rung) if clicked else _beside(seen, sketch, rung, path)
     for wide, line in found:
         line = spline.smoothed([line], const.PATH_SMOOTH_HW * WIDTHS[wide])[0]
         if _between_rims(seen.evidence(rung), line, WIDTHS[wide]):
@@ -64,14 +61,16 @@ def _around(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
 def _beside(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:
     """The path between a rim and a ridge that runs along all of it, at the same distance.
 
-    Where the ends of a straight line lie on the rim, there are two bodies instead.
+    Where the ends of a straight line lie on the rim, or a stroke does not lie on its other side,
+    there are two bodies instead.
     """
+    straight = len(sketch) == 2
     evidence, half_width = seen.evidence(rung), WIDTHS[rung]
     widest = const.WIDEST_SHARE * spline.arc_length(sketch)[-1]
     rim = spline.resample(path, const.SCORE_SAMPLES)[const.HOLLOW_ENDS : -const.HOLLOW_ENDS]
     away = np.arange(const.HOLLOW_APART_HW * half_width, 2 * widest, half_width / 2)
-    sides = [spline.across(evidence, rim, side * away).mean(0) for side in (1, -1)]
-    along = max(sides, key=lambda side: side.max(initial=0.0))
+    sides = [(side, spline.across(evidence, rim, side * away).mean(0)) for side in (1, -1)]
+    side, along = max(sides, key=lambda one: one[1].max(initial=0.0))
     high = along.max(initial=0.0)
     if high < const.HOLLOW_SEEN:
         return
@@ -79,13 +78,15 @@ def _beside(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[
     lower = np.append(along[first:] < const.WIDTH_ENOUGH * high, True)
     middle = float(away[first:][: int(lower.argmax())].mean()) / 2
     at = np.linalg.norm(sketch[:, None] - rim, axis=2).argmin(1)
-    off = ((sketch - rim[at]) * spline.normals(rim)[at]).sum(1)
-    if np.sqrt(np.mean(off**2)) < max(middle / 2, scoring.hit(half_width)):
+    off = side * ((sketch - rim[at]) * spline.normals(rim)[at]).sum(1)
+    # The path between two ends may pass from rim to rim; one along a stroke seldom does.
+    usual = np.sqrt(np.mean(off**2)) if straight else np.median(off)
+    if usual < max(middle / 2, scoring.hit(half_width)):
         return
-    wide = int(np.abs(np.log(np.array(WIDTHS) / (middle + half_width))).argmin())
+    wide = rung_of(middle + half_width)
     inside = seen.evidence(wide) * (1 - evidence)
     reach = reach_of(sketch, WIDTHS[wide])
-    yield wide, strip.paths_along(inside, sketch, WIDTHS[wide], reach, between_ends=True)[1]
+    yield wide, strip.paths_along(inside, sketch, WIDTHS[wide], reach, between_ends=straight)[-1]
 
 
 def _between_rims(evidence: Float[Array, "H W"], path: Line, half_width: float) -> bool:

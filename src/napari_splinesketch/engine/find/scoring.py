@@ -166,8 +166,8 @@ def _ends_missed(
 def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
     """(C,) mean square by which vertices of a sketch miss paths, if it is moved as a whole, px².
 
-    It is moved and turned. A vertex lies as far along the path as along the sketch; two vertices
-    have no shape.
+    It is moved, turned and scaled. A vertex lies as far along the path as along the sketch; two
+    vertices have no shape.
     """
     if len(sketch) < 3:
         return np.zeros(at.shape[2])
@@ -181,7 +181,8 @@ def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
     drawn = sketch[few] @ [1, 1j]
     path, drawn = path - path.mean(0), drawn - drawn.mean()
     turn = drawn.conj() @ path
-    turn /= np.abs(turn) + 1e-9
+    size = np.abs(turn) / ((np.abs(drawn) ** 2).sum() + 1e-9)
+    turn *= np.clip(size, 1 / const.SHAPE_SIZE, const.SHAPE_SIZE) / (np.abs(turn) + 1e-9)
     return (np.abs(path - drawn[:, None] * turn) ** 2).mean(0)
 
 

@@ -13,7 +13,7 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.joining import joined
 from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
-from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
 from napari_splinesketch.engine.types import Array, Polarity
@@ -128,7 +128,7 @@ def prepare(
     )
     rungs = range(most)
     if half_width is not None:
-        rungs = [int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())]
+        rungs = [rung_of(half_width)]
     signs = {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
     found = [_apart(_traced_at(ridges, valid, sign, rungs), image.shape) for sign in signs]
     total = [sum(one.strength * one.length for one in lines) for lines in found]

@@ -15,6 +15,11 @@ WIDTHS = tuple((0.8 * const.WIDTH_RATIO ** np.arange(14)).tolist())
 """Half-widths that are tried, px: 0.8 to 40."""
 
 
+def rung_of(half_width: float) -> int:
+    """Index in WIDTHS of the nearest half-width, by their ratio."""
+    return int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())
+
+
 class Ridges:
     """The ridges of an image, of any width and of both polarities, measured when asked for.
 

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import Kind, estimate_background
-from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.sketched import Around, look_around
 from napari_splinesketch.engine.types import Array, Polarity
 
@@ -153,7 +153,7 @@ def _rungs(around: list[Around], given: float | None) -> tuple[tuple[int, ...], 
     own = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
     if given is None:
         return own, None
-    rung = int(np.abs(np.log(np.array(WIDTHS) / given)).argmin())
+    rung = rung_of(given)
     shares = [a.profile[rung] / max(a.profile) for a in around if rung < len(a.profile)]
     if shares and np.median(shares) > const.GIVEN_WIDTH_RIDGE:
         return (rung,) * len(around), None
