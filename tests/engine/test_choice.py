@@ -225,6 +225,8 @@ def test_a_line_that_was_moved_as_a_whole_keeps_its_shape():
     sketch = spline.resample(np.column_stack([8 * np.sin(along / 12), along]), 41)
     moved = turned(sketch, 25.0) + np.array([6.0, -3.0])
     assert scoring._reshaped(moved.T[:, :, None], sketch) < 0.01
+    large = 1.5 * moved.T[:, :, None]
+    assert scoring._reshaped(large, sketch, 2.0) < 0.01 < scoring._reshaped(large, sketch)
     straight = spline.resample(moved[[0, -1]], 41)
     assert scoring._reshaped(straight.T[:, :, None], sketch) > HALF_WIDTH**2
     assert scoring._reshaped(sketch.T[:, :, None], straight[[0, -1]]) == 0
@@ -266,6 +268,23 @@ def test_a_path_leaves_a_clicked_sketch_only_where_nothing_is_seen_near_it(monke
     there = [line[:20], line[60:], np.add(line, [9.0, 0.0])] if aside < HALF_WIDTH else [line]
     (start,) = found(drawn(there), [np.add(line[::16], [aside, 0.0])]).starts
     assert away(start.line[8:-8], line) < HALF_WIDTH
+
+
+def test_a_clicked_sketch_is_not_left_for_a_body_of_another_shape(monkeypatch):
+    """Its own body is in the dark, and beside it runs one that is not."""
+    monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
+    along, wave = np.linspace(20, 100, 81), np.sin(np.linspace(0, 5, 81))
+    line, other = (np.column_stack([row, along]) for row in (45 + 4 * wave, 53 - 2 * wave))
+    (start,) = found(drawn([other]), [line[::16]]).starts
+    assert away(start.line, line) < HALF_WIDTH
+
+
+@pytest.mark.parametrize("seed", [5, 6, 9])
+def test_a_line_drawn_too_short_still_means_the_whole_body(seed):
+    made = synthetic.scene(seed, bodies=2)
+    sketches = [synthetic.scale(line, 0.6) for line in made.centrelines]
+    for curve, line in zip(refine(made.image, sketches).curves, made.centrelines, strict=True):
+        assert average_dtw(curve.points, line) < 2
 
 
 def test_a_straight_line_means_the_part_between_its_ends():

@@ -132,7 +132,8 @@ def _missed(
         least[k] = ((below - part * down) ** 2 + (aside - part * across) ** 2).min(0)
     inside = (~tips).sum(0)
     if not clicked(sketch):
-        unlike = 1 - np.exp(-0.5 * _reshaped(at, sketch) / (const.SHAPE_HW * half_width) ** 2)
+        off = _reshaped(at, sketch, const.SHAPE_SIZE)
+        unlike = 1 - np.exp(-0.5 * off / (const.SHAPE_HW * half_width) ** 2)
         close = 0.5 * np.log1p(least.mean(0) / hit(half_width) ** 2)
         return const.GOES_ON * inside + close + const.SHAPE_COST * unlike
     length = spline.arc_length(sketch)[-1]
@@ -163,11 +164,11 @@ def _ends_missed(
     return (1 - np.where(tips, near, const.ENDS_GO_ON * near)).mean(0)
 
 
-def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
+def _reshaped(at: Float[Array, "2 S C"], sketch: Line, resized: float = 1.0) -> Float[Array, " C"]:
     """(C,) mean square by which vertices of a sketch miss paths, if it is moved as a whole, px².
 
-    It is moved, turned and scaled. A vertex lies as far along the path as along the sketch; two
-    vertices have no shape.
+    It is moved, turned, and scaled by up to the factor `resized`. A vertex lies as far along the
+    path as along the sketch; two vertices have no shape.
     """
     if len(sketch) < 3:
         return np.zeros(at.shape[2])
@@ -182,7 +183,7 @@ def _reshaped(at: Float[Array, "2 S C"], sketch: Line) -> Float[Array, " C"]:
     path, drawn = path - path.mean(0), drawn - drawn.mean()
     turn = drawn.conj() @ path
     size = np.abs(turn) / ((np.abs(drawn) ** 2).sum() + 1e-9)
-    turn *= np.clip(size, 1 / const.SHAPE_SIZE, const.SHAPE_SIZE) / (np.abs(turn) + 1e-9)
+    turn *= np.clip(size, 1 / resized, resized) / (np.abs(turn) + 1e-9)
     return (np.abs(path - drawn[:, None] * turn) ** 2).mean(0)
 
 
