@@ -39,10 +39,8 @@ from real_judge import Row, shares, summary, verdict
 ROWS = ROOT / "docs" / "benchmarks" / "real.csv"
 FRESH_ROWS = ROWS.with_name("fresh.csv")
 """Rows of the images that nothing was chosen on."""
-STRAIGHT_ROWS = ROWS.with_name("straight.csv")
-"""Rows of sketches that are straight lines between both ends."""
-FREEHAND_ROWS = ROWS.with_name("freehand.csv")
-"""Rows of sketches that are drawn in one stroke."""
+LINES = {"straight": straightened, "freehand": freehand}
+"""Sets of sketches that are not clicked; the rows of each are in a file of its own."""
 
 
 def main() -> None:
@@ -85,8 +83,8 @@ def _document(options: argparse.Namespace) -> None:
         real_gallery.draw()
     if options.page and options.images != "fresh":
         real_page.write(list(read(options.rows)), list(in_folders(options.folder)))
-        real_page.write_lines("straight", list(read(STRAIGHT_ROWS)))
-        real_page.write_lines("freehand", list(read(FREEHAND_ROWS)))
+        for lines in LINES:
+            real_page.write_lines(lines, list(read(_rows_of(lines))))
         real_page.write_fresh(list(read(FRESH_ROWS)), list(in_folders(FRESH)))
     elif options.page:
         real_page.write_fresh(list(read(options.rows)), list(in_folders(options.folder)))
@@ -104,8 +102,8 @@ def _chosen(options: argparse.Namespace) -> Iterator[Case]:
         cases += [case for case in in_folders(options.folder) if wanted(case.name)]
     if options.images in ("generated", "all"):
         cases += real_foreign.cases(wanted)
-    if options.straight or options.freehand:
-        return map(straightened if options.straight else freehand, cases)
+    if options.lines:
+        return map(LINES[options.lines], cases)
     return map(jittered, cases) if options.jitter else iter(cases)
 
 
@@ -116,8 +114,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--images", default="real", choices=("real", "generated", "all", "fresh"))
     parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
     parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
-    parser.add_argument("--straight", action="store_true", help="lines between both ends")
-    parser.add_argument("--freehand", action="store_true", help="lines drawn in one stroke")
+    for lines, what in (("straight", "lines between both ends"), ("freehand", "strokes")):
+        parser.add_argument(
+            f"--{lines}", action="store_const", dest="lines", const=lines, help=what
+        )
     parser.add_argument("--folder", nargs="+", type=Path, help="of cases")
     parser.add_argument("--cases", nargs="+", default=[], help="only these")
     parser.add_argument("--rows", type=Path, help="where results are kept")
@@ -127,10 +127,13 @@ def _options() -> argparse.Namespace:
     options = parser.parse_args()
     fresh = options.images == "fresh"
     options.folder = options.folder or (FRESH if fresh else FOLDERS)
-    lines = STRAIGHT_ROWS if options.straight else FREEHAND_ROWS if options.freehand else None
-    usual = lines or (FRESH_ROWS if fresh else ROWS)
-    options.rows = options.rows or usual
+    usual = FRESH_ROWS if fresh else ROWS
+    options.rows = options.rows or (_rows_of(options.lines) if options.lines else usual)
     return options
+
+
+def _rows_of(lines: str) -> Path:
+    return ROWS.with_name(f"{lines}.csv")
 
 
 def measure(method: str, version: str, case: Case, drawn: str) -> list[Row]:
