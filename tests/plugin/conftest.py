@@ -1,5 +1,6 @@
 """A real window with the dock."""
 
+import gc
 from collections.abc import Iterator
 from typing import Any
 
@@ -36,6 +37,13 @@ def short_rests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for what comes next, not for the clock."""
     for (module, name), rest in RESTS_MS.items():
         monkeypatch.setattr(module, name, rest)
+
+
+@pytest.fixture(autouse=True)
+def imports_left_out(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave what was imported out of every search for garbage, except with mark "garbage"."""
+    if not request.node.get_closest_marker("garbage"):
+        monkeypatch.setattr(gc, "unfreeze", lambda: None)
 
 
 @pytest.fixture

@@ -462,6 +462,7 @@ def test_text_can_be_read_in_both_themes(viewer: Any, dock: SplinesketchDock, th
     assert max(grey) - min(grey) > 100
 
 
+@pytest.mark.garbage
 def test_garbage_is_looked_for_among_what_is_new_until_a_layer_goes(
     viewer: Any, fake: FakeEngine
 ) -> None:
