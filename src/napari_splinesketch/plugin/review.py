@@ -103,8 +103,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Bring the rows in order; resets the model only where other curves are shown."""
         (column, order), (records, shown, frame) = self._by, self._asked
         rows = [record for record in records if SHOWN[shown](record, frame)]
-        key = COLUMNS[column].key(self.ruler, self.curve_at)
-        rows.sort(key=key, reverse=order == Qt.SortOrder.DescendingOrder)
+        reverse, rank = order == Qt.SortOrder.DescendingOrder, COLUMNS[column].rank
+        rows.sort(key=lambda record: rank(record, self.ruler, self.curve_at), reverse=reverse)
         if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
