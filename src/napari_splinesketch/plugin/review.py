@@ -25,7 +25,6 @@ from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
-NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time come in pairs
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
@@ -271,13 +270,3 @@ class ReviewPanel(qt.QWidget):
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
         self.model.show(c.records(), c.ruler, shown, c.frame)
-
-
-def open_panel(controller: Controller, window: Any) -> ReviewPanel:
-    """Show the panel below the canvas of a napari window."""
-    panel = ReviewPanel(controller)
-    # The docks at the right keep their height: the panel goes below the canvas alone.
-    corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
-    window._qt_window.setCorner(corner, area)
-    window.add_dock_widget(panel, name=NAME, area="bottom")
-    return panel
