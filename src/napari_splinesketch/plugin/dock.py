@@ -183,8 +183,6 @@ class SplinesketchDock(qt.QWidget):
         window.add_dock_widget(self.panel, name="Curves", area="bottom")
 
     def _on_panel_closed(self) -> None:
-        if self.panel is not None:
-            self.panel.deleteLater()
         self.panel = None
         self.review.setChecked(False)
         self._show_results()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from superqt.utils import qdebounced
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
+from napari_splinesketch.plugin.commands import edited
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
@@ -137,7 +137,7 @@ class KnotEditing:
             return
         knots = np.array(layer.data[:, -2:], dtype=float)
         if FEWEST <= len(knots) <= len(record.curve.knots):
-            fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
+            fresh = edited(record, moved(record.curve, knots))
             c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
             c.tell(HELP, "none")
         else:

@@ -216,6 +216,7 @@ class ReviewPanel(qt.QWidget):
             self._end()
             self.controller.order = worst_first
             self.closed.emit()
+            self.deleteLater()
 
     def sizeHint(self) -> QtCore.QSize:
         """Prefer little height."""
