@@ -134,12 +134,12 @@ class SplinesketchDock(qt.QWidget):
 
     def _connect(self) -> None:
         controller, c = self.controller, self.controller.changes
-        changed = c.layers, c.lines, c.curves, c.mode, c.busy, c.settings
         listeners: dict[Callable[[], None], tuple[Any, ...]] = {
             self.image.show_state: (c.layers,),
             self.sketches.show_state: (c.layers,),
-            self._show_commands: changed,
-            self._show_results: (*changed, c.selection, c.shown),  # after the commands
+            self._show_commands: (c.layers, c.lines, c.curves, c.mode, c.busy, c.settings),
+            self._show_selected: (c.selection,),
+            self._show_results: (c.layers, c.lines, c.curves, c.shown, c.settings),
             self._show_running: (c.busy, c.progress, c.said),
             self._show_saved: (c.layers, c.settings, self.saver.found),
             self.settings_form.show_state: (c.layers, c.settings),
@@ -222,15 +222,18 @@ class SplinesketchDock(qt.QWidget):
         tip = "Write the curves of all frames to a file: a table, or another format"
         self.export.allow("Something is running" if running else nothing, tip)
         self._to_do = words.to_do(controller.request())  # a plan of all lines: once a change
+        self._show_selected()
+
+    def _show_selected(self) -> None:
+        controller, chosen = self.controller, self.controller.selected_records()
+        self.curve.show_state(words.selected(chosen, controller.frame))
+        self.track.show_state()
+        said = words.doubts(chosen) or self._to_do
+        self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
 
     def _show_results(self) -> None:
         controller, frame = self.controller, self.controller.frame
         records, here = controller.records(), controller.records(frame)
-        chosen = controller.selected_records()
-        self.curve.show_state(words.selected(chosen, frame))
-        self.track.show_state()
-        said = words.doubts(chosen) or self._to_do
-        self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
         self.results.say(words.summary(here))
         notes = controller.state.notes.get(frame, ()) if here else ()
         self.notes.setVisible(bool(notes))
