@@ -13,7 +13,7 @@ from napari_splinesketch.plugin.columns import COLOURED, COLUMNS
 from napari_splinesketch.plugin.commands import COMMANDS
 
 COLUMN = """
-    Column("knots", "Knots", "How many lead it", _said(lambda r: len(r.curve.knots)), "number",
+    Column("knots", "Knots", "How many lead it", lambda r, *_: len(r.curve.knots), "number",
            colour="number of knots"),
     Column("locked","""
 COMMAND = """

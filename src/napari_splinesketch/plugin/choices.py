@@ -166,8 +166,7 @@ def save(settings: Settings) -> None:
     """Let napari keep what was chosen, but for the keys, which are chosen there."""
     for name, group in _groups().items():
         for each in type(group).model_fields if name != KEYS else ():
-            if getattr(group, each) != getattr(settings, each):
-                setattr(group, each, getattr(settings, each))
+            setattr(group, each, getattr(settings, each))
 
 
 def on_change(call: Callable[[], None]) -> Callable[[], None]:

@@ -43,18 +43,10 @@ class Column:
         value = self.said(record) if self.said else self.value(record, ruler, curve_at)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def key(self, ruler: Ruler, curve_at: CurveAt) -> Callable[[Record], Any]:
-        """Give what the table sorts records by; what is not known comes first."""
-
-        def key(record: Record) -> Any:
-            value = self.value(record, ruler, curve_at)
-            return -math.inf if isinstance(value, float) and math.isnan(value) else value
-
-        return self.order or key
-
-
-def _said(find: Callable[[Record], Any]) -> Value:
-    return lambda record, ruler, curve_at: find(record)
+    def rank(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
+        """Give what the table sorts a record by; what is not known comes first."""
+        value = self.order(record) if self.order else self.value(record, ruler, curve_at)
+        return -math.inf if isinstance(value, float) and math.isnan(value) else value
 
 
 @once
@@ -86,18 +78,18 @@ def three_digits(value: float) -> str:
 
 
 COLUMNS = (
-    Column("id", "Curve", "Number of the curve", _said(lambda r: r.id), "number", width="■ 0000"),
-    Column("frame", "Frame", "Its frame", _said(lambda r: r.frame), "number", width="0000"),
+    Column("id", "Curve", "Number of the curve", lambda r, *_: r.id, "number", width="■ 0000"),
+    Column("frame", "Frame", "Its frame", lambda r, *_: r.frame, "number", width="0000"),
     Column("reasons", "Reasons", "Why it needs review",
-           _said(lambda r: "; ".join(r.curve.reasons)), width="0" * 34),
+           lambda r, *_: "; ".join(r.curve.reasons), width="0" * 34),
     Column("status", "Status",
            "The result of the refinement; sorted by it, the worst come first:\n"
            "failed, to check, then by residual and standard error",
-           _said(lambda r: str(r.curve.status)),
+           lambda r, *_: str(r.curve.status),
            said=lambda r: f"{STATUS_WORDS[r.curve.status]} {MARKS[r.curve.status]}".rstrip(),
            order=lambda r: severity(r.curve),
            width="to check ?", colour="status"),
-    Column("review", "Reviewed", "Your verdict", _said(lambda r: str(r.review)),
+    Column("review", "Reviewed", "Your verdict", lambda r, *_: str(r.review),
            said=lambda r: REVIEWS[r.review], width="✓ accepted"),
     Column("length", "Length (%)", "Arc length of the centreline",
            _measured(lambda c, ruler: ruler.along(c.points)[-1]), "length", colour="length"),
@@ -110,12 +102,12 @@ COLUMNS = (
            _measured(lambda c, ruler: np.median(ruler.across(c, c.sd))), "length",
            colour="standard error"),
     Column("residual", "Residual", "Image minus model around it, as a share of its contrast",
-           _said(lambda r: r.curve.residual), "number", colour="residual"),
+           lambda r, *_: r.curve.residual, "number", colour="residual"),
     Column("curvature", "Curvature (1/%)", "Mean size of the centreline's curvature",
            _measured(lambda c, ruler: mean_curvature(c.points * ruler.scale)), "number"),
     Column("speed", "Speed (%/frame)",
            "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
-    Column("locked", "", "Whether it stays as it is", _said(lambda r: r.locked)),
+    Column("locked", "", "Whether it stays as it is", lambda r, *_: r.locked),
 )  # fmt: skip
 COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
 """What the colour of a curve may say."""

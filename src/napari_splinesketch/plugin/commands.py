@@ -53,20 +53,20 @@ def _split(c: Controller, record: Record) -> list[Record]:
     first, rest = editing.split(record.curve, at)
     number, place = c.state.last + 1, record.frame
     other = Record(number, place, rest.points, rest, drawn=False, edited=True)
-    return [_edited(record, first), other]
+    return [edited(record, first), other]
 
 
 def _join(c: Controller, first: Record, second: Record) -> list[Record]:
     if first.frame != second.frame:
         raise ValueError("Select two curves of this frame to join.")
-    return [_edited(first, editing.joined(first.curve, second.curve))]
+    return [edited(first, editing.joined(first.curve, second.curve))]
 
 
 def _extend(c: Controller, record: Record) -> list[Record]:
     curve = record.curve
     apart = np.linalg.norm(curve.points[[0, -1]] - _place(c), axis=1)
     longer = editing.extended(curve, bool(apart[1] <= apart[0]), editing.body_width(curve))
-    return [_edited(record, longer)]
+    return [edited(record, longer)]
 
 
 def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controller], bool]:
@@ -139,7 +139,7 @@ def go_to(controller: Controller, key: Key) -> None:
         look_at(controller.viewer, image, record.frame, record.curve.points)
 
 
-def _edited(record: Record, curve: Curve) -> Record:
+def edited(record: Record, curve: Curve) -> Record:
     """Put a changed curve into a record; what was said of the old one no longer holds."""
     return replace(record, curve=curve, edited=True, review="open")
 

@@ -68,8 +68,9 @@ class SplinesketchDock(qt.QWidget):
 
     def _build(self) -> None:
         controller, actions = self.controller, self.controller.actions
-        self.image = ui.LayerChoice(controller, Image)
-        self.sketches = ui.LayerChoice(controller, Shapes)
+        self.image = ui.LayerChoice(controller, Image, "Image", "The image that the bodies are in")
+        tip = "The Shapes layer with your rough lines; it is never changed"
+        self.sketches = ui.LayerChoice(controller, Shapes, "Sketches", tip)
         self.draw = ui.CommandButton(actions, "draw", controller.draw)
         self.suggest = ui.CommandButton(actions, "suggest")
         self.sensitivity = ui.Sensitivity(controller.suggestions)
@@ -167,18 +168,21 @@ class SplinesketchDock(qt.QWidget):
             self.close_work()
 
     def _show_or_hide_panel(self) -> None:
+        window: Any = self._viewer.window
         if self.panel is not None:
-            self._viewer.window.remove_dock_widget(self.panel)
+            window.remove_dock_widget(self.panel)
             return
         # Plots take 0.4 s to import: not before they are wanted.
-        from napari_splinesketch.plugin.review import open_panel
+        from napari_splinesketch.plugin.review import ReviewPanel
 
-        self.panel = open_panel(self.controller, self._viewer.window)
+        self.panel = ReviewPanel(self.controller)
         self.panel.closed.connect(self._on_panel_closed)
+        # The docks at the right keep their height: the panel goes below the canvas alone.
+        corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
+        window._qt_window.setCorner(corner, area)
+        window.add_dock_widget(self.panel, name="Curves", area="bottom")
 
     def _on_panel_closed(self) -> None:
-        if self.panel is not None:
-            self.panel.deleteLater()
         self.panel = None
         self.review.setChecked(False)
         self._show_results()

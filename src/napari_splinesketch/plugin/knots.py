@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from napari.layers import Points
 from napari.layers.base import ActionType
-from qtpy.QtCore import QTimer
+from superqt.utils import qdebounced
 
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
+from napari_splinesketch.plugin.commands import edited
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
@@ -38,7 +38,9 @@ class KnotEditing:
         self.number, self._key = record.id, key_of(record)
         self._step = f"Move knots of curve {record.id}"
         self._controller, self._work, self._before = controller, work, work.state
-        self._active, self._dropped = layers.selection.active, False
+        self._active = layers.selection.active
+        # Later: napari is still busy with the edit that it tells of.
+        self._soon = qdebounced(self._take, 0)
         maker = Maker(Points, f"knots of curve {record.id}", lambda work: [object()], self._made)
         self._slot = Slot("knots", maker, work)
         next(self._slot.update())
@@ -65,7 +67,7 @@ class KnotEditing:
     def close(self) -> None:
         """Show the knots no longer; the curve stays as they are."""
         controller, layers = self._controller, self._controller.viewer.layers
-        self._take()
+        self._soon.flush(restart_timer=False)
         if controller.knots is not self:
             return
         controller.knots = None
@@ -85,7 +87,8 @@ class KnotEditing:
 
     def discard(self) -> None:
         """Leave the curve as it was; what was done with its knots cannot be redone either."""
-        history, self._dropped = self._work.history, False
+        history = self._work.history
+        self._soon.cancel()
         while history.done == self._step and history.value is not self._before:
             history.undo()
         if history.undone == self._step:
@@ -126,18 +129,15 @@ class KnotEditing:
 
     def _on_data(self, event: Any) -> None:
         if event.action in DONE:
-            self._dropped = True
-            # Later: napari is still busy with the edit that it tells of.
-            QTimer.singleShot(0, self._take)
+            self._soon()
 
     def _take(self) -> None:
         c, layer, record = self._controller, self._slot.layer, self._record
-        dropped, self._dropped = self._dropped, False
-        if not dropped or c.knots is not self or layer is None or record is None:
+        if c.knots is not self or layer is None or record is None:
             return
         knots = np.array(layer.data[:, -2:], dtype=float)
         if FEWEST <= len(knots) <= len(record.curve.knots):
-            fresh = replace(record, curve=moved(record.curve, knots), edited=True, review="open")
+            fresh = edited(record, moved(record.curve, knots))
             c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
             c.tell(HELP, "none")
         else:

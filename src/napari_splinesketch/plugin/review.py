@@ -25,7 +25,6 @@ from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
-NAME = "Curves"
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time come in pairs
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
 HEIGHT = 210  # preferred, px: leaves most of a laptop's window to the canvas
@@ -103,8 +102,8 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Bring the rows in order; resets the model only where other curves are shown."""
         (column, order), (records, shown, frame) = self._by, self._asked
         rows = [record for record in records if SHOWN[shown](record, frame)]
-        key = COLUMNS[column].key(self.ruler, self.curve_at)
-        rows.sort(key=key, reverse=order == Qt.SortOrder.DescendingOrder)
+        reverse, rank = order == Qt.SortOrder.DescendingOrder, COLUMNS[column].rank
+        rows.sort(key=lambda record: rank(record, self.ruler, self.curve_at), reverse=reverse)
         if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
@@ -217,6 +216,7 @@ class ReviewPanel(qt.QWidget):
             self._end()
             self.controller.order = worst_first
             self.closed.emit()
+            self.deleteLater()
 
     def sizeHint(self) -> QtCore.QSize:
         """Prefer little height."""
@@ -271,13 +271,3 @@ class ReviewPanel(qt.QWidget):
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
         self.model.show(c.records(), c.ruler, shown, c.frame)
-
-
-def open_panel(controller: Controller, window: Any) -> ReviewPanel:
-    """Show the panel below the canvas of a napari window."""
-    panel = ReviewPanel(controller)
-    # The docks at the right keep their height: the panel goes below the canvas alone.
-    corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
-    window._qt_window.setCorner(corner, area)
-    window.add_dock_widget(panel, name=NAME, area="bottom")
-    return panel

@@ -6,7 +6,7 @@ from typing import Any
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
-from napari.layers import Image, Layer, Shapes
+from napari.layers import Layer, Shapes
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
@@ -23,10 +23,6 @@ NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
-CHOSEN: dict[type[Layer], tuple[str, str]] = {
-    Image: ("Image", "The image that the bodies are in"),
-    Shapes: ("Sketches", "The Shapes layer with your rough lines; it is never changed"),
-}
 APART = ("preset", "colour_by")
 DECIMALS = 3  # of half-widths
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
@@ -194,9 +190,9 @@ class Column(qt.QScrollArea):
 class LayerChoice(qt.QComboBox):
     """A choice of the image, or of the sketches, which may be a new layer."""
 
-    def __init__(self, controller: Controller, kind: type[Layer]):
+    def __init__(self, controller: Controller, kind: type[Layer], label: str, tip: str):
         super().__init__()
-        self.native, (self.label, self._tip) = self, CHOSEN[kind]
+        self.native, self.label, self._tip = self, label, tip
         self.choices: list[Layer | None] = []
         self._controller, self._kind = controller, kind
         self.setSizePolicy(qt.QSizePolicy.Policy.Ignored, qt.QSizePolicy.Policy.Fixed)
