@@ -14,6 +14,7 @@ from jaxtyping import Float, Int, Real
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
@@ -43,13 +44,10 @@ class Ruler:
 
     def along(self, points: Line) -> Float[np.ndarray, " P"]:
         """Distance from the first point along a line of (row, col), px, in the unit."""
-        steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return arc_length(points * self.scale)
 
     def across(self, curve: Curve, values: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """Turn distances from a curve, px, into the unit, whichever way it runs."""
-        if self.scale[0] == self.scale[1]:
-            return values * self.scale[0]
         return values * width_growth(curve.points, self.scale)
 
 
