@@ -49,7 +49,7 @@ class Plan:
 def make_plan(
     state: State,
     frame: int,
-    lines: Sequence[Line],
+    drawn: Drawn,
     scope: Scope,
     chosen: Collection[int] = (),
     selection: Collection[Key] = (),
@@ -60,7 +60,7 @@ def make_plan(
     the user has accepted or locked never moves; what she rejected or deleted is left alone until
     she changes its line or selects it: by its position among the `chosen`, or its curve.
     """
-    here = [record for record in state.records if record.frame == frame]
+    lines, here = drawn.lines, [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]
     by_id = {record.id: record for record in (*gone, *here)}
     deleted = {record.id for record in gone} - {record.id for record in here}
@@ -87,7 +87,8 @@ def make_plan(
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in moving])
-    return Plan(scope, tuple(targets), fixed, decided, orphans, len(lined & deleted - moving))
+    left_out = len(lined & deleted - moving)
+    return Plan(scope, tuple(targets), fixed, decided, orphans, left_out, frame, drawn)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -162,8 +163,7 @@ def request(c: "Controller", scope: Scope = "new") -> Plan:
         if not chosen:
             return Plan(scope, frame=frame, drawn=drawn, problem=words.NO_LINE)
     asked = () if scope == "new" else selection
-    plan = c.plan(drawn, c.state, frame, scope, chosen, asked)
-    plan = replace(plan, frame=frame, drawn=drawn)
+    plan = c.plan(c.state, frame, drawn, scope, chosen, asked)
     if plan.targets:
         return plan
     return replace(plan, problem=words.nothing(plan, bool(c.records(frame)), layer.name))
