@@ -46,7 +46,7 @@ class Suggestions:
         image, layer = c.choices.image, c.choices.sketches
         if image is None:
             return
-        work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image, now=False))
+        work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image))
         frame = c.frame
         # Drawn by hand or refined: these bodies need no suggestion.
         left = work.state.suggested(frame, ()).suggestions
