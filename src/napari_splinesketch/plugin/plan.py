@@ -4,13 +4,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import model, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
 from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import Key, Line, Record, State
+from napari_splinesketch.tracking.drift import distance
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -102,9 +101,7 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
 
 def _as_known(line: Line, known: Record) -> Line:
     """Let a line run as its curve does, which the user may have turned."""
-    ends = known.curve.points[[0, -1]]
-    ways = line, line[::-1]
-    return min(ways, key=lambda way: np.linalg.norm(ends - way[[0, -1]], axis=1).sum())
+    return min((line, line[::-1]), key=lambda way: distance(way, known.curve.points))
 
 
 def _matched(
