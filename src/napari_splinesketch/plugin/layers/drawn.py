@@ -72,7 +72,7 @@ def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
     """Add an empty layer that lies on the image, ready for drawing."""
     layer = empty_layer(image, image.name + SUFFIX)
     viewer.layers.append(layer)
-    begin_drawing(layer)
+    begin_drawing(layer, viewer)
     return layer
 
 
@@ -87,10 +87,9 @@ def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     return layer
 
 
-def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
+def begin_drawing(layer: Shapes, viewer: ViewerModel) -> None:
     """Let the user draw lines into a layer, with the tool that was used there last."""
-    if viewer is not None:
-        viewer.layers.selection.active = layer
+    viewer.layers.selection.active = layer
     if not layer.visible:
         layer.visible = True
     if not layer.mode.startswith("add"):
@@ -132,12 +131,9 @@ def add_shapes(
     try:
         for start in range(0, len(kinds), CHUNK):
             part = slice(start, start + CHUNK)
-            last = part.stop >= len(kinds)
-            if veiled and last:
-                veiled, layer.visible = False, True
-                yield slice(0, 0)
             some: dict[str, Any] = {"shape_type": list(kinds[part])}
             some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+            last = part.stop >= len(kinds)
             with nullcontext() if last else layer.block_thumbnail_update():
                 layer.add(list(islice(made, CHUNK)), **some)
             yield part
