@@ -280,8 +280,7 @@ class State:
 
 def bytes_beside(state: State, other: State) -> int:
     """Bytes of the pictures that one state holds and another does not."""
-    shared = {id(patch) for patch in other.patches.values()}
-    own = [patch for patch in state.patches.values() if id(patch) not in shared]
+    own = set(state.patches.values()).difference(other.patches.values())
     return sum(patch.nbytes for patch in own)
 
 
