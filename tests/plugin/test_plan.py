@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
@@ -65,7 +66,7 @@ CASES: dict[str, Case] = {
 @pytest.mark.parametrize("name", CASES)
 def test_plan(name: str) -> None:
     state, lines, scope, how, ids, fixed, decided = CASES[name]
-    plan = make_plan(state, 0, lines, scope, **how)
+    plan = make_plan(state, 0, Drawn(tuple(lines)), scope, **how)
     assert sorted(numbers(plan)) == ids
     assert len(plan.fixed) == fixed
     assert plan.decided == decided
@@ -77,24 +78,24 @@ def numbers(plan: Plan) -> Sequence[int]:
 
 def test_where_it_begins() -> None:
     moved = replace(EDITED, curve=as_drawn(A + 5))
-    (target,) = make_plan(State((moved,)), 0, [A], "new").targets
+    (target,) = make_plan(State((moved,)), 0, Drawn((A,)), "new").targets
     np.testing.assert_array_equal(target.start, moved.curve.points)
     np.testing.assert_array_equal(target.sketch, A)
-    (target,) = make_plan(State((moved,)), 0, [A + 1], "new").targets
+    (target,) = make_plan(State((moved,)), 0, Drawn((A + 1,)), "new").targets
     np.testing.assert_array_equal(target.start, A + 1, "a line drawn since goes before")
     assert not target.new
 
 
 def test_curves_whose_line_is_gone_are_named() -> None:
-    assert make_plan(State((OPEN, PIECE)), 0, [], "new").orphans == (1,)
+    assert make_plan(State((OPEN, PIECE)), 0, Drawn(), "new").orphans == (1,)
     elsewhere = replace(OPEN, frame=4)
-    assert make_plan(State((elsewhere,)), 0, [], "new").orphans == ()
+    assert make_plan(State((elsewhere,)), 0, Drawn(), "new").orphans == ()
 
 
 def test_a_curve_that_was_turned_stays_so() -> None:
     turned = replace(OPEN, curve=as_drawn(A[::-1]))
-    (target,) = make_plan(State((turned,)), 0, [A], "all").targets
+    (target,) = make_plan(State((turned,)), 0, Drawn((A,)), "all").targets
     np.testing.assert_array_equal(target.start, A[::-1])
     np.testing.assert_array_equal(target.sketch, A)
-    (target,) = make_plan(State((turned,)), 0, [A + 1], "all").targets
+    (target,) = make_plan(State((turned,)), 0, Drawn((A + 1,)), "all").targets
     np.testing.assert_array_equal(target.start, A + 1)

@@ -43,8 +43,7 @@ class Controller(Keeper):
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown
         self._closed = False
-        # The same question has the same answer.
-        self.plan = lru_cache(2)(lambda drawn, state, t, *a: make_plan(state, t, drawn.lines, *a))
+        self.plan = lru_cache(2)(make_plan)  # the same question has the same answer
         self._pair = self.choices.image, self.choices.sketches
         self._job: engine.Job | None = None
         self._cancelled: Callable[[], str] = lambda: ""

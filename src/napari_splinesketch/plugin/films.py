@@ -46,7 +46,7 @@ class Suggestions:
         image, layer = c.choices.image, c.choices.sketches
         if image is None:
             return
-        work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image, now=False))
+        work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image))
         frame = c.frame
         # Drawn by hand or refined: these bodies need no suggestion.
         left = work.state.suggested(frame, ()).suggestions
@@ -235,9 +235,8 @@ def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> St
     new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
     fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]
     gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
-    if gone:
-        there = tuple([record for record in state.records if key_of(record) not in gone])
-        state = replace(state, records=there)
+    there = tuple([record for record in state.records if key_of(record) not in gone])
+    state = replace(state, records=there)
     if view is None or refinement is None:
         return state.with_records(*fresh)
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))

@@ -210,12 +210,8 @@ class Keeper:
         if chosen.keys != before.keys:
             self.actions.rebind(chosen.keys)
         for work in self.works:
-            self._colour(work)
+            self._attend(work)
         self.changes.settings.emit()
-
-    def _colour(self, work: Work) -> None:
-        if work.colour((self.settings.colour_by, ruler_of(work.image))):
-            self.show(work)
 
     def _change(
         self, verb: str, keys: Collection[Key], change: Callable[[State, Collection[Key]], State]
@@ -226,7 +222,8 @@ class Keeper:
 
     def _attend(self, work: Work) -> None:
         work.changes = self.changes
-        self._colour(work)
+        if work.colour((self.settings.colour_by, ruler_of(work.image))):
+            self.show(work)
 
     def _let_go(self, work: Work) -> None:
         """Take the removal of the layer of curves for a step: the curves go, until undone."""

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
-from napari_splinesketch.engine.spline import arc_length, resample
+from napari_splinesketch.engine.spline import apart, arc_length, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
@@ -123,9 +123,8 @@ def by_frame(values: Iterable[Any]) -> dict[int, list[Any]]:
 
 def changed(lines: Sequence[Any], change: Callable[[Any], Any]) -> list[Any]:
     """Change the points of lines, all at once."""
-    ends = np.cumsum([len(line) for line in lines]).tolist()
-    points = change(np.concatenate(lines)) if lines else []
-    return [points[a:b] for a, b in pairwise([0, *ends])]
+    ends = np.cumsum([len(line) for line in lines])
+    return np.split(change(np.concatenate(lines)), ends[:-1]) if lines else []
 
 
 def prints_of(lines: Sequence[Line]) -> list[bytes]:
@@ -168,8 +167,8 @@ def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Re
 def _distances(a: Sequence[Line], b: Sequence[Line]) -> Float[np.ndarray, "A B"]:
     others = np.array([resample(line, SAMPLES) for line in b])
     both = np.stack([others, others[:, ::-1]])
-    apart = (np.linalg.norm(both - resample(line, SAMPLES), axis=3) for line in a)
-    return np.array([each.mean(axis=2).min(axis=0) for each in apart])
+    each = (np.linalg.norm(both - resample(line, SAMPLES), axis=3) for line in a)
+    return np.array([away.mean(axis=2).min(axis=0) for away in each])
 
 
 def new_among(lines: Sequence[Line], known: Sequence[Line]) -> Bool[np.ndarray, " N"]:
@@ -190,8 +189,8 @@ def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, 
     for line in lines:
         beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
         near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
-        apart = {record.id: _apart(line, record) for record in near}
-        found.append({number: far for number, far in apart.items() if far < WITHIN})
+        away = {record.id: _apart(line, record) for record in near}
+        found.append({number: far for number, far in away.items() if far < WITHIN})
     return found
 
 
@@ -201,10 +200,8 @@ def _apart(line: Line, record: Record) -> float:
     share = arc_length(line)[-1] / max(curve.length, 1e-9)
     if curve.status == "failed" or not LIKE < share < 1 / LIKE:
         return np.inf
-    some = resample(line, SAMPLES)
-    far = np.linalg.norm(curve.points[:, None] - some, axis=2).min(axis=0).mean()
-    width = np.nanmedian(curve.half_width) if np.isfinite(curve.half_width).any() else LEAST
-    return float(far / max(width, LEAST))
+    far = apart(resample(line, SAMPLES), curve.points).mean()
+    return float(far / np.fmax(curve.typical_half_width, LEAST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,8 +280,7 @@ class State:
 
 def bytes_beside(state: State, other: State) -> int:
     """Bytes of the pictures that one state holds and another does not."""
-    shared = {id(patch) for patch in other.patches.values()}
-    own = [patch for patch in state.patches.values() if id(patch) not in shared]
+    own = set(state.patches.values()).difference(other.patches.values())
     return sum(patch.nbytes for patch in own)
 
 

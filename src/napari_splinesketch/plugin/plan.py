@@ -4,13 +4,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import model, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
 from napari_splinesketch.plugin.layers.space import plane_problem
 from napari_splinesketch.plugin.model import Key, Line, Record, State
+from napari_splinesketch.tracking.drift import distance
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -49,7 +48,7 @@ class Plan:
 def make_plan(
     state: State,
     frame: int,
-    lines: Sequence[Line],
+    drawn: Drawn,
     scope: Scope,
     chosen: Collection[int] = (),
     selection: Collection[Key] = (),
@@ -60,7 +59,7 @@ def make_plan(
     the user has accepted or locked never moves; what she rejected or deleted is left alone until
     she changes its line or selects it: by its position among the `chosen`, or its curve.
     """
-    here = [record for record in state.records if record.frame == frame]
+    lines, here = drawn.lines, [record for record in state.records if record.frame == frame]
     gone = [record for record in state.deleted if record.frame == frame]
     by_id = {record.id: record for record in (*gone, *here)}
     deleted = {record.id for record in gone} - {record.id for record in here}
@@ -87,7 +86,8 @@ def make_plan(
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in moving])
-    return Plan(scope, tuple(targets), fixed, decided, orphans, len(lined & deleted - moving))
+    left_out = len(lined & deleted - moving)
+    return Plan(scope, tuple(targets), fixed, decided, orphans, left_out, frame, drawn)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -101,9 +101,7 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
 
 def _as_known(line: Line, known: Record) -> Line:
     """Let a line run as its curve does, which the user may have turned."""
-    ends = known.curve.points[[0, -1]]
-    ways = line, line[::-1]
-    return min(ways, key=lambda way: np.linalg.norm(ends - way[[0, -1]], axis=1).sum())
+    return min((line, line[::-1]), key=lambda way: distance(way, known.curve.points))
 
 
 def _matched(
@@ -162,8 +160,7 @@ def request(c: "Controller", scope: Scope = "new") -> Plan:
         if not chosen:
             return Plan(scope, frame=frame, drawn=drawn, problem=words.NO_LINE)
     asked = () if scope == "new" else selection
-    plan = c.plan(drawn, c.state, frame, scope, chosen, asked)
-    plan = replace(plan, frame=frame, drawn=drawn)
+    plan = c.plan(c.state, frame, drawn, scope, chosen, asked)
     if plan.targets:
         return plan
     return replace(plan, problem=words.nothing(plan, bool(c.records(frame)), layer.name))

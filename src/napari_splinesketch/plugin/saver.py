@@ -271,16 +271,13 @@ class Saver(QObject):
         if (before.save_work, before.work_folder) != (now.save_work, now.work_folder):
             self.flush()
             self._settings = now
-            moved = before.work_folder != now.work_folder
-            if moved:
+            # Other windows may go on where nothing is saved any more.
+            change = Folder.again if now.save_work else Folder.release
+            if before.work_folder != now.work_folder:
                 self._homes.clear()
+                change = Folder.moved  # what is saved stays where it is
             for work in self._controller.works:
-                if moved:  # what is saved stays where it is
-                    work.folder = work.folder.moved()
-                elif now.save_work:
-                    work.folder = work.folder.again()
-                else:  # other windows may go on there
-                    work.folder.release()
+                work.folder = change(work.folder)
             self._soon()
             self.found.emit()
 

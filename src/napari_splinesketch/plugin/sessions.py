@@ -243,9 +243,10 @@ class Folder:
         if path is not None:
             self._lock.enter_context(owned(path))
 
-    def release(self) -> None:
+    def release(self) -> Self:
         """Let others write there."""
         self._lock.close()
+        return self
 
     def again(self) -> "Folder":
         """Give it, if no other window has it or has gone on there, or a new one to go on in."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
-from qtpy.QtCore import QTimer
 
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
@@ -21,7 +20,6 @@ from napari_splinesketch.plugin.layers.looks import line_width
 LINES = ("line", "path")
 SHORTEST = 2.0  # anything shorter is a stray click, px
 SELECTING = ("select", "direct", "vertex_insert", "vertex_remove")  # modes that show a selection
-BREATH_MS = 5  # between two short steps of a long change, in which the window lives
 MANY = 200  # with so many sketches, what follows from several edits in a row is worked out once
 CHUNK = 50  # shapes added at once: napari takes about as long for one of them as for so many
 CLICK = 4.0  # px of the screen: a mouse that moves less while it is pressed has clicked
@@ -70,32 +68,28 @@ def selected_in(layer: Shapes) -> frozenset[int]:
     return frozenset(layer.selected_data) if layer.mode in SELECTING else frozenset()
 
 
-def new_sketch_layer(viewer: ViewerModel, image: Image, *, now: bool = True) -> Shapes:
-    """Add an empty layer that lies on the image, ready for drawing `now` or a little later."""
-    layer = empty_layer(image, image.name + SUFFIX, visible=now)
+def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
+    """Add an empty layer that lies on the image, ready for drawing."""
+    layer = empty_layer(image, image.name + SUFFIX)
     viewer.layers.append(layer)
-    if now:  # to add a layer and to draw it first takes napari 0.1 s each
-        begin_drawing(layer)
-    else:
-        QTimer.singleShot(BREATH_MS, partial(begin_drawing, layer))
+    begin_drawing(layer, viewer)
     return layer
 
 
-def empty_layer(image: Image, name: str, *, flat: bool = False, **how: Any) -> Shapes:
+def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
     style, place = line_style(space.size_of(image)), space.placement(image)
     if flat and image.ndim > 2:
         place = {key: place[key][-2:] for key in ("scale", "translate", "units", "axis_labels")}
-    layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place, **how)
+    layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place)
     layer.current_edge_color = style["edge_color"]
     layer.current_edge_width = style["edge_width"]
     return layer
 
 
-def begin_drawing(layer: Shapes, viewer: ViewerModel | None = None) -> None:
+def begin_drawing(layer: Shapes, viewer: ViewerModel) -> None:
     """Let the user draw lines into a layer, with the tool that was used there last."""
-    if viewer is not None:
-        viewer.layers.selection.active = layer
+    viewer.layers.selection.active = layer
     if not layer.visible:
         layer.visible = True
     if not layer.mode.startswith("add"):
@@ -137,12 +131,9 @@ def add_shapes(
     try:
         for start in range(0, len(kinds), CHUNK):
             part = slice(start, start + CHUNK)
-            last = part.stop >= len(kinds)
-            if veiled and last:
-                veiled, layer.visible = False, True
-                yield slice(0, 0)
             some: dict[str, Any] = {"shape_type": list(kinds[part])}
             some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+            last = part.stop >= len(kinds)
             with nullcontext() if last else layer.block_thumbnail_update():
                 layer.add(list(islice(made, CHUNK)), **some)
             yield part

@@ -93,12 +93,9 @@ class Slot:
 
     def __init__(self, role: str, maker: Maker, work: Work):
         self.maker, self.work = maker, work
-        named = {
-            "name": f"{work.name} {maker.name}",
-            "metadata": {ROLE: role, OWNER: str(id(work))},
-        }
         OWNERS[str(id(work))] = work
-        self._named = named | STYLES.get(maker.kind, {})
+        named = {"name": f"{work.name} {maker.name}"} | STYLES.get(maker.kind, {})
+        self._named = named | {"metadata": {ROLE: role, OWNER: str(id(work))}}
         self._layer: Layer | None = None
         self._source: Sequence[Any] | None = None
 

@@ -41,15 +41,15 @@ class CurveLines(Slot):
         layer, records, look = self.layer, self.work.records, self.work.look
         if layer is None:
             return
-        wanted = {id(record.curve): record for record in records}
+        wanted = {record.curve: record for record in records}
         before = self._shown if layer.nshapes == len(self._shown) else ()
-        there = {id(record.curve) for record in before}
-        kept = [i for i, record in enumerate(before) if id(record.curve) in wanted]
+        there = {record.curve for record in before}
+        kept = [i for i, record in enumerate(before) if record.curve in wanted]
         if gone := set(range(layer.nshapes)).difference(kept):
             layer.selected_data = set()
             layer.remove(sorted(gone))
         self._shown = [before[i] for i in kept]
-        fresh = [record for record in records if id(record.curve) not in there]
+        fresh = [record for record in records if record.curve not in there]
         curves = [record.curve for record in fresh]
         image = self.work.image
         # Worked out when they are added.
@@ -66,7 +66,7 @@ class CurveLines(Slot):
             for curve in filter(looks.has_outline, curves[done]):
                 looks.outline(curve)
             yield
-        known = [wanted[id(record.curve)] for record in self._shown]
+        known = [wanted[record.curve] for record in self._shown]
         if gone or fresh or known != self._shown or layer.features.empty:
             layer.features = columns.features(known)
             self._shown = known

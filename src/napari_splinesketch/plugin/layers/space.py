@@ -14,9 +14,11 @@ from jaxtyping import Float, Int, Real
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
 
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
+from napari_splinesketch.images.frames import LUMINANCE
 from napari_splinesketch.plugin.model import Line, lengths_of
 
 Points = Float[np.ndarray, "N D"]
@@ -26,7 +28,6 @@ PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_label
 WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
 LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
 MARGIN = 64  # kept around the sketches beside the length of the longest, px
-LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # Rec. 709
 
 
 @dataclass(frozen=True)
@@ -43,13 +44,10 @@ class Ruler:
 
     def along(self, points: Line) -> Float[np.ndarray, " P"]:
         """Distance from the first point along a line of (row, col), px, in the unit."""
-        steps = np.linalg.norm(np.diff(points * self.scale, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return arc_length(points * self.scale)
 
     def across(self, curve: Curve, values: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """Turn distances from a curve, px, into the unit, whichever way it runs."""
-        if self.scale[0] == self.scale[1]:
-            return values * self.scale[0]
         return values * width_growth(curve.points, self.scale)
 
 
@@ -262,11 +260,9 @@ def block_on(image: Image, frame: int, grid: Grid, shape: tuple[int, ...]) -> Bl
     shapes, _ = _levels(image)
     start = np.rint((grid.origin - (grid.step - 1) / 2) / grid.step).astype(int)
     stop = start + shape
-    for level, size in enumerate(shapes):
-        if np.allclose(shapes[0] / size, grid.step):
-            inside = (start >= 0).all() and (stop <= size).all()
-            return _block(image, frame, level, start, stop) if inside else None
-    return None
+    fits = np.isclose(shapes[0] / shapes, grid.step) & (start >= 0) & (stop <= shapes)
+    levels = np.flatnonzero(fits.all(axis=1)).tolist()
+    return _block(image, frame, levels[0], start, stop) if levels else None
 
 
 def _levels(image: Image) -> tuple[Int[np.ndarray, "L 2"], Any]:
