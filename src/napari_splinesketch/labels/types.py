@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, TypeVar, get_args
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
+from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
@@ -182,15 +182,15 @@ class Labels:
         )
         return cls(labels, **known)
 
-    @classmethod
-    def from_refinement(cls, result: Refinement, **options: Any) -> Self:
-        """Label the curves of a refinement; options as in `from_curves`."""
-        return cls.from_curves(result.curves, shape=result.shape, **options)
-
     @property
     def head(self) -> "Labels":
         """Everything but the labels themselves."""
         return self
+
+    @cached_property
+    def facts(self) -> "Facts":
+        """What formats need to know of all labels together."""
+        return Facts.of(self.labels)
 
 
 @dataclass
@@ -283,14 +283,9 @@ AnyLabels = Labels | ByFrame
 """What can be written."""
 
 
-def facts_of(labels: AnyLabels) -> Facts:
-    """Give what formats need to know of all labels together."""
-    return labels.facts if isinstance(labels, ByFrame) else Facts.of(labels.labels)
-
-
 def evenly_sampled(labels: AnyLabels) -> tuple[int, Iterator[Label]]:
     """Give all labels the same number of points, and that number: `POINTS` where they differ."""
-    sizes = facts_of(labels).sizes
+    sizes = labels.facts.sizes
     size = min(sizes) if len(sizes) == 1 else POINTS
     return size, (label.resampled(size) for label in labels.labels)
 
