@@ -5,6 +5,7 @@ import bz2
 import lzma
 import math
 import zlib
+from contextlib import suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -119,15 +120,13 @@ def unpacked_size(data: bytes, limit: int) -> int:
 
 def _streamed_size(unpacker: Any, data: bytes, limit: int) -> int:
     size, rest = 0, data
-    try:
+    with suppress(OSError, zlib.error, lzma.LZMAError, EOFError):  # not packed, or damaged
         while size <= limit and not unpacker.eof:
             piece = len(unpacker.decompress(rest, 2**20))
             rest = getattr(unpacker, "unconsumed_tail", b"")
             size += piece
             if not piece and not rest:
                 break
-    except (OSError, zlib.error, lzma.LZMAError, EOFError):  # not packed after all, or damaged
-        pass
     return size
 
 
