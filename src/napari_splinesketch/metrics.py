@@ -9,7 +9,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 from skimage.graph import MCP
 
-POINTS = 100
+from napari_splinesketch.engine.types import POINTS
+
 _OVERSAMPLING = 8
 
 

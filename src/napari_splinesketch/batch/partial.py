@@ -87,7 +87,7 @@ class Partial:
         """Keep a finished frame, its labels as rows in CSV; its report is written last."""
         if not self._note.exists():
             self.folder.mkdir(exist_ok=True)
-            _write(self._note, _json(self._mine))
+            _write(self._note, json.dumps(self._mine).encode())
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
         content = rows.encode()
         _write(self.table(report.frame), content)
@@ -96,7 +96,7 @@ class Partial:
             with atomic(path, overwrite=True) as temporary:
                 tifffile.imwrite(temporary, reconstruction.astype(np.float32))
         kept = {"bytes": len(content), "report": asdict(report)}
-        _write(self._path(report.frame, ".json"), _json(kept))
+        _write(self._path(report.frame, ".json"), json.dumps(kept).encode())
 
     def table(self, frame: int) -> Path:
         """Name the table of a finished frame."""
@@ -147,10 +147,6 @@ def _is_empty(folder: Path) -> bool:
     if not folder.is_dir() or folder.is_symlink():
         return False
     return all(path.name.endswith(".part") for path in folder.iterdir())
-
-
-def _json(values: object) -> bytes:
-    return json.dumps(values).encode()
 
 
 def _write(path: Path, content: bytes) -> None:
