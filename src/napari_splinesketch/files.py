@@ -57,7 +57,8 @@ def atomic(
         with _full_disk(target):
             yield temporary
             if durable:
-                _flush(temporary)
+                with temporary.open("rb+") as file:
+                    os.fsync(file.fileno())
         _hand_down(target, temporary)
         _publish(temporary, target, overwrite)
 
@@ -236,11 +237,6 @@ def _full_disk(target: Path) -> Iterator[None]:
         raise
 
 
-def _flush(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
 def _hand_down(target: Path, temporary: Path) -> None:
     """Give a new file or folder the owner and the mode of the one that it replaces."""
     with suppress(OSError, AttributeError):  # nothing is replaced, or not ours, or Windows
@@ -252,16 +248,12 @@ def _hand_down(target: Path, temporary: Path) -> None:
 
 
 def _publish(temporary: Path, target: Path, overwrite: bool) -> None:
-    if overwrite:
-        os.replace(temporary, target)
-        return
-    try:
-        os.link(temporary, target)  # unlike a rename, never in place of another file
-    except FileExistsError:
+    if not overwrite:
+        with suppress(OSError):  # it is there by now, or the file system has no hard links
+            os.link(temporary, target)  # unlike a rename, never in place of another file
+            return
         _refuse_existing(target)
-    except OSError:  # a file system without hard links
-        _refuse_existing(target)
-        os.replace(temporary, target)
+    os.replace(temporary, target)
 
 
 def _refuse_existing(path: Path) -> None:

@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
+from skimage.graph import MCP
 
-POINTS = 100
+from napari_splinesketch.engine.types import POINTS
+
 _OVERSAMPLING = 8
 
 
@@ -54,34 +56,10 @@ def average_dtw(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float
 
 def _warp(cost: Float[np.ndarray, "N M"]) -> float:
     """Mean cost along the cheapest monotone path through `cost`, corner to corner."""
-    # A row of the recurrence D[j] = cost[j] + min(above[j], D[j - 1]) is a running minimum once
-    # the row's cumulative cost is taken off.
-    rows, columns = cost.shape
-    sums = np.cumsum(cost, axis=1)
-    before = sums - cost
-    total = np.empty_like(cost)
-    total[0] = sums[0]
-    above = np.empty(columns)
-    for i in range(1, rows):
-        above[0] = total[i - 1, 0]
-        np.minimum(total[i - 1, 1:], total[i - 1, :-1], out=above[1:])
-        total[i] = sums[i] + np.minimum.accumulate(above - before[i])
-    return float(total[-1, -1] / _path_length(total.tolist()))
-
-
-def _path_length(total: list[list[float]]) -> int:
-    """Count the cells on the cheapest path, followed back from the last corner."""
-    i, j, cells = len(total) - 1, len(total[0]) - 1, 1
-    while i and j:
-        diagonal, up, left = total[i - 1][j - 1], total[i - 1][j], total[i][j - 1]
-        if diagonal <= up and diagonal <= left:
-            i, j = i - 1, j - 1
-        elif up <= left:
-            i -= 1
-        else:
-            j -= 1
-        cells += 1
-    return cells + i + j
+    end = cost.shape[0] - 1, cost.shape[1] - 1
+    paths = MCP(cost, offsets=[(1, 0), (0, 1), (1, 1)])
+    total, _ = paths.find_costs([(0, 0)], [end])
+    return float(total[end] / len(paths.traceback(end)))
 
 
 def normal_distances(

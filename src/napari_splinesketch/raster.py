@@ -1,11 +1,10 @@
 """Which pixels bodies cover."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Integer
+from jaxtyping import Float, Int, Integer
 
 from napari_splinesketch.engine.types import Array
 
@@ -19,40 +18,12 @@ TILE = 90
 """Side of what is drawn at a time, px; each of its pixels takes 100 bytes a segment."""
 
 
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """The part of an image around a body.
-
-    Attributes
-    ----------
-    corner
-        (row, col) in the image of the patch's first pixel.
-    depth
-        (h, w): half-width minus distance from the centreline, px; not negative inside the body,
-        negative infinite where no body is near.
-    """
-
-    corner: tuple[int, int]
-    depth: Float[Array, "h w"]
-
-    @property
-    def inside(self) -> Bool[Array, "h w"]:
-        """Pixels whose centres the body covers."""
-        return self.depth >= 0
-
-    @property
-    def place(self) -> tuple[slice, slice]:
-        """Where the patch lies in the image."""
-        (row, col), (height, width) = self.corner, self.depth.shape
-        return slice(row, row + height), slice(col, col + width)
-
-
 def rasterise(
     points: Float[Array, "N 2"],
     half_width: Float[Array, " N"],
     shape: tuple[int, int],
     rows: tuple[int, int] | None = None,
-) -> Patch | None:
+) -> tuple[tuple[slice, slice], Float[Array, "h w"]] | None:
     """Find the pixels of a body: round at its ends, as wide as its half-width says.
 
     Parameters
@@ -62,13 +33,18 @@ def rasterise(
     half_width
         Distance from the centreline to the body's edge, px.
     shape
-        (H, W) of the image, px; the patch does not reach beyond it. It takes 4 bytes a pixel.
+        (H, W) of the image, px.
     rows
         First and last-plus-one row that are drawn; None draws all.
 
     Returns
     -------
-    Patch, or None where the half-width is not known or the body lies outside the image.
+    None where the half-width is not known or the body lies outside the image, or else
+    place
+        Rows and columns of the part of the image around the body.
+    depth
+        (h, w): half-width minus distance from the centreline in that part, px, in 4 bytes; not
+        negative inside the body, negative infinite where no body is near.
     """
     if not np.all(np.isfinite(half_width)):
         return None
@@ -87,7 +63,7 @@ def rasterise(
             tile = slice(top, end[0]), slice(left, end[1])
             down, right = np.mgrid[tile]
             np.maximum(depth[tile], _depth(down, right, line, widths), out=depth[tile])
-    return Patch((int(low[0]), int(low[1])), depth)
+    return (slice(low[0], high[0]), slice(low[1], high[1])), depth
 
 
 def label_image(
@@ -109,14 +85,14 @@ def strips(
         strip = np.zeros((min(height, shape[0] - top), shape[1]), dtype)
         deepest = np.full(strip.shape, -1, np.float32)
         for value, points, half_width in bodies:
-            patch = rasterise(points, half_width, shape, (top, top + height))
-            if patch is None:
+            drawn = rasterise(points, half_width, shape, (top, top + height))
+            if drawn is None:
                 continue
-            rows, cols = patch.place
+            (rows, cols), depth = drawn
             place = slice(rows.start - top, rows.stop - top), cols
-            ours = patch.inside & (patch.depth > deepest[place])
+            ours = (depth >= 0) & (depth > deepest[place])
             strip[place][ours] = value
-            deepest[place][ours] = patch.depth[ours]
+            deepest[place][ours] = depth[ours]
         yield top, strip
 
 

@@ -46,9 +46,10 @@ def brute_force(label: Label, shape: tuple[int, int]) -> np.ndarray:
 def test_a_mask_is_all_within_the_half_width(label: Label) -> None:
     shape = (40, 90)
     mask = np.zeros(shape, bool)
-    patch = rasterise(label.points, label.half_width, shape)
-    assert patch is not None
-    mask[patch.place] |= patch.inside
+    found = rasterise(label.points, label.half_width, shape)
+    assert found is not None
+    place, depth = found
+    mask[place] |= depth >= 0
     expected = brute_force(label, shape)
     # A taper's edge is where the distance equals the half-width at the nearest point of the line,
     # not where the circles' envelope is: they differ by less than a pixel.

@@ -39,9 +39,9 @@ def refinement() -> Refinement:
     return Refinement((curve(), curve(5.0)), image, image, model, 0.1)
 
 
-def test_a_refinement_becomes_labels() -> None:
-    labels = Labels.from_refinement(
-        refinement(), frame=4, ids=[9, 2], scale=(0.5, 0.25), units="µm", provenance={"a": 1}
+def test_curves_become_labels() -> None:
+    labels = Labels.from_curves(
+        refinement().curves, frame=4, ids=[9, 2], scale=(0.5, 0.25), units="µm", provenance={"a": 1}
     )
     assert [(label.frame, label.curve) for label in labels.labels] == [(4, 9), (4, 2)]
     assert np.array_equal(labels.labels[1].points, POINTS + 5.0)

@@ -29,21 +29,15 @@ class Cluster:
         self._inside = ExitStack()
         self._asked, self._room = -FRESH, 1
 
-    @property
-    def deaths(self) -> tuple[type[BaseException], ...]:
-        """What Dask raises where a task's workers died again and again."""
-        from distributed import KilledWorker
-
-        return (KilledWorker,)
-
     def __enter__(self) -> Self:
         """Connect; ValueError says what to do where that fails."""
         try:
-            from distributed import Client
+            from distributed import Client, KilledWorker
         except ImportError:
             raise ValueError(
                 "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
             ) from None
+        self.deaths = (KilledWorker,)
         # Dask's messages at the end of a connection are replaced by one sentence of ours.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:

@@ -1,7 +1,6 @@
 """Tasks through workers: a few in progress at a time, and none lost when a worker dies."""
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -70,16 +69,20 @@ def through(
     retry
         Is given every result, and returns a task to do in its place, or None.
     """
-    waiting, again, source = _Waiting(), deque[_Item[Task]](), iter(tasks)
+    begun, again = dict[Future[Done], _Item[Task]](), list[_Item[Task]]()
+    source = (_Item(task) for task in tasks)
     while True:
-        while waiting.room(workers.room, again):
-            item = again.popleft() if again else _first(source)
+        while _is_room(workers, begun.values(), again):
+            item = again.pop(0) if again else next(source, None)
             if item is None:
                 break
-            waiting.begin(workers, work, item)
-        if not waiting:
+            begun[workers.submit(work, item.task)] = item
+        if not begun:
             return
-        for item, future in waiting.finished():
+        finished, _ = wait(begun, return_when=FIRST_COMPLETED)
+        while finished:  # they are forgotten one by one
+            future = finished.pop()
+            item = begun.pop(future)
             if future.cancelled():
                 raise ConnectionError("the scheduler of the workers is gone")
             error = future.exception()
@@ -98,34 +101,13 @@ def through(
                 again.append(_Item(item.task, item.deaths + 1))
 
 
-class _Waiting:
-    """Tasks in progress."""
-
-    def __init__(self) -> None:
-        self._items: dict[Future[Any], _Item[Any]] = {}
-
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def room(self, most: int, again: deque[_Item[Any]]) -> bool:
-        """Whether another task may begin; one that may kill its worker runs alone."""
-        alone = again and again[0].deaths >= ALONE
-        alone = alone or any(item.deaths >= ALONE for item in self._items.values())
-        return not self._items if alone else len(self._items) < max(most, 1)
-
-    def begin(self, workers: Workers, work: Callable[..., Any], item: _Item[Any]) -> None:
-        self._items[workers.submit(work, item.task)] = item
-
-    def finished(self) -> Iterator[tuple[_Item[Any], Future[Any]]]:
-        """Wait, and give those that are done; they are forgotten one by one."""
-        done, _ = wait(self._items, return_when=FIRST_COMPLETED)
-        while done:
-            future = done.pop()
-            yield self._items.pop(future), future
-
-
-def _first(source: Iterator[Task]) -> _Item[Task] | None:
-    return next((_Item(task) for task in source), None)
+def _is_room(
+    workers: Workers, begun: Collection[_Item[Task]], again: Sequence[_Item[Task]]
+) -> bool:
+    """Whether another task may begin; one that may kill its worker runs alone."""
+    if any(item.deaths >= ALONE for item in (*again[:1], *begun)):
+        return not begun
+    return len(begun) < max(workers.room, 1)
 
 
 class Here:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from functools import partial as bind
 from pathlib import Path
 from typing import Protocol
@@ -58,36 +59,27 @@ class Source:
 
     def read(self, frame: int) -> Real[np.ndarray, "H W"]:
         """Read a frame; UnreachableError where the image cannot be found."""
-        with _opened.lock:
-            return _opened.images(self)[frame]
+        with _lock:
+            return _opened(self)[frame]
 
 
-class _Opened:
-    """The image that this process reads from; opened when it is first needed."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self._inside = ExitStack()
-        self._source: Source | None = None
-
-    def images(self, source: Source) -> Frames:
-        if source != self._source:
-            self._inside.close()
-            self._source = None
-            try:
-                found = open_frames(source.pattern, channel=source.channel, z=source.z)
-                self._images = self._inside.enter_context(found)
-            except (ImageError, OSError) as error:
-                raise UnreachableError(str(error)) from None
-            if self._images.count != source.count:
-                counts = f"{self._images.count} frames; expected {source.count}"
-                self._inside.close()
-                raise UnreachableError(f"{source.pattern} has {counts}")
-            self._source = source
-        return self._images
+_lock, _inside = threading.Lock(), ExitStack()
 
 
-_opened = _Opened()
+@lru_cache(1)
+def _opened(source: Source) -> Frames:
+    """Open an image in place of the one that this process has read from so far."""
+    _opened.cache_clear()
+    _inside.close()
+    try:
+        found = open_frames(source.pattern, channel=source.channel, z=source.z)
+        images = _inside.enter_context(found)
+    except (ImageError, OSError) as error:
+        raise UnreachableError(str(error)) from None
+    if images.count != source.count:
+        counts = f"{images.count} frames; expected {source.count}"
+        raise UnreachableError(f"{source.pattern} has {counts}")
+    return images
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,14 +205,12 @@ class Reading:
     """How a frame's pixels reach a worker: it reads them itself, or they are sent."""
 
     def __init__(self, images: Frames, source: Source, *, here: bool) -> None:
-        self._images, self._source = images, source
-        self._here, self._send = here, False
+        self._images, self._send = images, False
+        self._read = images.__getitem__ if here else source.read
 
     def of(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
         """Give the function that reads a frame."""
-        if self._here:
-            return bind(self._images.__getitem__, frame)
-        return self._sent(frame) if self._send else bind(self._source.read, frame)
+        return self._sent(frame) if self._send else bind(self._read, frame)
 
     def again(self, task: FrameTask, done: FrameDone) -> FrameTask | None:
         """Send the pixels where a worker cannot open the image."""

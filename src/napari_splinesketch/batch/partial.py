@@ -19,10 +19,6 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, table
 FRAMES_A_FOLDER = 1000
 
 
-class ResumeError(ValueError):
-    """A run that cannot start or resume: why, and what to do."""
-
-
 class Partial:
     """Holds the finished frames of a run, each as a set of whole files; no folder before the first.
 
@@ -42,13 +38,13 @@ class Partial:
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():
             if os.path.lexists(self.folder) and not _is_empty(self.folder):
-                raise ResumeError(
+                raise ValueError(
                     f"{self.folder} is in the way: finished frames are kept in a folder of this "
                     "name; move it, or choose another name for the output"
                 )
             return
         if not resume:
-            raise ResumeError(
+            raise ValueError(
                 f"{self.folder} holds an interrupted run; continue it with --resume, or delete it"
             )
         self._check()
@@ -58,10 +54,10 @@ class Partial:
             theirs = json.loads(self._note.read_text(encoding="utf-8"))
         except ValueError:
             why = f"{self._note} is damaged; delete {self.folder} and start again"
-            raise ResumeError(why) from None
+            raise ValueError(why) from None
         differs = [key for key, value in self._mine.items() if value != theirs.get(key)]
         if differs:
-            raise ResumeError(
+            raise ValueError(
                 f"the interrupted run in {self.folder} differs in {', '.join(differs)}; "
                 "repeat its command, or delete the folder and start again"
             )
@@ -76,10 +72,10 @@ class Partial:
         return FrameReport.from_json(kept["report"]) if whole else None
 
     def finished(self, frame: int) -> FrameReport:
-        """Give the report of a frame that was finished; ResumeError where it is not there."""
+        """Give the report of a frame that was finished; ValueError where it is not there."""
         done = self.done(frame)
         if done is None:
-            raise ResumeError(
+            raise ValueError(
                 f"frame {frame} was finished, but is no longer in {self.folder};  "
                 "repeat the command with --resume"
             )
@@ -91,7 +87,7 @@ class Partial:
         """Keep a finished frame, its labels as rows in CSV; its report is written last."""
         if not self._note.exists():
             self.folder.mkdir(exist_ok=True)
-            _write(self._note, _json(self._mine))
+            _write(self._note, json.dumps(self._mine).encode())
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
         content = rows.encode()
         _write(self.table(report.frame), content)
@@ -100,7 +96,7 @@ class Partial:
             with atomic(path, overwrite=True) as temporary:
                 tifffile.imwrite(temporary, reconstruction.astype(np.float32))
         kept = {"bytes": len(content), "report": asdict(report)}
-        _write(self._path(report.frame, ".json"), _json(kept))
+        _write(self._path(report.frame, ".json"), json.dumps(kept).encode())
 
     def table(self, frame: int) -> Path:
         """Name the table of a finished frame."""
@@ -151,10 +147,6 @@ def _is_empty(folder: Path) -> bool:
     if not folder.is_dir() or folder.is_symlink():
         return False
     return all(path.name.endswith(".part") for path in folder.iterdir())
-
-
-def _json(values: object) -> bytes:
-    return json.dumps(values).encode()
 
 
 def _write(path: Path, content: bytes) -> None:

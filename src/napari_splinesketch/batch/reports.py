@@ -3,7 +3,7 @@
 import json
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
@@ -99,16 +99,8 @@ def words(error: Exception) -> str:
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
 
 
-class Reports(Protocol):
-    """The reports of a run, which can be gone through more than once."""
-
-    def __iter__(self) -> Iterator[FrameReport]:
-        """Give them in the order of the frames."""
-        ...
-
-    def __len__(self) -> int:
-        """Count them."""
-        ...
+class Reports(Iterable[FrameReport], Sized, Protocol):
+    """The reports of a run, which can be gone through more than once, and counted."""
 
 
 class Spool:

@@ -1,13 +1,13 @@
 """Choosing the workers."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 
 from napari_splinesketch.batch.flow import Here, Progress, Workers
 
 
-@contextmanager
-def workers_of(jobs: int, scheduler: str | None, progress: Progress) -> Iterator[Workers]:
+def workers_of(
+    jobs: int, scheduler: str | None, progress: Progress
+) -> AbstractContextManager[Workers]:
     """Give the workers: a cluster, other processes, or this one.
 
     Parameters
@@ -22,12 +22,9 @@ def workers_of(jobs: int, scheduler: str | None, progress: Progress) -> Iterator
     if scheduler:
         from napari_splinesketch.batch.cluster import Cluster
 
-        with Cluster(scheduler) as cluster:
-            yield cluster
-    elif jobs > 1:
+        return Cluster(scheduler)
+    if jobs > 1:
         from napari_splinesketch.batch.local import Local
 
-        with Local(jobs) as local:
-            yield local
-    else:
-        yield Here(progress)
+        return Local(jobs)
+    return nullcontext(Here(progress))

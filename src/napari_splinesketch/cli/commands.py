@@ -124,7 +124,7 @@ def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -
 def _convert(job: jobs.ConvertJob) -> int:
     from napari_splinesketch.labels import write_labels
     from napari_splinesketch.labels.formats import open_labels
-    from napari_splinesketch.labels.types import ByFrame, facts_of
+    from napari_splinesketch.labels.types import ByFrame
 
     with _owning(job):
         labels = open_labels(job.source)
@@ -135,7 +135,7 @@ def _convert(job: jobs.ConvertJob) -> int:
     notes = [*labels.head.notes, *losses]
     for note in notes:
         terminal.say(note)
-    count = facts_of(labels).count
+    count = labels.facts.count
     text = f"{count} {'curve' if count == 1 else 'curves'} written to {job.target}"
     return _show(job, {"written": str(job.target), "curves": count, "notes": notes}, [text])
 

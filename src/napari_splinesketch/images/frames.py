@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
@@ -74,10 +74,9 @@ def checksum(frame: Real[np.ndarray, "H W"]) -> str:
     return hashlib.sha256(frame.tobytes()).hexdigest()
 
 
-@contextmanager
 def open_frames(
     pattern: str, *, channel: int | None = None, z: int | None = None
-) -> Iterator[Frames]:
+) -> AbstractContextManager[Frames]:
     """Open an image by its name, a folder of images, or a glob such as "day1/*.png".
 
     Parameters
@@ -92,15 +91,12 @@ def open_frames(
     """
     path = Path(pattern)
     if path.is_file():
-        opener = _file(path, channel, z)
-    elif is_url(pattern) or _is_zarr(path):
+        return _file(path, channel, z)
+    if is_url(pattern) or _is_zarr(path):
         from napari_splinesketch.images.zarr_image import open_zarr
 
-        opener = open_zarr(pattern, channel, z)
-    else:
-        opener = _folder(pattern, channel, z)
-    with opener as frames:
-        yield frames
+        return open_zarr(pattern, channel, z)
+    return _folder(pattern, channel, z)
 
 
 def is_url(pattern: str) -> bool:
@@ -129,7 +125,7 @@ def _is_zarr(path: Path) -> bool:
     return any((path / name).is_file() for name in (".zgroup", ".zarray", "zarr.json"))
 
 
-def _file(path: Path, channel: int | None, z: int | None):
+def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextManager[Frames]:
     suffix = path.suffix.lower()
     if suffix in TIFFS:
         from napari_splinesketch.images.tiff import open_tiff

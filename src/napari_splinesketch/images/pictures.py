@@ -13,7 +13,6 @@ from napari_splinesketch.files import atomic
 from napari_splinesketch.geometry import edges
 from napari_splinesketch.labels import Label
 
-COLOURS = palette.STATUS | {"sketch": palette.SKETCH}
 SIDE = 2048
 STRIP = 256
 """Rows that are stretched to 8 bits at a time."""
@@ -53,7 +52,7 @@ def write_overlay(
     for label in truth:
         pen.line(_place(label.points, zoom), fill=palette.TRUTH, width=thick)
     for label in labels:
-        colour = COLOURS[label.status]
+        colour = palette.LABEL[label.status]
         pen.line(_place(label.points, zoom), fill=colour, width=thick)
         if np.all(np.isfinite(label.half_width)):
             for edge in edges(label.points, label.half_width):

@@ -3,7 +3,9 @@
 import asyncio
 import bz2
 import lzma
+import math
 import zlib
+from contextlib import suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -23,10 +25,6 @@ METADATA = 2**24
 _limit = ContextVar("limit", default=METADATA)
 
 
-class TooMuchError(ValueError):
-    """A file on a server that holds more than the metadata promise."""
-
-
 class RemoteStore(FsspecStore):
     """A store that gives up on servers that stall, drip, or never end."""
 
@@ -36,7 +34,7 @@ class RemoteStore(FsspecStore):
     async def get(
         self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
     ) -> Buffer | None:
-        """Read a file, or a part of one; SilentServerError and TooMuchError as they say."""
+        """Read a file, or a part of one; SilentServerError where that takes too long."""
         limit = METADATA + 2 * self.chunk_bytes
         _limit.set(limit)
         patience = PATIENCE + self.chunk_bytes / SLOWEST
@@ -54,9 +52,9 @@ class RemoteStore(FsspecStore):
         return found
 
 
-def too_much(limit: int, key: str = "a file") -> TooMuchError:
+def too_much(limit: int, key: str) -> ValueError:
     """Make the error of a file that holds more than it may."""
-    return TooMuchError(
+    return ValueError(
         f"{key} holds more than {limit} bytes, which is more than the metadata promise; the image "
         "is damaged, or its server is wrong"
     )
@@ -74,11 +72,7 @@ def bound(array: zarr.Array[Any]) -> None:
     """Limit the chunks of an array to what their pixels need."""
     store = array.store
     if isinstance(store, RemoteStore):
-        whole = array.shards or array.chunks
-        pixels = 1
-        for size in whole:
-            pixels *= size
-        store.chunk_bytes = pixels * array.dtype.itemsize
+        store.chunk_bytes = math.prod(array.shards or array.chunks) * array.dtype.itemsize
 
 
 async def _client(**options: Any) -> Any:
@@ -126,15 +120,13 @@ def unpacked_size(data: bytes, limit: int) -> int:
 
 def _streamed_size(unpacker: Any, data: bytes, limit: int) -> int:
     size, rest = 0, data
-    try:
+    with suppress(OSError, zlib.error, lzma.LZMAError, EOFError):  # not packed, or damaged
         while size <= limit and not unpacker.eof:
             piece = len(unpacker.decompress(rest, 2**20))
             rest = getattr(unpacker, "unconsumed_tail", b"")
             size += piece
             if not piece and not rest:
                 break
-    except (OSError, zlib.error, lzma.LZMAError, EOFError):  # not packed after all, or damaged
-        pass
     return size
 
 

@@ -1,7 +1,7 @@
 """OME-Zarr (and plain Zarr arrays), in a folder or behind a URL, read one frame at a time."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import PurePath
 from typing import Any
@@ -87,22 +87,20 @@ def _patient(
 ) -> Callable[[int], np.ndarray]:
     """Try a frame again where a server fails; ConnectionError where it does not answer at all."""
 
-    def read_again(index: int) -> np.ndarray:
-        for pause in PAUSES:
-            try:
-                return read(index)
-            except SilentServerError:  # that was long enough
-                raise
-            except Exception:  # every kind of store has its own
-                time.sleep(pause)
+    def read_again(index: int, pauses: Sequence[float] = PAUSES) -> np.ndarray:
         try:
             return read(index)
-        except Exception:
-            try:
-                ask()
-            except Exception as error:
-                raise ConnectionError(f"{address} does not answer any more ({error})") from None
+        except SilentServerError:  # that was long enough
             raise
+        except Exception:  # every kind of store has its own
+            if not pauses:
+                try:
+                    ask()
+                except Exception as error:
+                    raise ConnectionError(f"{address} does not answer any more ({error})") from None
+                raise
+        time.sleep(pauses[0])
+        return read_again(index, pauses[1:])
 
     return read_again
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
 from napari_splinesketch.files import atomic, printable, special
-from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels, facts_of
+from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels
 
 LOSSES = {
     "scale": "no place for the scale and units",
@@ -210,7 +210,7 @@ class Format:
 
     def _lost(self, labels: AnyLabels) -> tuple[str, ...]:
         """Say what a file of these labels lacks, one sentence each."""
-        head, facts = labels.head, facts_of(labels)
+        head, facts = labels.head, labels.facts
         lost = {
             "scale": head.scale,
             "provenance": head.provenance,

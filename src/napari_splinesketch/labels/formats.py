@@ -113,7 +113,7 @@ def write_labels(
         What the format has no place for and the file therefore lacks, one sentence each.
     """
     if isinstance(labels, Refinement):
-        labels = Labels.from_refinement(labels)
+        labels = Labels.from_curves(labels.curves, shape=labels.shape)
     elif not isinstance(labels, AnyLabels):
         labels = Labels.from_curves(labels)
     return writer_of(path).write_whole(path, labels, overwrite=overwrite)

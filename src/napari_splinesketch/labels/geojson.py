@@ -21,7 +21,6 @@ TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
 """Types that are left out; a feature without geometry is left out under its own type."""
-COLOURS = {**palette.STATUS, "sketch": palette.SKETCH}
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -37,7 +36,7 @@ def _feature(label: Label) -> dict[str, Any]:
     for name, values in (("Half-width", label.half_width), ("Standard error", label.sd)):
         if (known := values[np.isfinite(values)]).size:
             measurements[f"{name} px, mean"] = float(known.mean())
-    colour = bytes.fromhex(COLOURS[label.status].removeprefix("#"))
+    colour = bytes.fromhex(palette.LABEL[label.status].removeprefix("#"))
     return {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": coordinates, "plane": plane},

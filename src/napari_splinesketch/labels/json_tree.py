@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
@@ -237,18 +237,14 @@ def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]
     first, *rest = json.JSONEncoder(**strict, default=later).encode(value).split(f'"{mark}"')
     yield first
     for stream, after in zip(streams, rest, strict=True):
-        is_array = isinstance(stream, Iterator)
-        each = map(encode, stream) if is_array else _members(stream(), encode, colon)
-        yield "[" if is_array else "{"
+        if isinstance(stream, Iterator):
+            (begin, end), each = "[]", map(encode, stream)
+        else:
+            (begin, end), each = "{}", (encode(name) + colon + encode(v) for name, v in stream())
+        yield begin
         for i, piece in enumerate(each):
             yield (comma if i else "") + piece
-        yield ("]" if is_array else "}") + after
-
-
-def _members(
-    pairs: Iterator[tuple[str, object]], encode: Callable[[object], str], colon: str
-) -> Iterator[str]:
-    return (encode(name) + colon + encode(value) for name, value in pairs)
+        yield end + after
 
 
 def held(value: object) -> Any:

@@ -9,7 +9,7 @@ import tifffile
 
 from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.json_tree import held
-from napari_splinesketch.labels.types import AnyLabels, facts_of, in_frames
+from napari_splinesketch.labels.types import AnyLabels, in_frames
 from napari_splinesketch.raster import strip_height, strips
 
 MAX_PIXELS = 2**28
@@ -22,7 +22,7 @@ def write(path: Path, labels: AnyLabels) -> None:
     Where bodies overlap, the pixel belongs to the one in which it lies deeper.
     """
     frames = in_frames(labels)
-    shape, highest = image_shape(labels), facts_of(labels).highest
+    shape, highest = image_shape(labels), labels.facts.highest
     count = int(frames.frames[-1]) + 1 if len(frames.frames) else 1
     if count > MAX_FRAMES:
         raise ValueError(
@@ -62,7 +62,7 @@ def image_shape(labels: AnyLabels) -> tuple[int, int]:
     """Give the shape of the image, or one that holds all bodies if it is not known."""
     shape = labels.head.shape
     if shape is None:
-        height, width = facts_of(labels).reach
+        height, width = labels.facts.reach
         shape = int(height), int(width)
     if shape[0] * shape[1] > MAX_PIXELS:
         raise ValueError(

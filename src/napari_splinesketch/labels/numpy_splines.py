@@ -49,19 +49,15 @@ def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2
         if not _is_splines(shape) or min(shape) < 0 or dtype.kind not in "fiu":
             reason = f"array of shape {shape} and type {dtype}; expected numbers of shape "
             raise error(f"{reason}(frames, splines, points, 2), (x, y) last")
-        *frames, splines, points, _ = shape
-        at_a_time = math.prod(shape) if by_column else splines * points * 2
+        block = shape if by_column else shape[-3:]  # by column, frames are not contiguous
+        at_a_time = math.prod(block)
         if at_a_time > MOST or math.prod(shape) > most:
             reason = f"array of shape {shape}: at most {MOST} numbers are read at a time"
             raise LabelsError(path, "", reason)
-        if not at_a_time:
-            return
-        if by_column:  # the numbers of a frame are not contiguous
-            whole = _numbers(file, at_a_time, dtype).reshape(shape, order="F")
-            yield from whole.reshape(-1, splines, points, 2)
-        else:
-            for _ in range(math.prod(frames)):
-                yield _numbers(file, at_a_time, dtype).reshape(splines, points, 2)
+        for _ in range(math.prod(shape) // max(at_a_time, 1)):
+            numbers = np.frombuffer(file.read(at_a_time * dtype.itemsize), dtype, at_a_time)
+            found = numbers.reshape(block, order="F" if by_column else "C")
+            yield from found.reshape(-1, *shape[-3:])
         if file.read(1):  # an archive checks its sum here, too
             raise ValueError("it continues after its last number")
 
@@ -89,10 +85,6 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     if np.lib.format.read_magic(file) == (1, 0):
         return np.lib.format.read_array_header_1_0(file)
     return np.lib.format.read_array_header_2_0(file)
-
-
-def _numbers(file: IO[bytes], count: int, dtype: np.dtype) -> Shaped[Array, " N"]:
-    return np.frombuffer(file.read(count * dtype.itemsize), dtype, count)
 
 
 def _is_splines(shape: tuple[int, ...]) -> bool:

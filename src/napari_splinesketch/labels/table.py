@@ -14,7 +14,7 @@ from napari_splinesketch.engine.types import Array
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.labels.csv_columns import read_curves
 from napari_splinesketch.labels.format import Format, Source
-from napari_splinesketch.labels.types import AnyLabels, Facts, Label, Labels, facts_of
+from napari_splinesketch.labels.types import AnyLabels, Facts, Label, Labels
 
 KINDS: dict[str, type | float] = {
     "frame": int,
@@ -60,7 +60,7 @@ def write_rows(
     file: TextIO, labels: AnyLabels, leading: Leading = lambda number, label: {}
 ) -> None:
     """Write a table, with further columns before all others."""
-    table, facts = csv.writer(file, lineterminator="\n"), facts_of(labels)
+    table, facts = csv.writer(file, lineterminator="\n"), labels.facts
     table.writerow([*leading(0, ANY), *_columns(ANY, labels.head, facts)])
     for number, label in enumerate(labels.labels):
         columns = leading(number, label).values(), _columns(label, labels.head, facts).values()

@@ -6,18 +6,17 @@ from functools import cached_property, partial
 from itertools import chain, groupby
 from operator import index
 from types import MappingProxyType
-from typing import Any, Literal, Self, TypeVar, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
+from napari_splinesketch.engine.types import POINTS, Array, Curve
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
 Review = Literal["open", "accepted", "rejected"]
 REVIEWS: tuple[Review, ...] = get_args(Review)
-T = TypeVar("T", int, float)
 MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
@@ -133,11 +132,11 @@ class Labels:
         object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
-            scale = _checked("scale", "(y, x)", self.scale, 1 / MAX_SCALE, MAX_SCALE)
-            object.__setattr__(self, "scale", tuple(map(float, scale)))
+            _check_pair("scale", "(y, x)", self.scale, 1 / MAX_SCALE, MAX_SCALE)
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))
         if self.shape is not None:
-            shape = _checked("shape", "(H, W) of the image", self.shape, 1, MAX_COORDINATE)
-            object.__setattr__(self, "shape", tuple(map(index, shape)))
+            _check_pair("shape", "(H, W) of the image", self.shape, 1, MAX_COORDINATE)
+            object.__setattr__(self, "shape", tuple(map(index, self.shape)))
         if self.units is not None and self.scale is None:
             raise ValueError(f"units are {self.units!r} but scale is None; give a pixel's size too")
         if self.units is not None and not (self.units.strip() and self.units.isprintable()):
@@ -182,15 +181,15 @@ class Labels:
         )
         return cls(labels, **known)
 
-    @classmethod
-    def from_refinement(cls, result: Refinement, **options: Any) -> Self:
-        """Label the curves of a refinement; options as in `from_curves`."""
-        return cls.from_curves(result.curves, shape=result.shape, **options)
-
     @property
     def head(self) -> "Labels":
         """Everything but the labels themselves."""
         return self
+
+    @cached_property
+    def facts(self) -> "Facts":
+        """What formats need to know of all labels together."""
+        return Facts.of(self.labels)
 
 
 @dataclass
@@ -283,14 +282,9 @@ AnyLabels = Labels | ByFrame
 """What can be written."""
 
 
-def facts_of(labels: AnyLabels) -> Facts:
-    """Give what formats need to know of all labels together."""
-    return labels.facts if isinstance(labels, ByFrame) else Facts.of(labels.labels)
-
-
 def evenly_sampled(labels: AnyLabels) -> tuple[int, Iterator[Label]]:
     """Give all labels the same number of points, and that number: `POINTS` where they differ."""
-    sizes = facts_of(labels).sizes
+    sizes = labels.facts.sizes
     size = min(sizes) if len(sizes) == 1 else POINTS
     return size, (label.resampled(size) for label in labels.labels)
 
@@ -325,7 +319,6 @@ def _problem(label: Label) -> str | None:
     return None
 
 
-def _checked(name: str, what: str, pair: Sequence[T], least: float, most: float) -> Sequence[T]:
+def _check_pair(name: str, what: str, pair: Sequence[float], least: float, most: float) -> None:
     if len(pair) != 2 or not all(least <= each <= most for each in pair):
         raise ValueError(f"{name} is {pair}; expected {what}, two numbers above 0")
-    return pair

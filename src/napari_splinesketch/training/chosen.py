@@ -61,9 +61,10 @@ class Chosen:
         for label in (*self.others, *(label for label in self.kept if not _is_wide(label))):
             # A line without a width is a rough one: the body may be beside it.
             reach = label.half_width if _is_wide(label) else np.full(len(label.points), 2 * usual)
-            patch = rasterise(label.points, reach + MARGIN, shape)
-            if patch is not None:
-                ignored[patch.place] |= patch.inside
+            drawn = rasterise(label.points, reach + MARGIN, shape)
+            if drawn is not None:
+                place, depth = drawn
+                ignored[place] |= depth >= 0
         return ignored & (self.mask(shape) == 0)
 
 
