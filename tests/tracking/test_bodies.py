@@ -32,13 +32,14 @@ def held(
     line: np.ndarray, first: float = 0, last: float = LENGTH, places: ShownPlaces | None = None
 ) -> Curve:
     """The body where it is predicted so, in an image of a part of it."""
-    shown = at(6, first + HALF_WIDTH, last - HALF_WIDTH)  # round ends
+    part = at(6, first + HALF_WIDTH, last - HALF_WIDTH)  # round ends
     rng = np.random.default_rng(0)
     rows, columns = np.indices((50, 100))
-    apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
+    apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - part, axis=-1).min(-1)
     pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
     predicted = {1: Predicted(line, 0.7)}
-    search = Search(View(pixels), predicted, {}, refine, "fast", lambda told: None, shown=places)
+    shown = places or ShownPlaces()
+    search = Search(View(pixels), predicted, {}, refine, "fast", lambda told: None, shown=shown)
     return search.held([BODY])[1].curve
 
 

@@ -2,15 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.spline import arc_length
-from napari_splinesketch.engine.types import Array, Curve, OnProgress, Refinement
-from napari_splinesketch.grids import Grid
+from napari_splinesketch.engine.types import Array, Curve, Refinement
+from napari_splinesketch.grids import Grid, Patch, around_all, slices
 
 Line = Float[Array, "N 2"]
 WHOLE = Grid(np.zeros(2), np.ones(2))
@@ -42,8 +41,8 @@ class View:
         points = np.concatenate(blocks)
         low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
-        part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-        return View(self.pixels[part], Grid(self.place.to_image(low), self.place.step), whole=False)
+        pixels = self.pixels[slices(low.astype(int), high.astype(int))]
+        return View(pixels, Grid(self.place.to_image(low), self.place.step), whole=False)
 
     def copied(self) -> "View":
         """The same without the frame that its pixels may be a part of."""
@@ -54,15 +53,11 @@ def joined(views: Sequence[View]) -> View:
     """One view of some parts of a frame, without values in between."""
     if all(view is views[0] for view in views):
         return views[0]
-    grid = views[0].place
-    corners = np.rint([grid.to_block(view.place.origin) for view in views]).astype(int)
-    low = corners.min(0)
-    size = (corners + [view.pixels.shape for view in views]).max(0) - low
-    pixels = np.full(size, np.nan)
-    for view, (row, column) in zip(views, corners - low, strict=True):
-        rows, columns = view.pixels.shape
-        pixels[row : row + rows, column : column + columns] = view.pixels
-    return View(pixels, Grid(grid.to_image(low), grid.step), whole=False)
+    grid, low, high = around_all([Patch(view.place, view.pixels) for view in views])
+    pixels = np.full(high.max(0), np.nan)
+    for view, begin, end in zip(views, low, high, strict=True):
+        pixels[slices(begin, end)] = view.pixels
+    return View(pixels, grid, whole=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,19 +144,5 @@ class Tracked:
 Read = Callable[[int, Sequence[Line]], View]
 """Reads a frame, at least around some lines."""
 
-
-class Refine(Protocol):
-    """`refine`, as far as tracking needs it."""
-
-    def __call__(
-        self,
-        image: Real[np.ndarray, "H W"],
-        sketches: Sequence[Line],
-        preset: Any,
-        /,
-        *,
-        fixed: Sequence[Curve],
-        on_progress: OnProgress,
-    ) -> Refinement:
-        """Fit the sketched bodies."""
-        ...
+Refine = Callable[..., Refinement]
+"""`refine`, or what stands in for it: takes pixels, lines, a preset, `fixed`, `on_progress`."""
