@@ -13,7 +13,6 @@ from napari_splinesketch.batch.reports import CurveReport, Reports
 from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.cli.terminal import Report
-from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
 from napari_splinesketch.labels.formats import open_labels
@@ -26,18 +25,17 @@ def run(job: RefineJob, report: Report) -> Outcome:
     A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
     Finished frames are kept beside the output until all outputs are written.
     """
-    job.check()
     sketches = in_frames(open_labels(job.sketches))
     with open_run(job, report, sketches.head) as work:
-        work.tally.count = len(sketches.frames)
+        work.count = len(sketches.frames)
         work.shared(job, _finders(job, sketches))
         nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
         notes = *sketches.head.notes, *nothing
-        outcome, labels = work.write(map(int, sketches.frames), notes)
+        outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
-            masks.FORMAT.write_whole(job.masks, labels, overwrite=job.overwrite)
-        if labels.head.shape is not None:  # a frame could be refined
-            _write_pictures(job, work, outcome.frames, labels.head.shape)
+            masks.FORMAT.write_whole(job.masks, outcome.labels, overwrite=job.overwrite)
+        if outcome.labels.head.shape is not None:  # a frame could be refined
+            _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
     return outcome
 
 
@@ -64,12 +62,12 @@ class Refiner:
 
     def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
         """Refine them all together."""
-
-        def on_progress(stage: Progress) -> None:
-            progress(stage.fraction)
-
-        lines = [label.points for label in self.sketches]
-        result = napari_splinesketch.refine(image, lines, on_progress=on_progress, **self.options)
+        result = napari_splinesketch.refine(
+            image,
+            [label.points for label in self.sketches],
+            on_progress=lambda stage: progress(stage.fraction),
+            **self.options,
+        )
         ids = [label.curve for label in self.sketches]
         return Found(
             Labels.from_curves(result.curves, frame=self.frame, ids=ids).labels,
