@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.reports import words
@@ -18,7 +18,6 @@ from napari_splinesketch.files import is_inside
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
 
-AnyJob = TypeVar("AnyJob", bound=jobs.FrameJob)
 KEPT = "finished frames are kept; add --resume to continue"
 
 
@@ -79,7 +78,7 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 def _demo(job: jobs.DemoJob) -> int:
-    from napari_splinesketch.cli import demo, refining
+    from napari_splinesketch.cli import demo
 
     reason = demo.why_no_window()
     if job.output is None and reason is None:
@@ -91,20 +90,12 @@ def _demo(job: jobs.DemoJob) -> int:
     if job.output is None:
         terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
     with demo.refine_job(job, folder) as refine:
-        return _frames(refine, refining.run)
+        return _frames("refining", refine)
 
 
-def _frames_of(module: str) -> Callable[[jobs.FrameJob], int]:
-    """Make a command that goes through frames: `run` of a module that is slow to import."""
-
-    def do(job: jobs.FrameJob) -> int:
-        return _frames(job, import_module(f"napari_splinesketch.cli.{module}").run)
-
-    return do
-
-
-def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -> int:
-    """Run a command that goes through frames and print its report; returns the exit code."""
+def _frames(module: str, job: jobs.FrameJob) -> int:
+    """Go through frames by `run` of a module that is slow to import, and print its report."""
+    work: Callable[..., Outcome] = import_module(f"napari_splinesketch.cli.{module}").run
     with job.owning(), terminal.progress() as progress:
         outcome = work(job, progress)
     terminal.say(*outcome.notes)
@@ -184,9 +175,9 @@ def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
 
 COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
     "demo": (jobs.DemoJob, _demo),
-    "refine": (jobs.RefineJob, _frames_of("refining")),
-    "suggest": (jobs.SuggestJob, _frames_of("suggesting")),
-    "track": (jobs.TrackJob, _frames_of("tracking")),
+    "refine": (jobs.RefineJob, partial(_frames, "refining")),
+    "suggest": (jobs.SuggestJob, partial(_frames, "suggesting")),
+    "track": (jobs.TrackJob, partial(_frames, "tracking")),
     "convert": (jobs.ConvertJob, _convert),
     "compare": (jobs.CompareJob, _compare),
     "export-training": (jobs.TrainingJob, _export_training),

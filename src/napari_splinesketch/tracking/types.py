@@ -35,18 +35,14 @@ class View:
     whole: bool = True
 
     def around(self, lines: Sequence[Line]) -> "View":
-        """As much of it as the engine looks at for some lines, px of the image."""
+        """A copy of as much of it as the engine looks at for some lines, px of the image."""
         blocks = [self.place.to_block(line) for line in lines]
         margin = MARGIN + max(arc_length(line)[-1] for line in blocks) / 2 + 1
         points = np.concatenate(blocks)
         low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
-        pixels = self.pixels[slices(low.astype(int), high.astype(int))]
+        pixels = self.pixels[slices(low.astype(int), high.astype(int))].copy()
         return View(pixels, Grid(self.place.to_image(low), self.place.step), whole=False)
-
-    def copied(self) -> "View":
-        """The same without the frame that its pixels may be a part of."""
-        return replace(self, pixels=self.pixels.copy())
 
 
 def joined(views: Sequence[View]) -> View:

@@ -97,7 +97,7 @@ class Window:
             for i in self._open:
                 lines = [curves[i].points] if i in curves else []
                 lines += [before[i].predicted(result.frame).line] if i in before else []
-                kept[i] = view if self._pictures else view.around(lines).copied()
+                kept[i] = view if self._pictures else view.around(lines)
         self._views.append(kept)
         if not self._pictures:
             self._held[-1] = replace(result, view=None)
