@@ -81,9 +81,7 @@ def test_a_curve_that_slid_along_others_does_not_tell_how_its_body_moves() -> No
     for one in (uncertain(slid), curve(at(6, -4, LENGTH + 2), HALF_WIDTH)):
         assert misleads(BODY, 6, one)
         for others, last in (((crossing,), 5), ((), 6)):
-            curves = (one, *others)
-            ids = tuple(range(1, 1 + len(curves)))
-            result = Tracked(6, ids, tuple(c.points for c in curves), curves)
+            result = Tracked(6, dict(enumerate((one, *others), start=1)))
             known = after({1: BODY, 2: replace(BODY, id=2)}, result, NOTHING_GIVEN)
             assert known[1].seen[-1][0] == last
             assert known[1].misses == 0, "it is there"
@@ -102,7 +100,7 @@ def test_what_misleads_for_long_is_how_the_body_moves() -> None:
     bodies = {1: BODY, 2: replace(BODY, id=2)}
     for frame in range(6, 10):
         curves = uncertain(moved(at(frame), 0, 4)), curve(moved(at(frame), 3, 20), HALF_WIDTH)
-        result = Tracked(frame, (1, 2), tuple(c.points for c in curves), curves)
+        result = Tracked(frame, dict(zip((1, 2), curves, strict=True)))
         bodies = after(bodies, result, NOTHING_GIVEN)
         assert bodies[1].seen[-1][0] == (5 if frame < 9 else 9)
 

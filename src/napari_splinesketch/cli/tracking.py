@@ -164,9 +164,8 @@ def _after(
     placed = {number: curve for number, curve in curves.items() if number not in sketched}
     tracked = Tracked(
         done.frame,
-        ids=tuple(placed),
-        sketches=tuple(curve.points for curve in placed.values()),
-        curves=tuple(placed.values()),
+        placed,
+        {number: curve.points for number, curve in placed.items()},
         drifting=frozenset(n for n in placed if status[n].status == DRIFT),
         missing={n: "" for n, r in status.items() if r.status in (MISSING, LOST) and n in bodies},
         lost=frozenset(n for n, r in status.items() if r.status == LOST),

@@ -206,7 +206,7 @@ class _Step:
     ) -> Tracked:
         """Sort what was found into trusted, drifting, missing and lost."""
         missing, lost = dict(gone), set(gone)
-        here, curves, drifting = list[Found](), list[Curve](), set[int]()
+        curves, drifting = dict[int, Curve](), set[int]()
         for body in bodies:
             one, curve = found[body.id], found[body.id].curve
             given_up = body.id in divided or (body.misses >= self._patience and not one.trusted)
@@ -219,17 +219,9 @@ class _Step:
                 drifting.add(body.id)
                 reasons = [why for why in curve.reasons if "same body" not in why]
                 curve = replace(curve, status="check", reasons=(*one.said, *reasons))
-            here.append(one)
-            curves.append(curve)
-        return Tracked(
-            frame,
-            tuple(one.id for one in here),
-            tuple(one.sketch for one in here),
-            tuple(curves),
-            frozenset(drifting),
-            missing,
-            frozenset(lost),
-        )
+            curves[body.id] = curve
+        sketches = {i: found[i].sketch for i in curves}
+        return Tracked(frame, curves, sketches, frozenset(drifting), missing, frozenset(lost))
 
 
 def _inside(view: View, line: Line) -> bool:

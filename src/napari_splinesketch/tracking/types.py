@@ -1,7 +1,7 @@
 """What tracking takes and gives: immutable values, free of JAX, Qt and files."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -86,12 +86,11 @@ class Tracked:
     ----------
     frame
         Its number.
-    ids
-        Numbers of the bodies that were placed, without the given ones.
+    by_id
+        Curves of the bodies that were placed, without the given ones, by number; "check" with the
+        reason where one drifts.
     sketches
         Where each was looked for, px of the image.
-    curves
-        One for each number; "check" with the reason where it drifts.
     drifting
         Numbers of the bodies whose curves are not trusted: the next frame does not start there.
     missing
@@ -109,9 +108,8 @@ class Tracked:
     """
 
     frame: int
-    ids: tuple[int, ...] = ()
-    sketches: tuple[Line, ...] = ()
-    curves: tuple[Curve, ...] = ()
+    by_id: Mapping[int, Curve] = field(default_factory=dict)
+    sketches: Mapping[int, Line] = field(default_factory=dict)
     drifting: frozenset[int] = frozenset()
     missing: Mapping[int, str] = field(default_factory=dict)
     lost: frozenset[int] = frozenset()
@@ -122,19 +120,14 @@ class Tracked:
     entered: tuple[Line, ...] = ()
 
     @property
-    def by_id(self) -> dict[int, Curve]:
-        """The curves by number."""
-        return dict(zip(self.ids, self.curves, strict=True))
+    def ids(self) -> tuple[int, ...]:
+        """Numbers of the bodies that were placed."""
+        return tuple(self.by_id)
 
-    def with_curves(
-        self, curves: Mapping[int, Curve], sketches: Mapping[int, Line] | None = None
-    ) -> "Tracked":
-        """The same frame with these curves, and where some of them were looked for."""
-        lines = {**dict(zip(self.ids, self.sketches, strict=True)), **(sketches or {})}
-        ids = tuple(curves)
-        return replace(
-            self, ids=ids, curves=tuple(curves.values()), sketches=tuple(lines[i] for i in ids)
-        )
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """Their curves."""
+        return tuple(self.by_id.values())
 
 
 Read = Callable[[int, Sequence[Line]], View]

@@ -138,7 +138,7 @@ class Window:
             self._begin += 1
             count -= 1
             del self._held[0], self._views[0]
-            yield first.with_curves({**first.by_id, **steadied})
+            yield replace(first, by_id={**first.by_id, **steadied})
 
     def _after(self, name: int, later: list[Tracked]) -> list[Seen]:
         """What is known of a body in the frames after one."""
@@ -169,7 +169,7 @@ class Window:
             for i, curve in result.by_id.items()
             if i in self._open and self._open[i].first <= self._begin + at
         }
-        return result.with_curves({**result.by_id, **doubted})
+        return replace(result, by_id={**result.by_id, **doubted})
 
     def _note(
         self,
@@ -275,10 +275,13 @@ class Window:
                     chosen[i] = one.curve
         for i in set(bodies) - set(chosen):
             chosen[i] = inferred(bodies[i].seen[-1][1], predicted[i])
-        lines = {i: f.line for i, f in predicted.items()}
-        decided = result.with_curves({**others, **chosen}, lines)
-        missing = {i: why for i, why in result.missing.items() if i not in predicted}
-        return replace(decided, drifting=result.drifting - set(predicted), missing=missing)
+        return replace(
+            result,
+            by_id={**others, **chosen},
+            sketches={**result.sketches, **{i: there.line for i, there in predicted.items()}},
+            drifting=result.drifting - set(predicted),
+            missing={i: why for i, why in result.missing.items() if i not in predicted},
+        )
 
 
 def inferred(like: Curve, predicted: Predicted) -> Curve:
