@@ -16,6 +16,7 @@ from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels, table
+from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
 ENTERED = "a body came into view at row {:.0f}, column {:.0f}; sketch it in this frame to track it"
@@ -30,9 +31,7 @@ def run(job: TrackJob, report: Report) -> Outcome:
     that cannot be read or refined is reported, and the bodies are looked for in the next one.
     """
     sketches = read_labels(job.sketches)
-    drawn: dict[int, list[Label]] = {}
-    for label in sketches.labels:
-        drawn.setdefault(label.frame, []).append(label)
+    drawn = {labels[0].frame: labels for labels in in_frames(sketches).read()}
     if not drawn:
         raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
     with open_run(job, report, sketches) as work:
@@ -41,7 +40,7 @@ def run(job: TrackJob, report: Report) -> Outcome:
         bodies: dict[int, Body] = {}
         left = list(frames)
         while left and (done := work.partial.done(left[0])):  # in an earlier run
-            bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], []))
+            bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], ()))
             work.add()
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
@@ -154,7 +153,7 @@ def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport
 
 
 def _after(
-    bodies: Mapping[int, Body], done: FrameReport, labels: Sequence[Label], drawn: list[Label]
+    bodies: Mapping[int, Body], done: FrameReport, labels: Sequence[Label], drawn: Sequence[Label]
 ) -> dict[int, Body]:
     """Give the bodies as they are known after a frame, which may come from an earlier run."""
     curves = {label.curve: _curve(label) for label in labels if label.status != "failed"}

@@ -6,8 +6,8 @@ from copy import copy
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
+from scipy.spatial.distance import cdist
 
-from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.spline import neighbours, resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
 from napari_splinesketch.tracking.bodies import Body
@@ -204,7 +204,7 @@ def apart_from(
     """At which points of a line no other curve comes so near, in half-widths of that."""
     apart = np.ones(len(line), dtype=bool)
     for other in others:
-        apart &= spline.apart(line, other.points[::2]) > reach * _half_width(other)
+        apart &= cdist(line, other.points[::2]).min(1) > reach * _half_width(other)
     return apart
 
 
@@ -247,4 +247,4 @@ def _half_width(curve: Curve) -> float:
 
 
 def _share(a: Float[Array, "N 2"], b: Float[Array, "M 2"], reach: float) -> float:
-    return float((spline.apart(a[::4], b[::2]) < reach).mean())
+    return float((cdist(a[::4], b[::2]).min(1) < reach).mean())

@@ -62,7 +62,7 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
     return Kymograph(frames, curvature, (velocity * tangent).sum(2), (velocity * left).sum(2))
 
 
-def curvature_of(curve: Curve, points: int = 100) -> Float[np.ndarray, " points"]:
+def curvature_of(curve: Curve, points: int) -> Float[np.ndarray, " points"]:
     """Curvature of a curve's spline at points uniform in arc length, 1 / px."""
     knots = curve.knots[:, :2]
     u = np.linspace(0, 1, 8 * points)

@@ -70,7 +70,6 @@ class Cancelled(Exception):
 class Found:
     """Where a body was found: px of the image, with what speaks against it."""
 
-    id: int
     sketch: Line
     curve: Curve
     said: tuple[str, ...]
@@ -221,8 +220,8 @@ class Search:
         if not bodies:
             return
         tried = {body.id for body in bodies}
-        others = [one for one in found.values() if one.id not in tried and one.trusted]
-        fixed = {**self.given, **{one.id: one.curve for one in others}}
+        others = {i: one.curve for i, one in found.items() if i not in tried and one.trusted}
+        fixed = {**self.given, **others}
         wanted = [lines[b.id] for b in bodies]
         view = self.view.around(wanted) if self.refinement else self.view
         covered = [b for b in bodies if b.id in hidden]
@@ -263,7 +262,7 @@ class Search:
             if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")
             empty = curve.status == "failed" or there <= LEAST
-            one = Found(body.id, lines[body.id], curve, tuple(said), empty)
+            one = Found(lines[body.id], curve, tuple(said), empty)
             if body.id not in found or one.score < found[body.id].score + (body.id in hidden):
                 found[body.id] = one
                 kept = True

@@ -3,8 +3,7 @@
 import csv
 import json
 import os
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
@@ -122,19 +121,15 @@ def export_training(
 
 def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]:
     """Give the frames that have something to train on; ValueError where there are none."""
-    reviews: Counter[str] = Counter()
-
-    def usable() -> Iterator[int]:
-        for labels in source.read():
-            kept = [is_kept(label, keep) for label in labels]
-            reviews.update(label.review for label in labels)
-            if all(kept) or (any(kept) and not whole_frames):
-                yield labels[0].frame
-
-    frames = np.fromiter(usable(), dtype=np.int64)
-    if len(frames):
-        return frames
-    if keep == "accepted" and not reviews["accepted"]:
+    frames, accepted = list[int](), False
+    for labels in source.read():
+        kept = [is_kept(label, keep) for label in labels]
+        accepted = accepted or any(label.review == "accepted" for label in labels)
+        if all(kept) or (any(kept) and not whole_frames):
+            frames.append(labels[0].frame)
+    if frames:
+        return np.array(frames)
+    if keep == "accepted" and not accepted:
         raise ValueError(
             "no curve is accepted; accept some in the window and export them as labels CSV, "
             "GeoJSON or WCON, or take all that are good (--keep good)"
