@@ -209,7 +209,7 @@ def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_judge
     line = LINES[0][:, 1:]
 
     def tracked(*ids: int) -> Tracked:
-        return Tracked(1, ids, (line,) * len(ids), (as_drawn(line),) * len(ids))
+        return Tracked(1, dict.fromkeys(ids, as_drawn(line)), dict.fromkeys(ids, line))
 
     state = taken_in(State(), tracked(1, 2, 3, 4))
     state = state.marked([(1, 2)], review="accepted").marked([(1, 4)], review="rejected")
@@ -301,11 +301,11 @@ def test_a_correction_is_carried_around_and_no_further(
 def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
     view = partial(View, np.zeros((4, 5)))
     line = LINES[0][:, 1:]
-    lines, made = (line, line), (as_drawn(line), as_drawn(line))
+    made, lines = {3: as_drawn(line), 4: as_drawn(line)}, {3: line, 4: line}
     divided = {3: f"{DIVIDED} of 20 and 22 px"}
     results = [
-        Tracked(1, (3, 4), lines, made, entered=(np.zeros((2, 2)),), view=view()),
-        Tracked(2, (4,), lines[:1], made[:1], missing=divided, lost=frozenset({3}), view=view()),
+        Tracked(1, made, lines, entered=(np.zeros((2, 2)),), view=view()),
+        Tracked(2, {4: made[4]}, lines, missing=divided, lost=frozenset({3}), view=view()),
         Tracked(3, missing={4: LEFT}, lost=frozenset({4}), view=view()),
     ]
     told: list[Any] = []

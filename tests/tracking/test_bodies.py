@@ -32,13 +32,14 @@ def held(
     line: np.ndarray, first: float = 0, last: float = LENGTH, places: ShownPlaces | None = None
 ) -> Curve:
     """The body where it is predicted so, in an image of a part of it."""
-    shown = at(6, first + HALF_WIDTH, last - HALF_WIDTH)  # round ends
+    part = at(6, first + HALF_WIDTH, last - HALF_WIDTH)  # round ends
     rng = np.random.default_rng(0)
     rows, columns = np.indices((50, 100))
-    apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - shown, axis=-1).min(-1)
+    apart = np.linalg.norm(np.stack([rows, columns], -1)[..., None, :] - part, axis=-1).min(-1)
     pixels = 1 / (1 + np.exp(2 * (apart - HALF_WIDTH))) + 0.05 * rng.standard_normal(rows.shape)
     predicted = {1: Predicted(line, 0.7)}
-    search = Search(View(pixels), predicted, {}, refine, "fast", lambda told: None, shown=places)
+    shown = places or ShownPlaces()
+    search = Search(View(pixels), predicted, {}, refine, "fast", lambda told: None, shown=shown)
     return search.held([BODY])[1].curve
 
 
@@ -80,9 +81,7 @@ def test_a_curve_that_slid_along_others_does_not_tell_how_its_body_moves() -> No
     for one in (uncertain(slid), curve(at(6, -4, LENGTH + 2), HALF_WIDTH)):
         assert misleads(BODY, 6, one)
         for others, last in (((crossing,), 5), ((), 6)):
-            curves = (one, *others)
-            ids = tuple(range(1, 1 + len(curves)))
-            result = Tracked(6, ids, tuple(c.points for c in curves), curves)
+            result = Tracked(6, dict(enumerate((one, *others), start=1)))
             known = after({1: BODY, 2: replace(BODY, id=2)}, result, NOTHING_GIVEN)
             assert known[1].seen[-1][0] == last
             assert known[1].misses == 0, "it is there"
@@ -101,7 +100,7 @@ def test_what_misleads_for_long_is_how_the_body_moves() -> None:
     bodies = {1: BODY, 2: replace(BODY, id=2)}
     for frame in range(6, 10):
         curves = uncertain(moved(at(frame), 0, 4)), curve(moved(at(frame), 3, 20), HALF_WIDTH)
-        result = Tracked(frame, (1, 2), tuple(c.points for c in curves), curves)
+        result = Tracked(frame, dict(zip((1, 2), curves, strict=True)))
         bodies = after(bodies, result, NOTHING_GIVEN)
         assert bodies[1].seen[-1][0] == (5 if frame < 9 else 9)
 

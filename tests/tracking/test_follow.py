@@ -121,7 +121,7 @@ def test_what_is_given_stays_and_leads_on() -> None:
     assert len(lines) == 1
     np.testing.assert_allclose([c.points for c in fixed], [kept.points, new.points])
     assert second.ids == (7, 3, 12)
-    np.testing.assert_allclose(second.sketches[0][0], LINE[0] + (9 + 4.5, 0))
+    np.testing.assert_allclose(second.sketches[7][0], LINE[0] + (9 + 4.5, 0))
 
 
 def test_a_frame_that_is_whole_is_not_touched() -> None:
@@ -160,7 +160,7 @@ def test_a_body_in_doubt_is_looked_for_where_it_was_and_then_lost() -> None:
     assert [7 in result.drifting for result in results] == [True, True, False, False, False]
     assert [sorted(result.lost) for result in results] == [[], [], [7], [], []]
     assert "length jumped" in results[2].missing[7]
-    np.testing.assert_allclose(results[1].sketches[0][[0, -1]], LINE)
+    np.testing.assert_allclose(results[1].sketches[7][[0, -1]], LINE)
     assert results[-1].ids == (3,)
 
 

@@ -65,8 +65,7 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
         third = {} if frame in gone else {3: curve(moved(LINE, 2 * abs(frame - LONGEST // 2), 48))}
         now = {**pair, **third}
         missing = {} if third else {3: "nothing like it is there"}
-        lines = tuple(c.points for c in now.values())
-        result = Tracked(frame, tuple(now), lines, tuple(now.values()), missing=missing)
+        result = Tracked(frame, now, missing=missing)
         known = window.push(result, {}, bodies)
         bodies = after(bodies, result, NOTHING_GIVEN) | known
         results += window.ready()

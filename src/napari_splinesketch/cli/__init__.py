@@ -29,5 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             import signal
 
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-        print("interrupted", file=sys.stderr)
+        told = str(error) if isinstance(error, KeyboardInterrupt) else ""
+        print(told or "interrupted", file=sys.stderr)
         return 130

@@ -3,23 +3,21 @@
 import argparse
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.reports import words
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, given
-from napari_splinesketch.files import is_inside, owned
+from napari_splinesketch.files import is_inside
 
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
 
-AnyJob = TypeVar("AnyJob", bound=jobs.FrameJob)
 KEPT = "finished frames are kept; add --resume to continue"
 
 
@@ -69,9 +67,7 @@ def run(arguments: Sequence[str] | None) -> int:
         raise
     except (Exception, KeyboardInterrupt) as error:
         if isinstance(error, KeyboardInterrupt) or terminal.was_interrupted():
-            terminal.ignore_interrupts()
-            terminal.say(f"interrupted; {KEPT}" if kept else "interrupted")
-            return report.INTERRUPTED
+            raise KeyboardInterrupt(f"interrupted; {KEPT}" if kept else "interrupted") from None
         if isinstance(error, ConnectionError) and kept:
             terminal.say(f"{error}; {KEPT}")
             return report.INTERRUPTED
@@ -82,7 +78,7 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 def _demo(job: jobs.DemoJob) -> int:
-    from napari_splinesketch.cli import demo, refining
+    from napari_splinesketch.cli import demo
 
     reason = demo.why_no_window()
     if job.output is None and reason is None:
@@ -94,27 +90,20 @@ def _demo(job: jobs.DemoJob) -> int:
     if job.output is None:
         terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
     with demo.refine_job(job, folder) as refine:
-        return _frames(refine, refining.run)
+        return _frames("refining", refine)
 
 
-def _frames_of(module: str) -> Callable[[jobs.FrameJob], int]:
-    """Make a command that goes through frames: `run` of a module that is slow to import."""
-
-    def do(job: jobs.FrameJob) -> int:
-        return _frames(job, import_module(f"napari_splinesketch.cli.{module}").run)
-
-    return do
-
-
-def _frames(job: AnyJob, work: "Callable[[AnyJob, terminal.Report], Outcome]") -> int:
-    """Run a command that goes through frames and print its report; returns the exit code."""
-    with terminal.progress() as progress:
+def _frames(module: str, job: jobs.FrameJob) -> int:
+    """Go through frames by `run` of a module that is slow to import, and print its report."""
+    work: Callable[..., Outcome] = import_module(f"napari_splinesketch.cli.{module}").run
+    with job.owning(), terminal.progress() as progress:
         outcome = work(job, progress)
-    for note in outcome.notes:
-        terminal.say(note)
+    terminal.say(*outcome.notes)
     if job.json:
         written = [str(path) for path in job.files("written")]
-        more = {"written": written, "notes": outcome.notes, "provenance": outcome.provenance}
+        source = dict(outcome.labels.head.provenance)
+        source.pop("image", None)  # the reports have the checksums of the frames
+        more = {"written": written, "notes": outcome.notes, "provenance": source}
         told = report.as_json(outcome.frames, **more)
     else:
         told = report.as_text(outcome.frames, verbose=job.verbose)
@@ -126,15 +115,14 @@ def _convert(job: jobs.ConvertJob) -> int:
     from napari_splinesketch.labels.formats import open_labels
     from napari_splinesketch.labels.types import ByFrame
 
-    with _owning(job):
+    with job.owning():
         labels = open_labels(job.source)
         if job.scale:
             head = replace(labels.head, scale=job.scale, units=job.units)
             labels = replace(labels, head=head) if isinstance(labels, ByFrame) else head
         losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.head.notes, *losses]
-    for note in notes:
-        terminal.say(note)
+    terminal.say(*notes)
     count = labels.facts.count
     text = f"{count} {'curve' if count == 1 else 'curves'} written to {job.target}"
     return _show(job, {"written": str(job.target), "curves": count, "notes": notes}, [text])
@@ -144,13 +132,12 @@ def _compare(job: jobs.CompareJob) -> int:
     from napari_splinesketch.cli import comparing
     from napari_splinesketch.labels import read_labels
 
-    with _owning(job):
+    with job.owning():
         labels, truth = read_labels(job.labels), read_labels(job.truth)
         result = comparing.compare(labels, truth, tolerance=job.tolerance)
         if job.picture:
             comparing.draw(job.picture, labels, truth, job.image, job.overwrite)
-    for note in (*labels.notes, *truth.notes):
-        terminal.say(note)
+    terminal.say(*labels.notes, *truth.notes)
     return _show(job, asdict(result), comparing.as_text(result))
 
 
@@ -188,24 +175,14 @@ def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
 
 COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
     "demo": (jobs.DemoJob, _demo),
-    "refine": (jobs.RefineJob, _frames_of("refining")),
-    "suggest": (jobs.SuggestJob, _frames_of("suggesting")),
-    "track": (jobs.TrackJob, _frames_of("tracking")),
+    "refine": (jobs.RefineJob, partial(_frames, "refining")),
+    "suggest": (jobs.SuggestJob, partial(_frames, "suggesting")),
+    "track": (jobs.TrackJob, partial(_frames, "tracking")),
     "convert": (jobs.ConvertJob, _convert),
     "compare": (jobs.CompareJob, _compare),
     "export-training": (jobs.TrainingJob, _export_training),
 }
 """The options of each command, with its help as their docstring, and the function that does it."""
-
-
-@contextmanager
-def _owning(job: jobs.Job) -> Iterator[None]:
-    """Own the outputs. Raise ValueError if one cannot be written or is an input."""
-    job.check()
-    with ExitStack() as inside:
-        for path in job.files("written"):
-            inside.enter_context(owned(path))
-        yield
 
 
 def _show(job: jobs.Job, values: object, text: Sequence[str] | Iterator[str]) -> int:

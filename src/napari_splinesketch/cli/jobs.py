@@ -1,5 +1,7 @@
 """Every command: its options and its help."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -7,7 +9,7 @@ from typing import Literal
 
 from napari_splinesketch.cli.options import check, declared, opt
 from napari_splinesketch.engine.settings import Asked, Look
-from napari_splinesketch.files import check_outputs, same_file
+from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.images.frames import is_part_of
 from napari_splinesketch.training.split import Split
 
@@ -46,6 +48,16 @@ class Job:
             if what.endings and path and path.suffix.lower() not in what.endings:
                 endings = " or ".join(what.endings)
                 raise ValueError(f"{path}: expected a name that ends with {endings}")
+
+    @contextmanager
+    def owning(self) -> Iterator[None]:
+        """Own the outputs. Raise ValueError if one cannot be written or is an input."""
+        self.check()
+        with ExitStack() as inside:
+            for path in self.files("written"):
+                inside.enter_context(owned(path))
+            self.check()  # once more: another run may have ended just before it was ours
+            yield
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -57,13 +57,11 @@ def opt(text: str = "", metavar: Any = None, *, default: Any = MISSING, **more: 
 
 def declared(options: type) -> list[tuple[Field[Any], Opt]]:
     """Give every field with its declaration; positional arguments come first."""
-    found = [(one, _opt(one)) for one in fields(options)]
+    found = [
+        (one, Opt(**{"flag": f"--{one.name.replace('_', '-')}", **one.metadata}))
+        for one in fields(options)
+    ]
     return sorted(found, key=lambda one: bool(one[1].help))
-
-
-def _opt(one: Field[Any]) -> Opt:
-    usual: dict[str, Any] = {"flag": f"--{one.name.replace('_', '-')}"}
-    return Opt(**usual | dict(one.metadata))
 
 
 def check(options: object) -> None:

@@ -1,6 +1,6 @@
 """Refining the frames of an image or film, without losing any."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,11 +13,13 @@ from napari_splinesketch.batch.reports import CurveReport, Reports
 from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.cli.terminal import Report
-from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.types import ByFrame, in_frames
+from napari_splinesketch.labels.types import in_frames
+
+OPTIONS = ("preset", "polarity", "half_width", "seed")
+"""What the user may ask of `napari_splinesketch.refine`."""
 
 
 def run(job: RefineJob, report: Report) -> Outcome:
@@ -26,18 +28,20 @@ def run(job: RefineJob, report: Report) -> Outcome:
     A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
     Finished frames are kept beside the output until all outputs are written.
     """
-    job.check()
     sketches = in_frames(open_labels(job.sketches))
     with open_run(job, report, sketches.head) as work:
-        work.tally.count = len(sketches.frames)
-        work.shared(job, _finders(job, sketches))
+        work.count = len(sketches.frames)
+        options = {name: getattr(job, name) for name in OPTIONS}
+        kept = job.reconstruction is not None
+        refiners = (Refiner(labels, options, kept) for labels in sketches.read())
+        work.shared(job, ((refiner.sketches[0].frame, refiner) for refiner in refiners))
         nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
         notes = *sketches.head.notes, *nothing
-        outcome, labels = work.write(map(int, sketches.frames), notes)
+        outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
-            masks.FORMAT.write_whole(job.masks, labels, overwrite=job.overwrite)
-        if labels.head.shape is not None:  # a frame could be refined
-            _write_pictures(job, work, outcome.frames, labels.head.shape)
+            masks.FORMAT.write_whole(job.masks, outcome.labels, overwrite=job.overwrite)
+        if outcome.labels.head.shape is not None:  # a frame could be refined
+            _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
     return outcome
 
 
@@ -47,32 +51,29 @@ class Refiner:
 
     Attributes
     ----------
-    frame
-        Its number.
     sketches
-        What was drawn on it.
+        What was drawn on it; one at least.
     options
         Of `napari_splinesketch.refine`.
     reconstruction
         Whether the reconstruction is wanted, too.
     """
 
-    frame: int
     sketches: tuple[Label, ...]
     options: dict[str, Any]
     reconstruction: bool
 
     def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
         """Refine them all together."""
-
-        def on_progress(stage: Progress) -> None:
-            progress(stage.fraction)
-
-        lines = [label.points for label in self.sketches]
-        result = napari_splinesketch.refine(image, lines, on_progress=on_progress, **self.options)
-        ids = [label.curve for label in self.sketches]
+        result = napari_splinesketch.refine(
+            image,
+            [label.points for label in self.sketches],
+            on_progress=lambda stage: progress(stage.fraction),
+            **self.options,
+        )
+        frame, ids = self.sketches[0].frame, [label.curve for label in self.sketches]
         return Found(
-            Labels.from_curves(result.curves, frame=self.frame, ids=ids).labels,
+            Labels.from_curves(result.curves, frame=frame, ids=ids).labels,
             tuple(map(CurveReport.of, result.curves, ids)),
             result.reconstruction if self.reconstruction else None,
         )
@@ -86,14 +87,6 @@ class Refiner:
             )
             for drawn in self.sketches
         )
-
-
-def _finders(job: RefineJob, sketches: ByFrame) -> Iterator[tuple[int, Refiner]]:
-    names = ("preset", "polarity", "half_width", "seed")
-    options = {name: getattr(job, name) for name in names}
-    for labels in sketches.read():
-        frame = labels[0].frame
-        yield frame, Refiner(frame, labels, options, job.reconstruction is not None)
 
 
 def _write_pictures(job: RefineJob, work: Run, reports: Reports, shape: tuple[int, int]) -> None:

@@ -9,17 +9,16 @@ from napari_splinesketch.batch.reports import CurveReport, FrameReport, Reports
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
-TRACKING = ("drift", "missing", "lost")
+STATUSES = ("good", "check", "failed", "drift", "missing", "lost")
+"""In the order in which they are counted; the first three are always named."""
 ENDED = {"failed": "failed", "lost": "ends"}
 """Verbs of the lines that name each curve that ended, and why."""
-OTHER = ("sketch", *TRACKING)
-"""Counted only where they occur."""
 
 
 def exit_code(frames: Reports) -> int:
     """Say whether every frame and curve could be refined."""
-    failed = any(frame.error or {"failed", "lost"} & set(_counts(frame)) for frame in frames)
-    return FAILURES if failed else DONE
+    total = _total(frames)
+    return FAILURES if any(total.get(what) for what in (*ENDED, "frames not refined")) else DONE
 
 
 def as_json(frames: Reports, **more: object) -> Iterator[str]:
@@ -64,8 +63,7 @@ def summary(frames: Reports) -> str:
 def _in_words(total: dict[str, int]) -> str:
     if "sketch" in total:
         return f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
-    shown = ("good", "check", "failed", *(key for key in TRACKING if key in total))
-    return ", ".join(f"{total[key]} {key}" for key in shown)
+    return ", ".join(f"{total[status]} {status}" for status in STATUSES if status in total)
 
 
 def _curve_line(frame: int, curve: CurveReport) -> str:
@@ -76,19 +74,12 @@ def _curve_line(frame: int, curve: CurveReport) -> str:
     )
 
 
-def _counts(frame: FrameReport) -> Counter[str]:
-    return Counter(curve.status for curve in frame.curves)
-
-
 def _total(frames: Iterable[FrameReport]) -> dict[str, int]:
-    statuses: Counter[str] = Counter()
+    statuses, lost = Counter[str](dict.fromkeys(STATUSES[:3], 0)), 0
     for frame in frames:
-        statuses.update(_counts(frame))
-    return {
-        **{status: statuses[status] for status in ("good", "check", "failed")},
-        **{status: statuses[status] for status in OTHER if status in statuses},
-        "frames not refined": sum(frame.error is not None for frame in frames),
-    }
+        statuses.update(curve.status for curve in frame.curves)
+        lost += frame.error is not None
+    return {**statuses, "frames not refined": lost}
 
 
 def _cell(value: float | None, width: int, digits: int) -> str:

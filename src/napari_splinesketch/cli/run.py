@@ -1,8 +1,8 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial as bind
 
@@ -24,7 +24,7 @@ from napari_splinesketch.batch.reports import Reports, Spool
 from napari_splinesketch.batch.workers import workers_of
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
-from napari_splinesketch.files import checksum_of_file, owned
+from napari_splinesketch.files import checksum_of_file
 from napari_splinesketch.images.frames import Frames, open_frames
 from napari_splinesketch.labels import Labels, table
 from napari_splinesketch.labels.formats import writer_of
@@ -45,40 +45,16 @@ class Outcome:
         A report of each frame that was worked on.
     notes
         What was left out of the sketches, or could not be written into the labels.
-    provenance
-        Where the labels come from.
+    labels
+        What was written.
     """
 
     frames: Reports
     notes: tuple[str, ...]
-    provenance: Mapping[str, object]
+    labels: ByFrame
 
 
-class Tally:
-    """Counts the frames that are done, and reports them.
-
-    Parameters
-    ----------
-    report
-        Called with the number of frames that are done, counting part of the one in progress, and
-        with their total.
-    """
-
-    def __init__(self, report: Report) -> None:
-        self._report, self._done, self._share, self.count = report, 0, 0.0, 0
-
-    def add(self) -> None:
-        """Count a frame."""
-        self._done, self._share = self._done + 1, 0.0
-        self.part(0.0)
-
-    def part(self, share: float) -> None:
-        """Report how much of the frame in progress is done; the count never falls."""
-        self._share = max(self._share, share)
-        self._report(self._done + self._share, self.count)
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Run:
     """A run over the frames of an image.
 
@@ -94,8 +70,11 @@ class Run:
         The size of a pixel, as labels without curves.
     settings
         Options that the labels depend on.
-    tally
-        Counts the frames that are done.
+    report
+        Called with the number of frames that are done, counting part of the one in progress, and
+        with their total.
+    count
+        That total.
     """
 
     job: FrameJob
@@ -103,18 +82,31 @@ class Run:
     partial: Partial
     head: Labels
     settings: Mapping[str, object]
-    tally: "Tally"
+    report: Report
+    count: int = 0
+    _done: int = field(default=0, init=False)
+    _share: float = field(default=0.0, init=False)
+
+    def add(self) -> None:
+        """Count a frame that is done."""
+        self._done, self._share = self._done + 1, 0.0
+        self.part(0.0)
+
+    def part(self, share: float) -> None:
+        """Report how much of the frame in progress is done; the count never falls."""
+        self._share = max(self._share, share)
+        self.report(self._done + self._share, self.count)
 
     def keep(self, done: FrameDone) -> None:
         """Keep a finished frame; what a library returns after Ctrl-C is not a result."""
         if was_interrupted():
             raise KeyboardInterrupt
         self.partial.save(done.report, done.table, done.reconstruction)
-        self.tally.add()
+        self.add()
 
     def shared(self, job: SharedJob, finders: Iterable[tuple[int, Finder]]) -> None:
         """Work on independent frames, here or shared among workers."""
-        with workers_of(job.jobs, job.scheduler, self.tally.part) as workers:
+        with workers_of(job.jobs, job.scheduler, self.part) as workers:
             source = Source.of(job.image, job.channel, job.z, self.images)
             reading = Reading(self.images, source, here=isinstance(workers, Here))
             tasks = self._tasks(finders, reading)
@@ -127,12 +119,12 @@ class Run:
         """Give the frames that are not finished; those of an earlier run count as done."""
         for frame, finder in finders:
             if self.partial.done(frame):
-                self.tally.add()
+                self.add()
             else:
                 yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
 
-    def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> tuple[Outcome, ByFrame]:
-        """Write the labels of all frames, however many; returns the labels, too.
+    def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
+        """Write the labels of all frames, however many.
 
         Parameters
         ----------
@@ -151,9 +143,7 @@ class Run:
             self.partial.join(output, numbers, labels.head.scale, overwrite=overwrite)
         else:
             losses = writer.write_whole(output, labels, overwrite=overwrite)
-        # The reports have the checksums of the frames.
-        source = {key: value for key, value in labels.head.provenance.items() if key != "image"}
-        return Outcome(reports, (*notes, *losses), source), labels
+        return Outcome(reports, (*notes, *losses), labels)
 
     def _labels(self, reports: Reports) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
@@ -181,7 +171,7 @@ def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
 
 @contextmanager
 def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
-    """Open the image of a job and own its outputs; finished frames are removed on success.
+    """Open the image of a job; its finished frames are removed on success.
 
     Parameters
     ----------
@@ -192,11 +182,7 @@ def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iter
     drawn
         Gives the size of a pixel where neither the job nor the image does.
     """
-    with ExitStack() as inside:
-        for path in job.files("written"):
-            inside.enter_context(owned(path))
-        job.check()  # once more: another run may have ended just before it was ours
-        images = inside.enter_context(open_frames(job.image, channel=job.channel, z=job.z))
+    with open_frames(job.image, channel=job.channel, z=job.z) as images:
         head = Labels()
         for known in (drawn, images, job):  # the last word is the user's
             if known and known.scale:
@@ -215,5 +201,5 @@ def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iter
         }
         partial = Partial(job.output, depends, resume=job.resume)
         settings |= {"sketches": [path.name for path in job.files("read")]}
-        yield Run(job, images, partial, head, settings, Tally(report))
+        yield Run(job, images, partial, head, settings, report)
         partial.remove()

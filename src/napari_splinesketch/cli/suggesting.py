@@ -22,18 +22,16 @@ def run(job: SuggestJob, report: Report) -> Outcome:
 
     A frame that cannot be read is reported, and the others continue.
     """
-    job.check()
     with open_run(job, report) as work:
         images = work.images
         if job.frame is not None and not 0 <= job.frame < images.count:
             count = f"{images.name} has {images.count}, counted from 0"
             raise ImageError(f"no frame {job.frame}: {count}")
         frames = range(images.count) if job.frame is None else [job.frame]
-        work.tally.count = len(frames)
+        work.count = len(frames)
         options = (job.sensitivity, job.polarity, job.half_width)
         work.shared(job, ((frame, Suggester(frame, options)) for frame in frames))
-        outcome, _ = work.write(frames)
-    return outcome
+        return work.write(frames)
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ BAR = "{percentage:3.0f}% |{bar}| {n:.1f} of {total:.0f} frames, {rate_fmt}, {re
 _interrupted = False
 
 
-def say(text: object) -> None:
-    """Print a line on the standard error."""
-    print(printable(str(text)), file=sys.stderr)
+def say(*lines: object) -> None:
+    """Print lines on the standard error."""
+    for line in lines:
+        print(printable(str(line)), file=sys.stderr)
 
 
 def tell(lines: Iterable[str]) -> bool:
@@ -74,12 +75,6 @@ def take_over() -> None:
 def was_interrupted() -> bool:
     """Tell whether Ctrl-C was pressed: a library that it interrupts may raise anything."""
     return _interrupted
-
-
-def ignore_interrupts() -> None:
-    """Ignore Ctrl-C from here on, so that the end is not interrupted."""
-    if signal.getsignal(signal.SIGINT) is _interrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

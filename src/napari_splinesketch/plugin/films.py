@@ -232,8 +232,8 @@ def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> St
     here = [record for record in state.records if record.frame == frame]
     left = {r.id for r in here if _decided(r) or (r.id in before and r.review != "open")}
     left |= {r.id for r in state.deleted if r.frame == frame}
-    new = zip(tracked.ids, tracked.sketches, tracked.curves, strict=True)
-    fresh = [Record(n, frame, line, c, drawn=False) for n, line, c in new if n not in left]
+    new = {n: curve for n, curve in tracked.by_id.items() if n not in left}
+    fresh = [Record(n, frame, tracked.sketches[n], c, drawn=False) for n, c in new.items()]
     gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
     there = tuple([record for record in state.records if key_of(record) not in gone])
     state = replace(state, records=there)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 from scipy.spatial import KDTree
 
 from napari_splinesketch.metrics import POINTS, resample
@@ -94,15 +94,11 @@ def draw_body(
 
 def _near(fine: Points, reach: float, shape: tuple[int, int]) -> Int[np.ndarray, "P 2"]:
     """Pixels of the frame within `reach` of a finely sampled line (a few more in the corners)."""
-    r = int(np.ceil(reach))
-    square = np.stack(np.meshgrid(*[np.arange(-r, r + 1)] * 2, indexing="ij"), axis=-1)
-    disc = square[np.hypot(*np.moveaxis(square, -1, 0)) <= reach + 1]
-    anchors = np.unique(np.rint(fine).astype(int), axis=0)
-    low = anchors.min(axis=0) - r
-    mask = np.zeros(anchors.max(axis=0) - low + r + 1, dtype=bool)
-    rows, columns = np.moveaxis((anchors - low)[:, None] + disc, -1, 0)
-    mask[rows, columns] = True
-    pixels = np.argwhere(mask) + low
+    anchors, margin = np.rint(fine).astype(int), int(np.ceil(reach))
+    low, high = anchors.min(axis=0) - margin, anchors.max(axis=0) + margin
+    off = np.ones(high - low + 1, dtype=bool)
+    off[tuple((anchors - low).T)] = False
+    pixels = np.argwhere(np.asarray(distance_transform_edt(off)) <= reach + 1) + low
     return pixels[np.all((pixels >= 0) & (pixels < shape), axis=1)]
 
 

@@ -75,7 +75,6 @@ class Look:
             taper_power=rng.uniform(0.35, 0.6),
             taper_length=rng.uniform(0.15, 0.35),
             taper_floor=rng.uniform(0.08, 0.45),
-            brightness_sd=0.04,
             shading=rng.uniform(0.0, 0.1),
             texture=rng.uniform(0.0, 0.06),
         )

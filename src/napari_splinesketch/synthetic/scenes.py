@@ -108,22 +108,12 @@ def scene(
     chosen = replace(Look.draw(rng), **look)  # pyright: ignore[reportArgumentType]
     must_cross = crossing if crossing is not None else bodies in (2, 3)
     widths = half_width * rng.uniform(*_WIDTHS, bodies)
+    how = {"across": must_cross, "shared": shared}
     centrelines: tuple[Points, ...] = ()
     for width in widths:
         size = length * rng.uniform(*_LENGTHS)
-        centrelines += (
-            place(
-                rng,
-                size,
-                width,
-                bend,
-                shape,
-                margin,
-                centrelines,
-                across=must_cross,
-                shared=shared,
-            ),
-        )
+        body = place(rng, size, width, bend, shape, margin, centrelines, **how)
+        centrelines += (body,)
     half_widths = tuple(width * taper(chosen) for width in widths)
     finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
     drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)

@@ -67,8 +67,10 @@ def around(
 def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool:
     """Whether all bodies are where they were."""
     found, wanted = result.by_id, names - set(result.given)
-    return all(i in found and i in before and _close(found[i], before[i]) for i in wanted)
-
-
-def _close(one: Curve, other: Curve) -> bool:
-    return apart_either_way(one.points, other.points) < SAME * other.typical_half_width
+    return all(
+        i in found
+        and i in before
+        and apart_either_way(found[i].points, before[i].points)
+        < SAME * before[i].typical_half_width
+        for i in wanted
+    )

@@ -204,11 +204,7 @@ def apart_from(
     """At which points of a line no other curve comes so near, in half-widths of that."""
     apart = np.ones(len(line), dtype=bool)
     for other in others:
-        far = reach * _half_width(other)
-        low, high = other.points.min(0) - far, other.points.max(0) + far
-        near = np.flatnonzero(((line >= low) & (line <= high)).all(1))
-        if len(near):
-            apart[near] &= cdist(line[near], other.points[::2]).min(1) > far
+        apart &= cdist(line, other.points[::2]).min(1) > reach * _half_width(other)
     return apart
 
 
@@ -251,5 +247,4 @@ def _half_width(curve: Curve) -> float:
 
 
 def _share(a: Float[Array, "N 2"], b: Float[Array, "M 2"], reach: float) -> float:
-    apart = np.linalg.norm(a[::4, None] - b[None, ::2], axis=2).min(1)
-    return float((apart < reach).mean())
+    return float((cdist(a[::4], b[::2]).min(1) < reach).mean())

@@ -1,5 +1,6 @@
 """What comes into view and what divides: it is said, and left to the user."""
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
@@ -66,7 +67,8 @@ class Entering:
     """Looks for bodies that come into view at the image's border, every few frames."""
 
     def __init__(self) -> None:
-        self._before: list[list[Line]] = []
+        # Two searches: one that passes may have covered a body in the last one.
+        self._before = deque[list[Line]](maxlen=2)
         self._count = 0
 
     def __call__(
@@ -93,8 +95,8 @@ class Entering:
                 there = view.place.to_image(line + corner)
                 if not any(mostly_on(there, other, TAKEN) for other in (*taken, *free)):
                     free.append(there)
-        # Two searches back: one that passes may have covered a body in the last one.
-        before, self._before = self._before, [free, *self._before[:1]]
+        before = [*self._before]
+        self._before.append(free)
         if not before:
             return ()
         size = view.place.to_image(np.array([view.pixels.shape]) - 1.0)[0]

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import cast
 
 import numpy as np
 
@@ -81,9 +80,7 @@ def follow(
     """
     bodies = {body.id: body for body in start}
     if refine is None:
-        from napari_splinesketch.engine.refine import refine as engine
-
-        refine = cast(Refine, engine)
+        from napari_splinesketch.engine.refine import refine
     step = _Step(read, refine, preset, smooth, pictures)
     window = Window(refine, preset, pictures, step.shown)
     for done, frame in enumerate(frames):
@@ -174,9 +171,8 @@ class _Step:
             return Tracked(frame, given=kept, error=said)
         if search.refinement and any(one.trusted for one in found.values()):
             self.contrast = abs(search.refinement.model.contrast)
-        divided = self._divided(search.parts)
         gone = {body.id: LEFT for body in wanted if body not in inside}
-        judged = _judged(frame, inside, found, gone, divided, self._patience)
+        judged = self._judged(frame, inside, found, gone, self._divided(search.parts))
         here = (*given.curves.values(), *judged.curves)
         refinement = search.refinement
         polarity = refinement.model.polarity if refinement else "auto"
@@ -200,49 +196,35 @@ class _Step:
             if number in before and gap > before[number][-1]
         }
 
-
-def _judged(
-    frame: int,
-    bodies: Sequence[Body],
-    found: Mapping[int, Found],
-    gone: Mapping[int, str],
-    divided: Mapping[int, str],
-    patience: int,
-) -> Tracked:
-    """Sort what was found into trusted, drifting, missing and lost."""
-    missing, lost = dict(gone), set(gone)
-    here, drifting = [], set()
-    for body in bodies:
-        one = found[body.id]
-        why = divided.get(body.id) or "; ".join(one.said) or NOTHING
-        given_up = body.id in divided or (body.misses >= patience and not one.trusted)
-        if given_up:
-            lost.add(body.id)
-        if given_up or one.empty:
-            missing[body.id] = why
-            continue
-        here.append(one)
-        if one.said:
-            drifting.add(body.id)
-    return Tracked(
-        frame,
-        tuple(one.id for one in here),
-        tuple(one.sketch for one in here),
-        tuple(_doubted(one.curve, one.said) for one in here),
-        frozenset(drifting),
-        missing,
-        frozenset(lost),
-    )
+    def _judged(
+        self,
+        frame: int,
+        bodies: Sequence[Body],
+        found: Mapping[int, Found],
+        gone: Mapping[int, str],
+        divided: Mapping[int, str],
+    ) -> Tracked:
+        """Sort what was found into trusted, drifting, missing and lost."""
+        missing, lost = dict(gone), set(gone)
+        curves, drifting = dict[int, Curve](), set[int]()
+        for body in bodies:
+            one, curve = found[body.id], found[body.id].curve
+            given_up = body.id in divided or (body.misses >= self._patience and not one.trusted)
+            if given_up:
+                lost.add(body.id)
+            if given_up or one.empty:
+                missing[body.id] = divided.get(body.id) or "; ".join(one.said) or NOTHING
+                continue
+            if one.said:
+                drifting.add(body.id)
+                reasons = [why for why in curve.reasons if "same body" not in why]
+                curve = replace(curve, status="check", reasons=(*one.said, *reasons))
+            curves[body.id] = curve
+        sketches = {i: found[i].sketch for i in curves}
+        return Tracked(frame, curves, sketches, frozenset(drifting), missing, frozenset(lost))
 
 
 def _inside(view: View, line: Line) -> bool:
     points = view.place.to_block(line)
     outside = ((points < 0) | (points > np.array(view.pixels.shape) - 1)).any(1)
     return float(outside.mean()) <= OUTSIDE
-
-
-def _doubted(curve: Curve, said: Sequence[str]) -> Curve:
-    if not said:
-        return curve
-    reasons = tuple(r for r in curve.reasons if "same body" not in r)
-    return replace(curve, status="check", reasons=(*said, *reasons))

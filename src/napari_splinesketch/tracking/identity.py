@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.editing import flipped
-from napari_splinesketch.engine.spline import arc_length, neighbours
+from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import distance, mostly_on, on_others
@@ -84,12 +84,7 @@ def place(
 
     What stands out in the frame is suggested; bodies that are not in doubt are placed.
     """
-    everything, first = [*suggestions, *placed], len(suggestions)
-    free = [
-        line
-        for line, beside in zip(suggestions, neighbours(everything, TAKEN), strict=False)
-        if not any(mostly_on(line, everything[j], TAKEN) for j in beside if j >= first)
-    ]
+    free = [line for line in suggestions if not any(mostly_on(line, x, TAKEN) for x in placed)]
     pairs = list(product(bodies, free))
     lines = [_turned(line, expected[body.id]) for body, line in pairs]
     far = [

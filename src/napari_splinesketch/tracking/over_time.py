@@ -62,7 +62,7 @@ def kymograph(curves: Mapping[int, Curve], points: int = 100) -> Kymograph:
     return Kymograph(frames, curvature, (velocity * tangent).sum(2), (velocity * left).sum(2))
 
 
-def curvature_of(curve: Curve, points: int = 100) -> Float[np.ndarray, " points"]:
+def curvature_of(curve: Curve, points: int) -> Float[np.ndarray, " points"]:
     """Curvature of a curve's spline at points uniform in arc length, 1 / px."""
     knots = curve.knots[:, :2]
     u = np.linspace(0, 1, 8 * points)
@@ -88,10 +88,9 @@ def mean_speed(
     after: Float[np.ndarray, "P 2"] | None,
 ) -> float:
     """Mean speed of a body's points in one of its frames, px a frame; NaN without another."""
-    lines = np.full((3, *now.shape), np.nan)
-    for line, points in zip(lines, (before, now, after), strict=True):
-        line[:] = np.nan if points is None else points
-    return float(np.linalg.norm(_velocity(lines)[1], axis=1).mean())
+    beside = ((before, now), (now, after))
+    steps = [new - old for old, new in beside if old is not None and new is not None]
+    return float(np.linalg.norm(np.mean(steps, axis=0), axis=1).mean()) if steps else float("nan")
 
 
 def _velocity(lines: Float[np.ndarray, "T P 2"]) -> Float[np.ndarray, "T P 2"]:

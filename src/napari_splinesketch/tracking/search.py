@@ -1,7 +1,8 @@
 """Placing the bodies of one frame: first where they are expected, then wherever they may be."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool
@@ -69,7 +70,6 @@ class Cancelled(Exception):
 class Found:
     """Where a body was found: px of the image, with what speaks against it."""
 
-    id: int
     sketch: Line
     curve: Curve
     said: tuple[str, ...]
@@ -79,7 +79,7 @@ class Found:
     @property
     def trusted(self) -> bool:
         """Whether nothing speaks against it."""
-        return not self.said and not self.empty
+        return not self.score
 
     @property
     def score(self) -> int:
@@ -87,6 +87,7 @@ class Found:
         return len(self.said) + 3 * self.empty
 
 
+@dataclass(eq=False)
 class Search:
     """Places bodies in one frame, those in doubt again and otherwise.
 
@@ -96,81 +97,76 @@ class Search:
     divide are looked for.
     """
 
-    def __init__(
-        self,
-        view: View,
-        predicted: Mapping[int, Predicted],
-        given: Mapping[int, Curve],
-        refine: Refine,
-        preset: PresetName,
-        report: OnProgress,
-        contrast: float | None = None,
-        smooth: bool = True,
-        shown: ShownPlaces | None = None,
-    ):
-        self._shown = shown or ShownPlaces()
-        self._contrast, self._smooth = contrast, smooth
-        self.parts: dict[int, Parts] = {}
-        """Of bodies that may have divided, by number."""
-        self.refinement: Refinement | None = None
-        """What the engine said."""
-        self._view, self._predicted, self._given = view, predicted, given
-        self._expected = {i: resample(f.line, POINTS) for i, f in predicted.items()}
-        self._refine, self._report = refine, report
-        self._preset: PresetName = preset
-        self._unit = 1 / view.place.size  # px of the view in one of the image
+    view: View
+    predicted: Mapping[int, Predicted]
+    given: Mapping[int, Curve]
+    refine: Refine
+    preset: PresetName
+    report: OnProgress
+    contrast: float | None = None
+    smooth: bool = True
+    shown: ShownPlaces = field(default_factory=ShownPlaces)
+    parts: dict[int, Parts] = field(default_factory=dict, init=False)
+    """Of bodies that may have divided, by number."""
+    refinement: Refinement | None = field(default=None, init=False)
+    """What the engine said."""
+
+    @cached_property
+    def _expected(self) -> dict[int, Line]:
+        return {i: resample(there.line, POINTS) for i, there in self.predicted.items()}
 
     def __call__(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Place the bodies; gives what was found by number."""
-        found = self.held([b for b in bodies if self._smooth and self._known(b)])
+        found = self.held([b for b in bodies if self.smooth and self._known(b)])
         rest = [body for body in bodies if body.id not in found]
-        self._attempt(0, rest, self._expected, self._preset, found)
-        for number, preset in enumerate((self._preset, LOCAL, self._preset), start=1):
+        self._attempt(0, rest, self._expected, self.preset, found)
+        for number, preset in enumerate((self.preset, LOCAL, self.preset), start=1):
             doubted = [b for b in bodies if not found[b.id].trusted]
             doubted = [b for b in doubted if b.misses <= AT_ONCE or (number == 3 and b.misses % 2)]
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or doubted != rest):
                 lines = self._as_suggested(doubted, found) if number == 3 else self._expected
                 self._attempt(number, doubted, lines, preset, found)
-        for body in bodies if self._smooth else ():
+        for body in bodies if self.smooth else ():
             line = found[body.id].curve.points
             inside = binary_erosion(self._seen(line), iterations=_points(body, line))
-            self._shown.add(line[np.asarray(inside, bool)], body.half_width)
+            self.shown.add(line[np.asarray(inside, bool)], body.half_width)
             if found[body.id].trusted and not curve_inferred(found[body.id].curve):
-                self._shown.learn(body.id, float(self._unseen(body, line).mean()))
+                self.shown.learn(body.id, float(self._unseen(body, line).mean()))
         return found
 
     def _known(self, body: Body) -> bool:
         """Whether it is known where a body is, or a part of it that is not hidden."""
         near = PARTLY if curve_inferred(body.seen[-1][1]) else SURE
-        return self._predicted[body.id].sd < near * body.half_width
+        return self.predicted[body.id].sd < near * body.half_width
 
     def held(self, bodies: Sequence[Body]) -> dict[int, Found]:
         """Fit bodies to where they are predicted, with how surely, without any search."""
         found: dict[int, Found] = {}
-        lines = {b.id: self._predicted[b.id].line for b in bodies}
-        if self._preset == "paper":
+        lines = {b.id: self.predicted[b.id].line for b in bodies}
+        if self.preset == "paper":
             return found
+        unit = 1 / self.view.place.size  # px of the view in one of the image
 
         def hold(body: Body, across: float) -> Hold:
-            sd = self._predicted[body.id].sd
-            return Hold(*(self._unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
+            sd = self.predicted[body.id].sd
+            return Hold(*(unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
         loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
         self._attempt(0, bodies, lines, loose, found)
-        hidden = {b.id for b in bodies if self._hidden(b, found[b.id].curve)}
+        hidden = {
+            b.id
+            for b in bodies  # that have been fitted as if they were whole
+            if b.lacks(curve := found[b.id].curve) or self._partly(b, curve.points)
+        }
         again = [b for b in bodies if b.id in hidden or not found[b.id].trusted]
         holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
         self._attempt(0, again, lines, Settings(hold=holds), found, hidden=hidden)
         return found
 
-    def _hidden(self, body: Body, curve: Curve) -> bool:
-        """Whether something may hide a part of a body that has been fitted as if it were whole."""
-        return body.lacks(curve) or self._partly(body, curve.points)
-
     def _partly(self, body: Body, line: Line) -> bool:
         """Whether the image shows less of a body than it usually does."""
-        return self._unseen(body, line).mean() > self._shown.faint.get(body.id, 0.0) + UNSEEN
+        return self._unseen(body, line).mean() > self.shown.faint.get(body.id, 0.0) + UNSEEN
 
     def _unseen(self, body: Body, line: Line) -> Bool[np.ndarray, " P"]:
         """Where the image does not show a body for its width, or for half of that at an end."""
@@ -178,7 +174,7 @@ class Search:
         width = _points(body, line)
         beyond = np.pad(~seen, width, constant_values=True)
         unseen = np.asarray(binary_opening(beyond, iterations=width), bool)[width:-width]
-        return unseen & ~self._shown.at(line)
+        return unseen & ~self.shown.at(line)
 
     def _uncovered(self, view: View, bodies: Sequence[Body], lines: Mapping[int, Line]) -> View:
         """The view without the pixels where bodies should be, but the image does not show them."""
@@ -189,7 +185,7 @@ class Search:
             near = np.asarray(binary_dilation(self._unseen(body, line), iterations=width), bool)
             for run in np.ma.clump_masked(np.ma.array(near, mask=near)):
                 at = view.place.to_block(line[run])
-                reach = (1 + COVERED) * self._unit * body.half_width
+                reach = (1 + COVERED) / view.place.size * body.half_width
                 rows, columns, mask = band(at, reach, pixels.shape)
                 pixels[rows, columns][mask] = np.nan
         return replace(view, pixels=pixels)
@@ -199,9 +195,9 @@ class Search:
         from napari_splinesketch.engine.find.suggest import suggest
 
         polarity: Polarity = self.refinement.model.polarity if self.refinement else "auto"
-        to_image = self._view.place.to_image
-        lines = [to_image(line) for line in suggest(self._view.pixels, polarity=polarity)]
-        placed = [curve.points for curve in self._given.values()]
+        to_image = self.view.place.to_image
+        lines = [to_image(line) for line in suggest(self.view.pixels, polarity=polarity)]
+        placed = [curve.points for curve in self.given.values()]
         placed += [one.curve.points for one in found.values() if one.trusted]
         return place(bodies, self._expected, lines, placed)
 
@@ -224,28 +220,27 @@ class Search:
         if not bodies:
             return
         tried = {body.id for body in bodies}
-        others = [one for one in found.values() if one.id not in tried and one.trusted]
-        fixed = [*self._given.values(), *(one.curve for one in others)]
+        others = {i: one.curve for i, one in found.items() if i not in tried and one.trusted}
+        fixed = {**self.given, **others}
         wanted = [lines[b.id] for b in bodies]
-        view = self._view.around(wanted) if self.refinement else self._view
+        view = self.view.around(wanted) if self.refinement else self.view
         covered = [b for b in bodies if b.id in hidden]
         shown = self._uncovered(view, covered, lines) if covered else view
-        refinement = self._refined(shown, wanted, fixed, preset, number)
+        refinement = self._refined(shown, wanted, [*fixed.values()], preset, number)
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
-        around = {**self._given, **{one.id: one.curve for one in others}}
-        everyone = [*curves, *around.values()]
+        everyone = [*curves, *fixed.values()]
         shared, beside = on_one_body(everyone), near_each(everyone)
-        names = [body.id for body in bodies] + list(around)
-        seen = seeing(view, refinement, self._contrast)
+        names = [*(body.id for body in bodies), *fixed]
+        seen = seeing(view, refinement, self.contrast)
         if not self.refinement:
             self._seen = seen
         held = isinstance(preset, Settings) and preset.hold is not None
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
-            said = doubts(body, curve, self._expected[body.id], self._smooth)
+            said = doubts(body, curve, self._expected[body.id], self.smooth)
             there = float(seen(curve.points).mean())
             rest = [everyone[j] for j in beside[i]]
-            if self._smooth:
+            if self.smooth:
                 alone = apart_from(curve.points, rest)
                 if not alone.all() and body.id not in hidden and explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
@@ -263,19 +258,20 @@ class Search:
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
-            near = agrees(curve.points, self._predicted[body.id], body.half_width)
+            near = agrees(curve.points, self.predicted[body.id], body.half_width)
             if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")
-            failed = curve.status == "failed"
-            empty = failed or there <= LEAST
-            one = Found(body.id, lines[body.id], curve, tuple(said), empty)
+            empty = curve.status == "failed" or there <= LEAST
+            one = Found(lines[body.id], curve, tuple(said), empty)
             if body.id not in found or one.score < found[body.id].score + (body.id in hidden):
                 found[body.id] = one
                 kept = True
         if kept:
-            before = self.refinement
-            corner = self._view.place.to_block(view.place.origin)
-            self.refinement = _pasted(before, refinement, corner) if before else refinement
+            if before := self.refinement:
+                pictures = _Pasted(before, refinement, self.view.place.to_block(view.place.origin))
+                seconds = before.seconds + refinement.seconds
+                refinement = Refinement.lazy(before.curves, pictures, before.model, seconds)
+            self.refinement = refinement
 
     def _refined(
         self,
@@ -289,9 +285,9 @@ class Search:
 
         def report(progress: Progress) -> bool | None:
             fraction = begin + (end - begin) * progress.fraction
-            return self._report(replace(progress, fraction=fraction))
+            return self.report(replace(progress, fraction=fraction))
 
-        refinement = self._refine(
+        refinement = self.refine(
             view.pixels,
             [view.place.to_block(line) for line in lines],
             preset,
@@ -335,9 +331,3 @@ class _Pasted:
         (row, column), (rows, columns) = np.rint(self.corner).astype(int), part.shape
         picture[row : row + rows, column : column + columns] = part
         return picture
-
-
-def _pasted(old: Refinement, new: Refinement, corner: np.ndarray) -> Refinement:
-    """The pictures of an earlier attempt with those of a later one of a part of them."""
-    pictures = _Pasted(old, new, corner)
-    return Refinement.lazy(old.curves, pictures, old.model, old.seconds + new.seconds)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
-from napari_splinesketch.engine.spline import fit_knots
+from napari_splinesketch.engine.spline import fit_knots, normals
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.motion import Points
 
@@ -75,13 +75,6 @@ def steadied(curve: Curve, frame: int, around: Sequence[Seen]) -> Curve:
     knots = np.column_stack([fit_knots(points, len(curve.knots)), curve.knots[:, 2]])
     sd = curve.sd * np.sqrt(np.minimum(np.array(gains)[best] + LASTING, 1))
     return replace(curve, points=points, knots=knots, sd=sd)
-
-
-def normals(line: Points) -> Points:
-    """(P, 2) unit normals."""
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
 def offsets(line: Points, other: Points) -> Along:

@@ -1,16 +1,15 @@
 """What tracking takes and gives: immutable values, free of JAX, Qt and files."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.spline import arc_length
-from napari_splinesketch.engine.types import Array, Curve, OnProgress, Refinement
-from napari_splinesketch.grids import Grid
+from napari_splinesketch.engine.types import Array, Curve, Refinement
+from napari_splinesketch.grids import Grid, Patch, around_all, slices
 
 Line = Float[Array, "N 2"]
 WHOLE = Grid(np.zeros(2), np.ones(2))
@@ -36,33 +35,25 @@ class View:
     whole: bool = True
 
     def around(self, lines: Sequence[Line]) -> "View":
-        """As much of it as the engine looks at for some lines, px of the image."""
+        """A copy of as much of it as the engine looks at for some lines, px of the image."""
         blocks = [self.place.to_block(line) for line in lines]
         margin = MARGIN + max(arc_length(line)[-1] for line in blocks) / 2 + 1
         points = np.concatenate(blocks)
         low = np.clip(np.floor(points.min(0) - margin), 0, np.array(self.pixels.shape) - 1)
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
-        part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-        return View(self.pixels[part], Grid(self.place.to_image(low), self.place.step), whole=False)
-
-    def copied(self) -> "View":
-        """The same without the frame that its pixels may be a part of."""
-        return replace(self, pixels=self.pixels.copy())
+        pixels = self.pixels[slices(low.astype(int), high.astype(int))].copy()
+        return View(pixels, Grid(self.place.to_image(low), self.place.step), whole=False)
 
 
 def joined(views: Sequence[View]) -> View:
     """One view of some parts of a frame, without values in between."""
     if all(view is views[0] for view in views):
         return views[0]
-    grid = views[0].place
-    corners = np.rint([grid.to_block(view.place.origin) for view in views]).astype(int)
-    low = corners.min(0)
-    size = (corners + [view.pixels.shape for view in views]).max(0) - low
-    pixels = np.full(size, np.nan)
-    for view, (row, column) in zip(views, corners - low, strict=True):
-        rows, columns = view.pixels.shape
-        pixels[row : row + rows, column : column + columns] = view.pixels
-    return View(pixels, Grid(grid.to_image(low), grid.step), whole=False)
+    grid, low, high = around_all([Patch(view.place, view.pixels) for view in views])
+    pixels = np.full(high.max(0), np.nan)
+    for view, begin, end in zip(views, low, high, strict=True):
+        pixels[slices(begin, end)] = view.pixels
+    return View(pixels, grid, whole=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +86,11 @@ class Tracked:
     ----------
     frame
         Its number.
-    ids
-        Numbers of the bodies that were placed, without the given ones.
+    by_id
+        Curves of the bodies that were placed, without the given ones, by number; "check" with the
+        reason where one drifts.
     sketches
         Where each was looked for, px of the image.
-    curves
-        One for each number; "check" with the reason where it drifts.
     drifting
         Numbers of the bodies whose curves are not trusted: the next frame does not start there.
     missing
@@ -118,9 +108,8 @@ class Tracked:
     """
 
     frame: int
-    ids: tuple[int, ...] = ()
-    sketches: tuple[Line, ...] = ()
-    curves: tuple[Curve, ...] = ()
+    by_id: Mapping[int, Curve] = field(default_factory=dict)
+    sketches: Mapping[int, Line] = field(default_factory=dict)
     drifting: frozenset[int] = frozenset()
     missing: Mapping[int, str] = field(default_factory=dict)
     lost: frozenset[int] = frozenset()
@@ -131,37 +120,18 @@ class Tracked:
     entered: tuple[Line, ...] = ()
 
     @property
-    def by_id(self) -> dict[int, Curve]:
-        """The curves by number."""
-        return dict(zip(self.ids, self.curves, strict=True))
+    def ids(self) -> tuple[int, ...]:
+        """Numbers of the bodies that were placed."""
+        return tuple(self.by_id)
 
-    def with_curves(
-        self, curves: Mapping[int, Curve], sketches: Mapping[int, Line] | None = None
-    ) -> "Tracked":
-        """The same frame with these curves, and where some of them were looked for."""
-        lines = {**dict(zip(self.ids, self.sketches, strict=True)), **(sketches or {})}
-        ids = tuple(curves)
-        return replace(
-            self, ids=ids, curves=tuple(curves.values()), sketches=tuple(lines[i] for i in ids)
-        )
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """Their curves."""
+        return tuple(self.by_id.values())
 
 
 Read = Callable[[int, Sequence[Line]], View]
 """Reads a frame, at least around some lines."""
 
-
-class Refine(Protocol):
-    """`refine`, as far as tracking needs it."""
-
-    def __call__(
-        self,
-        image: Real[np.ndarray, "H W"],
-        sketches: Sequence[Line],
-        preset: Any,
-        /,
-        *,
-        fixed: Sequence[Curve],
-        on_progress: OnProgress,
-    ) -> Refinement:
-        """Fit the sketched bodies."""
-        ...
+Refine = Callable[..., Refinement]
+"""`refine`, or what stands in for it: takes pixels, lines, a preset, `fixed`, `on_progress`."""

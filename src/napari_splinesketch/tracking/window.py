@@ -6,8 +6,10 @@ by what the frames before and after predict, and what it does not show is inferr
 A film in which nothing of the kind happens passes through frame by frame.
 """
 
+from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -69,7 +71,7 @@ class Window:
         """What is kept of each frame for the bodies that are in doubt there."""
         self._begin = 0
         self._open: dict[int, _Stretch] = {}
-        self._seen: dict[int, list[Seen]] = {}
+        self._seen = defaultdict[int, deque[Seen]](partial(deque, maxlen=surface.KNOWN))
 
     def push(
         self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body]
@@ -95,7 +97,7 @@ class Window:
             for i in self._open:
                 lines = [curves[i].points] if i in curves else []
                 lines += [before[i].predicted(result.frame).line] if i in before else []
-                kept[i] = view if self._pictures else view.around(lines).copied()
+                kept[i] = view if self._pictures else view.around(lines)
         self._views.append(kept)
         if not self._pictures:
             self._held[-1] = replace(result, view=None)
@@ -119,7 +121,11 @@ class Window:
         count = len(self._held) if until is None else max(until - self._begin, 0)
         while count:
             first, later = self._held[0], self._held[1:count]
-            noisy = {i: c for i, c in first.by_id.items() if self._worth(i, c)}
+            noisy = {
+                i: curve
+                for i, curve in first.by_id.items()
+                if np.median(curve.sd) > surface.NOISY and len(self._seen[i]) >= FEWEST_SEEN
+            }
             if noisy and len(later) < surface.REACH and not end:
                 break
             steadied = {
@@ -128,16 +134,11 @@ class Window:
             }
             for i, curve in first.by_id.items():
                 if INFERRED not in curve.reasons:
-                    seen = [*self._seen.get(i, []), (first.frame, curve)]
-                    self._seen[i] = seen[-surface.KNOWN :]
+                    self._seen[i].append((first.frame, curve))
             self._begin += 1
             count -= 1
             del self._held[0], self._views[0]
-            yield first.with_curves({**first.by_id, **steadied})
-
-    def _worth(self, name: int, curve: Curve) -> bool:
-        """Whether the image leaves a curve so uncertain that its neighbours make it better."""
-        return np.median(curve.sd) > surface.NOISY and len(self._seen.get(name, [])) >= FEWEST_SEEN
+            yield replace(first, by_id={**first.by_id, **steadied})
 
     def _after(self, name: int, later: list[Tracked]) -> list[Seen]:
         """What is known of a body in the frames after one."""
@@ -168,7 +169,7 @@ class Window:
             for i, curve in result.by_id.items()
             if i in self._open and self._open[i].first <= self._begin + at
         }
-        return result.with_curves({**result.by_id, **doubted})
+        return replace(result, by_id={**result.by_id, **doubted})
 
     def _note(
         self,
@@ -274,10 +275,13 @@ class Window:
                     chosen[i] = one.curve
         for i in set(bodies) - set(chosen):
             chosen[i] = inferred(bodies[i].seen[-1][1], predicted[i])
-        lines = {i: f.line for i, f in predicted.items()}
-        decided = result.with_curves({**others, **chosen}, lines)
-        missing = {i: why for i, why in result.missing.items() if i not in predicted}
-        return replace(decided, drifting=result.drifting - set(predicted), missing=missing)
+        return replace(
+            result,
+            by_id={**others, **chosen},
+            sketches={**result.sketches, **{i: there.line for i, there in predicted.items()}},
+            drifting=result.drifting - set(predicted),
+            missing={i: why for i, why in result.missing.items() if i not in predicted},
+        )
 
 
 def inferred(like: Curve, predicted: Predicted) -> Curve:

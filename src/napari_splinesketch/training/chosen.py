@@ -52,20 +52,20 @@ class Chosen:
         kept = [(i, one.points, one.half_width) for i, one in enumerate(self.kept, 1)]
         return label_image(kept, shape, np.uint16)
 
-    def ignored(self, shape: tuple[int, int]) -> Bool[Array, "H W"]:
+    def ignored(self, mask: UInt16[Array, "H W"]) -> Bool[Array, "H W"]:
         """Draw what is neither body nor background: the other curves and a margin around them."""
-        ignored = np.zeros(shape, dtype=bool)
+        ignored = np.zeros(mask.shape, dtype=bool)
         widths = [np.median(label.half_width) for label in self.kept if _is_wide(label)]
         usual = float(np.median(widths)) if widths else USUAL
         # A curve that is kept but has no width has no mask either.
         for label in (*self.others, *(label for label in self.kept if not _is_wide(label))):
             # A line without a width is a rough one: the body may be beside it.
             reach = label.half_width if _is_wide(label) else np.full(len(label.points), 2 * usual)
-            drawn = rasterise(label.points, reach + MARGIN, shape)
+            drawn = rasterise(label.points, reach + MARGIN, mask.shape)
             if drawn is not None:
                 place, depth = drawn
                 ignored[place] |= depth >= 0
-        return ignored & (self.mask(shape) == 0)
+        return ignored & (mask == 0)
 
 
 def _is_wide(label: Label) -> bool:

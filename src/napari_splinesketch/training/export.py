@@ -3,22 +3,21 @@
 import csv
 import json
 import os
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import tifffile
-from jaxtyping import Bool, Int, Real, UInt16
+from jaxtyping import Int, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
 from napari_splinesketch.files import checksum_of_file
 from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.types import ByFrame, Label, Labels, in_frames
+from napari_splinesketch.labels.types import ByFrame, Labels, in_frames
 from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
 from napari_splinesketch.training.folder import (
     FOLDERS,
@@ -28,7 +27,7 @@ from napari_splinesketch.training.folder import (
     VERSION,
     whole_folder,
 )
-from napari_splinesketch.training.split import LEFT_OUT, PARTS, Part, Split
+from napari_splinesketch.training.split import LEFT_OUT, PARTS, Split
 
 COLUMNS = ("frame", "split", "bodies", "ignored", "sha256")
 
@@ -89,22 +88,20 @@ def export_training(
     split = split or Split()
     parts = split.parts(frames)
     with whole_folder(folder, overwrite=overwrite) as temporary:
-        for part in FOLDERS:
-            (temporary / part).mkdir()
-        written = _Written(temporary)
-        with (temporary / FRAMES).open("x", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(COLUMNS)
-            for frame, part, curves in _with_parts(source, frames, parts):
-                chosen = Chosen.of(curves, keep)
-                table.writerow(written.add(frame, part, images[frame], chosen))
+        wanted = dict(zip(frames.tolist(), parts.tolist(), strict=True))
+        image, counts = _write_frames(temporary, source, wanted, images, keep)
+        head, path = source.head, None if isinstance(labels, Labels) else Path(labels)
         manifest = {
             "format": FORMAT,
             "version": VERSION,
             "software": f"napari-splinesketch {__version__}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
-            "image": {"name": name, **written.image(), **_scale(source.head)},
-            "labels": _origin(labels, source.head),
+            "image": {"name": name, **image, "scale": head.scale, "units": head.units},
+            "labels": {
+                "name": path.name if path else "",
+                "sha256": checksum_of_file(path) if path else None,
+                "provenance": dict(head.provenance),
+            },
             "keep": keep,
             "whole_frames": whole_frames,
             "points": POINTS,
@@ -115,7 +112,7 @@ def export_training(
                 "seed": split.seed,
                 "left_out": frames[parts == LEFT_OUT].tolist(),
             },
-            "counts": written.counts(),
+            "counts": counts,
         }
         text = json.dumps(manifest, ensure_ascii=False, indent=2) + "\n"
         (temporary / MANIFEST).write_text(text, encoding="utf-8", errors="replace")
@@ -124,19 +121,15 @@ def export_training(
 
 def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]:
     """Give the frames that have something to train on; ValueError where there are none."""
-    reviews: Counter[str] = Counter()
-
-    def usable() -> Iterator[int]:
-        for labels in source.read():
-            kept = [is_kept(label, keep) for label in labels]
-            reviews.update(label.review for label in labels)
-            if all(kept) or (any(kept) and not whole_frames):
-                yield labels[0].frame
-
-    frames = np.fromiter(usable(), dtype=np.int64)
-    if len(frames):
-        return frames
-    if keep == "accepted" and not reviews["accepted"]:
+    frames, accepted = list[int](), False
+    for labels in source.read():
+        kept = [is_kept(label, keep) for label in labels]
+        accepted = accepted or any(label.review == "accepted" for label in labels)
+        if all(kept) or (any(kept) and not whole_frames):
+            frames.append(labels[0].frame)
+    if frames:
+        return np.array(frames)
+    if keep == "accepted" and not accepted:
         raise ValueError(
             "no curve is accepted; accept some in the window and export them as labels CSV, "
             "GeoJSON or WCON, or take all that are good (--keep good)"
@@ -144,94 +137,57 @@ def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]
     raise ValueError("no frame has curves to learn from; accept or refine more of them")
 
 
-def _with_parts(
-    source: ByFrame, frames: Int[Array, " F"], parts: Int[Array, " F"]
-) -> Iterator[tuple[int, Part, tuple[Label, ...]]]:
-    """Give the frames that belong to a part, with their curves."""
-    wanted = zip(frames.tolist(), parts.tolist(), strict=True)
-    frame, part = next(wanted)
-    for curves in source.read():
-        if curves[0].frame == frame:
-            if part != LEFT_OUT:
-                yield frame, PARTS[part], curves
-            frame, part = next(wanted, (-1, LEFT_OUT))
+def _write_frames(
+    folder: Path, source: ByFrame, parts: Mapping[int, int], images: Images, keep: Keep
+) -> tuple[dict[str, object], dict[str, dict[str, int]]]:
+    """Write the frames that belong to a part, and their table.
+
+    Gives what the images are like, and the numbers of frames and bodies of each part.
+    """
+    for content in FOLDERS:
+        (folder / content).mkdir()
+    image: dict[str, object] = {}
+    signs, counts = 0, {str(part): {"frames": 0, "bodies": 0} for part in PARTS}
+    with (folder / FRAMES).open("x", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for curves in source.read():
+            frame = curves[0].frame
+            if parts.get(frame, LEFT_OUT) == LEFT_OUT:
+                continue
+            part, chosen = PARTS[parts[frame]], Chosen.of(curves, keep)
+            pixels, bodies = np.asarray(images[frame]), len(chosen.kept)
+            signs += _write(folder, frame, pixels, chosen)
+            image = image or {"shape": list(pixels.shape), "dtype": str(pixels.dtype)}
+            counts[part]["frames"] += 1
+            counts[part]["bodies"] += bodies
+            table.writerow((frame, part, bodies, len(chosen.others), checksum(pixels)))
+    return {**image, "polarity": "bright" if signs >= 0 else "dark"}, counts
 
 
-class _Written:
-    """Writes frames and remembers what the manifest says of all."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._frames: Counter[str] = Counter()
-        self._bodies: Counter[str] = Counter()
-        self._signs = 0
-        self._image: dict[str, object] = {}
-
-    def add(
-        self, frame: int, part: str, image: Real[Array, "H W"], chosen: Chosen
-    ) -> tuple[object, ...]:
-        """Write a frame; gives its row of the table."""
-        image = np.asarray(image)
-        if image.ndim != 2:
-            raise ValueError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
-        shape = image.shape[0], image.shape[1]
-        self._image = self._image or {"shape": list(shape), "dtype": str(image.dtype)}
-        mask, ignored = chosen.mask(shape), chosen.ignored(shape)
-        for folder, pixels in (
-            ("images", image),
-            ("masks", mask),
-            ("ignore", 255 * ignored.astype(np.uint8)),
-        ):
-            path = self._folder / folder / f"{file_name(frame)}.tif"
-            tifffile.imwrite(path, pixels, compression="zlib", photometric="minisblack")
-        _write_splines(self._folder / "splines" / f"{file_name(frame)}.npz", chosen)
-        self._frames[part] += 1
-        self._bodies[part] += len(chosen.kept)
-        self._signs += _sign(image, mask, ignored)
-        return frame, part, len(chosen.kept), len(chosen.others), checksum(image)
-
-    def image(self) -> dict[str, object]:
-        """Say what the images are like."""
-        return {**self._image, "polarity": "bright" if self._signs >= 0 else "dark"}
-
-    def counts(self) -> dict[str, dict[str, int]]:
-        """Count frames and bodies."""
-        return {p: {"frames": self._frames[p], "bodies": self._bodies[p]} for p in PARTS}
-
-
-def file_name(frame: int) -> str:
-    """Name a frame's files, without their endings."""
-    return f"frame-{frame:09d}"
-
-
-def _write_splines(path: Path, chosen: Chosen) -> None:
-    kept = chosen.kept
+def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) -> int:
+    """Write a frame; gives 1 where its bodies are bright, -1 where dark, 0 where none is seen."""
+    if image.ndim != 2:
+        raise ValueError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
+    mask = chosen.mask((image.shape[0], image.shape[1]))
+    ignored = chosen.ignored(mask)
+    pictures = {"images": image, "masks": mask, "ignore": 255 * ignored.astype(np.uint8)}
+    for content, pixels in pictures.items():
+        path = folder / content / f"{file_name(frame)}.tif"
+        tifffile.imwrite(path, pixels, compression="zlib", photometric="minisblack")
     np.savez_compressed(
-        path,
-        splines=np.stack([label.points[:, ::-1] for label in kept]),
-        half_width=np.stack([label.half_width for label in kept]),
-        sd=np.stack([label.sd for label in kept]),
-        curve=np.array([label.curve for label in kept]),
+        folder / "splines" / f"{file_name(frame)}.npz",
+        splines=np.stack([label.points[:, ::-1] for label in chosen.kept]),
+        half_width=np.stack([label.half_width for label in chosen.kept]),
+        sd=np.stack([label.sd for label in chosen.kept]),
+        curve=np.array([label.curve for label in chosen.kept]),
     )
-
-
-def _sign(
-    image: Real[Array, "H W"], mask: UInt16[Array, "H W"], ignored: Bool[Array, "H W"]
-) -> int:
-    """Say whether bodies are brighter than what is around them: 1, -1, or 0 where none is seen."""
     inside, outside = image[mask > 0], image[(mask == 0) & ~ignored]
     if not inside.size or not outside.size:
         return 0
     return int(np.sign(float(np.nanmedian(inside)) - float(np.nanmedian(outside))))
 
 
-def _scale(head: Labels) -> dict[str, object]:
-    return {"scale": head.scale, "units": head.units}
-
-
-def _origin(labels: Labels | str | os.PathLike[str], head: Labels) -> dict[str, object]:
-    """Say where the curves come from."""
-    known: dict[str, object] = {"name": "", "sha256": None}
-    if not isinstance(labels, Labels):
-        known = {"name": Path(labels).name, "sha256": checksum_of_file(labels)}
-    return {**known, "provenance": dict(head.provenance)}
+def file_name(frame: int) -> str:
+    """Name a frame's files, without their endings."""
+    return f"frame-{frame:09d}"
