@@ -7,11 +7,12 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from napari_splinesketch.batch.flow import AHEAD
-from napari_splinesketch.batch.threads import limit_threads
+from napari_splinesketch.batch.threads import one_thread_each
 
 
 class Local:
@@ -28,15 +29,18 @@ class Local:
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
         self.room = AHEAD * jobs
+        self._inside = ExitStack()
 
     def __enter__(self) -> Self:
         """Be ready to start processes; they start with the first task."""
+        self._inside.enter_context(one_thread_each())
         self._start()
         return self
 
     def __exit__(self, *error: object) -> None:
         """Stop at once and abandon what is in progress."""
         self._stop()
+        self._inside.close()
 
     def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
         """Give a task to the next process that is free."""
@@ -62,7 +66,6 @@ class Local:
 
 def _begin(lifeline: Connection) -> None:
     """Leave Ctrl-C to the process that started this one, and end when that one ends."""
-    limit_threads(os.environ)  # nothing that reads it is imported yet
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
