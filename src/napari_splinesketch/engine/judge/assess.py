@@ -63,7 +63,7 @@ def outline(
             1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2
         )
 
-    even, knots = _uncrowded(body, low, high)
+    even, knots = _spaced(body, low, high)
     part = uniform(knots)
     u = np.interp(part, np.linspace(0, 1, len(knots)), even)
     points = spline.basis(len(knots), part) @ knots
@@ -116,19 +116,12 @@ def _inside(body: Body, sketch: Float[Array, "N 2"], shape: tuple[int, ...]) -> 
     return (float(there[0]), float(there[-1])) if len(there) > 1 else (0.0, 1.0)
 
 
-def _uncrowded(
-    body: Body, low: float, high: float
-) -> tuple[Float[Array, " K"], Float[Array, "K 2"]]:
+def _spaced(body: Body, low: float, high: float) -> tuple[Float[Array, " K"], Float[Array, "K 2"]]:
     """As many knots as a body has from `low` to `high`, and where on its spline they are.
 
-    Where they would crowd, so that the curve may fold between them, they are evenly spaced.
+    They are evenly spaced: the curve might fold between knots that crowd.
     """
     count = len(body.knots)
-    even = np.linspace(low, high, count)
-    knots = spline.basis(count, even) @ body.knots
-    apart = np.diff(spline.arc_length(knots))
-    if apart.min() >= const.CROWDED * apart.mean():
-        return even, knots
     dense = np.linspace(low, high, const.BORDER_POINTS * count)
     line = spline.basis(count, dense) @ body.knots
     s = spline.arc_length(line)
@@ -164,13 +157,3 @@ def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
         (reason,),
         np.inf,
     )
-
-
-def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
-    """Curves that run within `reach` of another for much of their length, with its number."""
-    found = {}
-    for i, (a, beside) in enumerate(zip(curves, spline.neighbours(curves, reach), strict=True)):
-        for j in beside:
-            if (spline.apart(a[::4], curves[j][::2]) < reach).mean() > share:
-                found[i] = j
-    return found
