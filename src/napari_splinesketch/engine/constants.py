@@ -281,6 +281,8 @@ BEYOND_CAP = (1.5, 2.0, 2.5)
 DARK = 0.3  # ... the image is darker than this share of the body
 CAP_AHEAD = 0.7  # least cosine between a curve's end and the sketch's end that its cap reaches for
 CAP_POINTS = 17  # points at which the length of a cap is measured (speed)
+# knots crowd where two are nearer to each other than this share of their usual distance:
+CROWDED = 0.5
 BORDER_POINTS = 32  # points for each knot at which a curve is checked for leaving the image (speed)
 TWIN_SHARE = 0.5  # two curves are on one body where this share of one ...
 TWIN_HW = 0.6  # ... is closer than this to the other

@@ -63,7 +63,7 @@ def outline(
             1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2
         )
 
-    even, knots = _spaced(body, low, high)
+    even, knots = _uncrowded(body, low, high)
     part = uniform(knots)
     u = np.interp(part, np.linspace(0, 1, len(knots)), even)
     points = spline.basis(len(knots), part) @ knots
@@ -116,12 +116,19 @@ def _inside(body: Body, sketch: Float[Array, "N 2"], shape: tuple[int, ...]) -> 
     return (float(there[0]), float(there[-1])) if len(there) > 1 else (0.0, 1.0)
 
 
-def _spaced(body: Body, low: float, high: float) -> tuple[Float[Array, " K"], Float[Array, "K 2"]]:
+def _uncrowded(
+    body: Body, low: float, high: float
+) -> tuple[Float[Array, " K"], Float[Array, "K 2"]]:
     """As many knots as a body has from `low` to `high`, and where on its spline they are.
 
-    They are evenly spaced: the curve might fold between knots that crowd.
+    Where they would crowd, so that the curve may fold between them, they are evenly spaced.
     """
     count = len(body.knots)
+    even = np.linspace(low, high, count)
+    knots = spline.basis(count, even) @ body.knots
+    apart = np.diff(spline.arc_length(knots))
+    if apart.min() >= const.CROWDED * apart.mean():
+        return even, knots
     dense = np.linspace(low, high, const.BORDER_POINTS * count)
     line = spline.basis(count, dense) @ body.knots
     s = spline.arc_length(line)
