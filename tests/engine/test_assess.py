@@ -3,7 +3,6 @@
 import numpy as np
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.judge import assess
 
 
 def across(row: float, begin: float = 20.0, end: float = 60.0) -> np.ndarray:
@@ -13,8 +12,8 @@ def across(row: float, begin: float = 20.0, end: float = 60.0) -> np.ndarray:
 
 def test_two_curves_on_one_body_are_told_and_others_are_not() -> None:
     curves = [across(10), across(11, 25, 55), across(20), across(30, 10, 40), across(30, 38, 90)]
-    assert assess.doubles(curves, 1.5, 0.5) == {0: 1, 1: 0}
-    assert assess.doubles(curves, 0.5, 0.5) == {}
+    assert spline.doubles(curves, 1.5, 0.5) == {0: 1, 1: 0}
+    assert spline.doubles(curves, 0.5, 0.5) == {}
 
 
 def test_only_near_curves_are_neighbours() -> None:

@@ -49,29 +49,17 @@ def fitted(monkeypatch, again: int | None):
     return found.bodies, calls
 
 
-@pytest.mark.parametrize(
-    ("again", "with_it", "beside"), [(0, {0, 1}, {2}), (1, {0, 1, 2}, set()), (3, {3}, set())]
-)
-def test_only_what_touches_a_curve_is_fitted_again_with_it(monkeypatch, again, with_it, beside):
+@pytest.mark.parametrize(("again", "with_it"), [(0, {0, 1}), (1, {0, 1, 2}), (3, {3})])
+def test_only_what_touches_a_curve_moves_when_it_is_fitted_again(monkeypatch, again, with_it):
     first, (only,) = fitted(monkeypatch, None)
     assert len(only[0]) == 4
     second, calls = fitted(monkeypatch, again)
-    theta, options = calls[1]
-    assert {_of(row) for row in theta} == with_it
-    assert {_of(body.theta) for body in options["beside"]} == beside
-    assert options["first"].sum() == 1
+    assert np.flatnonzero(calls[1][1]["first"]).tolist() == [again]
     for i, (a, b) in enumerate(zip(first, second, strict=True)):
         if i not in with_it:
-            np.testing.assert_array_equal(a.theta, b.theta)
-            np.testing.assert_array_equal(a.own, b.own)
+            np.testing.assert_allclose(a.theta, b.theta, atol=1e-4)
         assert spline.apart(a.points(), b.points(512)).max() < 1.0
 
 
 def silent(stage: str, fraction: float, centrelines: object = None) -> None:
     pass
-
-
-def _of(theta: np.ndarray) -> int:
-    """Which of LINES a curve lies on."""
-    knots = theta[: len(theta) - len(fitting.GLOBALS)].reshape(2, -1).T
-    return int(np.argmin([np.linalg.norm(knots.mean(0) - line.mean(0)) for line in LINES]))

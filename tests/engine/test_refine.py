@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from napari_splinesketch import Curve, Refinement, refine, suggest, synthetic
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine.judge.assess import as_drawn
+from napari_splinesketch.engine.settings import OFFERED
 
 from .scenes import SHAPE, frame, miss, refined, sketches_of
 
@@ -313,6 +314,17 @@ def test_a_fixed_curve_keeps_a_sketch_off_its_body():
     between = 0.55 * synthetic.resample(first, 30) + 0.45 * synthetic.resample(second, 30)
     found = refine(made.image, [between], fixed=[fixed]).curves[0]
     assert miss(found, first) > 4
+
+
+@pytest.mark.parametrize("preset", OFFERED)
+def test_a_fixed_curve_without_a_half_width_is_as_wide_as_the_others(preset):
+    made = frame(5, 2)
+    both = refine(made.image, sketches_of(made))
+    bare = dataclasses.replace(
+        both.curves[0], half_width=np.full_like(both.curves[0].half_width, np.nan)
+    )
+    found = refine(made.image, sketches_of(made)[1:], preset, fixed=[bare])
+    assert_whole(found, 1)
 
 
 def test_a_fixed_curve_far_away_changes_nothing():

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine import constants
+from napari_splinesketch.engine import constants, spline
 from napari_splinesketch.engine.fit import fitting, side_by_side
+from napari_splinesketch.engine.settings import Hold, Settings
 from napari_splinesketch.engine.types import CANCELLED
 
 
@@ -28,8 +29,34 @@ def test_heaps_of_curves_that_touch_stay_whole(monkeypatch):
     meets = np.zeros((9, 9), dtype=bool)
     for i, j in ((0, 4), (4, 8), (8, 2), (1, 3), (5, 6)):
         meets[i, j] = meets[j, i] = True
-    found = side_by_side.batches([[0, 1, 2, 3, 4, 8], [5, 6, 7]], meets)
+    found = side_by_side.batches(meets, [8, 8, 12, 8, 8, 8, 8, 8, 8])
     assert [sorted(batch) for batch in found] == [[0, 2, 4, 8], [5, 6, 7], [1, 3]]
+
+
+def test_crossing_bodies_of_unlike_shapes_see_each_other(monkeypatch):
+    """A straight one needs fewer knots than one that bends, and is fitted with it all the same."""
+    fitted: list[int] = []
+    fit_curves = fitting.fit_curves
+
+    def watched(seen, theta, *given, **options):
+        fitted.append(len(theta))
+        return fit_curves(seen, theta, *given, **options)
+
+    monkeypatch.setattr(fitting, "fit_curves", watched)
+    t = np.linspace(0, 1, 60)
+    waves = np.column_stack([64 + 14 * np.sin(4 * np.pi * t), 14 + 100 * t])
+    lines = [waves, np.array([[14.0, 60.0], [114.0, 66.0]])]
+    image = np.max([synthetic_tube(line, (128, 128)) for line in lines], axis=0)
+    found = refine(image, lines, Settings(hold=(Hold(1.0, 1.0, 1.0),) * 2))
+    assert found.model.knots[0] > found.model.knots[1]
+    assert fitted[0] == 2
+
+
+def synthetic_tube(line: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """A bright tube of half-width 2 px."""
+    at = np.indices(shape).reshape(2, -1).T
+    apart = spline.apart(at, spline.resample(line, 500)).reshape(shape)
+    return np.clip(2.5 - apart, 0, 1) + 0.01 * (np.indices(shape).sum(0) % 3)
 
 
 def test_two_cores_give_the_same_curves_to_the_last_bit(monkeypatch):

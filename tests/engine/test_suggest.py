@@ -11,13 +11,7 @@ from suggested import FOUND, judged, on, worms
 from napari_splinesketch import suggest, synthetic
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine.find.suggest import _bodies, _medians, prepare
-
-
-def test_medians_of_parts_are_those_of_numpy() -> None:
-    values, counts = np.random.default_rng(0).normal(size=20), np.array([1, 8, 2, 9])
-    parts = np.split(values, np.cumsum(counts)[:-1])
-    np.testing.assert_array_equal(_medians(values, counts), [np.median(part) for part in parts])
+from napari_splinesketch.engine.find.suggest import _bodies, prepare
 
 
 def test_bodies_are_parts_that_are_large_and_certain_enough() -> None:

@@ -10,7 +10,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from platformdirs import user_cache_path
 
 _lock = threading.Lock()
-_calls: list[int] = []
+_calls = 0
 _before: dict[str, Any] = {}
 
 
@@ -20,18 +20,19 @@ def kept() -> Iterator[None]:
 
     JAX's settings hold for all that runs in the process, so they are as before afterwards.
     """
+    global _calls
     folder = str(user_cache_path("napari-splinesketch") / "jax")
     with _lock:
         if not _calls and jax.config.values["jax_compilation_cache_dir"] is None:
             _before.update(_set(jax_compilation_cache_dir=folder,
                                 jax_persistent_cache_min_compile_time_secs=0,
                                 jax_persistent_cache_min_entry_size_bytes=-1))  # fmt: skip
-        _calls.append(threading.get_ident())
+        _calls += 1
     try:
         yield
     finally:
         with _lock:
-            _calls.pop()
+            _calls -= 1
             if not _calls and _before:
                 _set(**_before)
                 _before.clear()

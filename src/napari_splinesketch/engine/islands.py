@@ -10,9 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import MARGIN
-from napari_splinesketch.engine.types import Array, Curve
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Curve, Line
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,9 @@ def refine(
 def _fitted(
     island: Island, seen: scene.Scene, preset: PresetName | Settings, seed: int, report: Reporter
 ) -> Part:
+    # Curves that came without a half-width are as wide as the others.
+    fixed = [np.nan_to_num(curve, nan=seen.half_width) for curve in island.fixed]
+    island = replace(island, fixed=fixed)
     if preset == "paper":
         from napari_splinesketch.paper.result import fit_paper
 

@@ -74,6 +74,16 @@ def neighbours(curves: Sequence[Float[Array, "P 2"]], reach: float) -> Iterator[
         yield np.flatnonzero(near).tolist()
 
 
+def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
+    """Curves that run within `reach` of another for much of their length, with its number."""
+    found = {}
+    for i, (a, beside) in enumerate(zip(curves, neighbours(curves, reach), strict=True)):
+        for j in beside:
+            if (apart(a[::4], curves[j][::2]) < reach).mean() > share:
+                found[i] = j
+    return found
+
+
 def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:
     """Points of a polyline, uniform in arc length; further columns are interpolated along.
 

@@ -13,6 +13,8 @@ Status = Literal["good", "check", "failed"]
 Array = np.ndarray
 AnyArray = Any
 """NumPy's or JAX's: compiled functions take either."""
+Line = Float[Array, "N 2"]
+"""Points one after the other, (row, col), px."""
 
 CANCELLED = "cancelled before it was done"
 POINTS = 100

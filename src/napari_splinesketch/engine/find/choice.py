@@ -9,9 +9,7 @@ from scipy.cluster.hierarchy import DisjointSet
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,7 @@ from napari_splinesketch.engine.look.sketched import (
     ridge_profile,
 )
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +76,10 @@ class Found:
         The scene, in units of the contrast of the bodies that were found.
     starts
         One for each sketch.
-    clusters
-        Which of them have to be fitted together.
     """
 
     seen: Scene
     starts: list[Start]
-    clusters: list[list[int]]
 
 
 def find(
@@ -111,9 +106,8 @@ def find(
     """
     graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
-    clusters = choice.interacting(candidates)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
-    for members in clusters:
+    for members in choice.interacting(candidates):
         mine = [candidates[i] for i in members]
         sets, costs = choice.sets(graph, mine, seen.half_width, usual, taken)
         for i, paths_of in zip(members, sets.T, strict=True):
@@ -121,7 +115,7 @@ def find(
             start = _start(seen, sketches[i], candidates[i], int(paths_of[0]))
             starts[i] = replace(start, margin=margin)
     seen.ridges.keep(evidence={start.rung for start in starts})
-    return _rescaled(Found(seen, starts, clusters))
+    return _rescaled(Found(seen, starts))
 
 
 def usual_length(sketches: list[Line]) -> float:
@@ -149,7 +143,7 @@ def believed(seen: Scene, sketches: list[Line]) -> Found:
         Start(sketch, True, sketch, rung, WIDTHS[rung], 1.0, unknown, whole=True)
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
-    return Found(seen, starts, [[i] for i in range(len(sketches))])
+    return Found(seen, starts)
 
 
 def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
@@ -331,4 +325,4 @@ def _rescaled(found: Found) -> Found:
         replace(s, contrast=float(np.clip(s.contrast / unit, *const.CONTRASTS)))
         for s in found.starts
     ]
-    return Found(seen, starts, found.clusters)
+    return Found(seen, starts)

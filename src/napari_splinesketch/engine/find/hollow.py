@@ -15,9 +15,7 @@ from napari_splinesketch.engine.find import scoring, strip
 from napari_splinesketch.engine.look.ridges import WIDTHS, rung_of
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.look.sketched import first_high, reach_of, ridge_profile
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 def middles(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:

@@ -10,9 +10,7 @@ from scipy.spatial import KDTree
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.tracing import ends_of
 from napari_splinesketch.engine.spline import arc_length, resample
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 def joined(

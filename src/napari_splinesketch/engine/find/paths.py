@@ -11,9 +11,8 @@ from scipy.spatial import KDTree
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find.tracing import TraceGraph
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, Line
 
-Line = Float[Array, "N 2"]
 Route = tuple[int, ...]
 """Steps: twice the number of a piece, and one more where it is entered at its second node."""
 

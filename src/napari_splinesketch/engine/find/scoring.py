@@ -8,11 +8,9 @@ from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, Line
 
 FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
-
-Line = Float[Array, "N 2"]
 
 
 def clicked(sketch: Line) -> bool:
@@ -204,7 +202,6 @@ def goes_on(
 @lru_cache(maxsize=64)
 def _smoothing(count: int, sigma: float) -> Float[Array, "S S"]:
     """(S, S) matrix that smooths a row of points by a Gaussian of `sigma` of them; ends stay."""
-    points = np.eye(count)
-    before, after = 2 * points[:1] - points[:0:-1], 2 * points[-1:] - points[-2::-1]
-    extended = np.concatenate([before, points, after])
+    beyond = ((count - 1, count - 1), (0, 0))
+    extended = np.pad(np.eye(count), beyond, "reflect", reflect_type="odd")
     return ndimage.gaussian_filter1d(extended, sigma, axis=0)[count - 1 : 2 * count - 1]

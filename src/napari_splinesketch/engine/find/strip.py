@@ -7,9 +7,7 @@ from skimage.graph import MCP_Geometric
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 def paths_along(

@@ -16,9 +16,7 @@ from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
-from napari_splinesketch.engine.types import Array, Polarity
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line, Polarity
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,15 +177,19 @@ def _traced(
     lines, lengths = [lines[i] for i in long], lengths[long]
     counts = np.maximum(8, (lengths / 2).astype(int))
     points = np.concatenate(resample_each(lines, counts.tolist()))
-    heights = np.array([_medians(_heights(ridges, k, sign, points), counts) for k in near])
+    line = np.repeat(np.arange(len(lines)), counts)
+    each = range(len(lines))
+    heights = np.array(
+        [ndimage.median(_heights(ridges, k, sign, points), line, each) for k in near]
+    )
     highest = np.maximum(heights.max(0), 0)
     own = near.start + (heights >= const.SUGGEST_WIDTH * highest).argmax(0)
     seen = np.minimum(evidence[tuple(np.rint(points).astype(int).T)] / const.SURE_EVIDENCE, 1)
     sure = np.add.reduceat(seen, np.cumsum(counts) - counts) / counts
     strength = np.sqrt(highest) * sure**3 * np.log(lengths / width)
     strength[np.abs(own - rung) > const.SUGGEST_OFF] = 0
-    each = zip(lines, own.tolist(), strength.tolist(), strict=True)
-    return [Traced(line, WIDTHS[k], strong) for line, k, strong in each]
+    found = zip(lines, own.tolist(), strength.tolist(), strict=True)
+    return [Traced(line, WIDTHS[k], strong) for line, k, strong in found]
 
 
 def _bodies(evidence: Float[Array, "H W"], most: float) -> Bool[Array, "H W"]:
@@ -210,13 +212,6 @@ def _heights(ridges: Ridges, rung: int, sign: int, points: Line) -> Float[Array,
     heights, factor = ridges.heights(rung, sign), ridges.factor(rung)
     at = np.rint((points + 0.5) / factor - 0.5).astype(int)
     return heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]
-
-
-def _medians(values: Float[Array, " P"], counts: Int[Array, " N"]) -> Float[Array, " N"]:
-    """Medians of so many values each."""
-    order = np.lexsort([values, np.repeat(np.arange(len(counts)), counts)])
-    first = np.cumsum(counts) - counts
-    return (values[order[first + (counts - 1) // 2]] + values[order[first + counts // 2]]) / 2
 
 
 def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:

@@ -15,9 +15,8 @@ from napari_splinesketch.engine.fit import bands, fitting, pairs, side_by_side
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Hold, Settings
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, Line
 
-Line = Float[Array, "N 2"]
 Centrelines = Callable[[], list[Line]]
 
 
@@ -77,7 +76,11 @@ def fit_scene(
         Progress.
     """
     report("tracing bodies", 0.02)
-    given = [(spline.resample(c[:, :2], 100), _width_of(c), 1.0) for c in fixed]
+    thinnest = const.THINNEST_FIXED_PX
+    given = [
+        (spline.resample(c[:, :2], 100), max(float(np.median(c[:, 2])), thinnest), 1.0)
+        for c in fixed
+    ]
     if settings.hold is None:
         found = finding.find(
             seen, sketches, [line for line, *_ in given], settings,
@@ -110,12 +113,9 @@ def _fit_batches(
     A body for each start and for each fixed curve; and which curves are held to their paths.
     """
     starts = found.starts
-    groups: dict[int, list[int]] = {}
-    for members in found.clusters:
-        groups.setdefault(max(needs[i] for i in members), []).extend(members)
     drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in fixed]
     meets = bands.touching([fitting.around(seen, *one) for one in drawn])
-    batches = side_by_side.batches([members for _, members in sorted(groups.items())], meets)
+    batches = side_by_side.batches(meets[: len(starts), : len(starts)], needs)
     near = [set(np.flatnonzero(meets[len(starts) :, batch].any(1)).tolist()) for batch in batches]
     near[-1] |= set(range(len(fixed))).difference(*near)
     done: dict[int, Body] = {}
@@ -147,10 +147,6 @@ def _fit_batches(
         others |= looks
         held |= kept
     return [done[i] for i in range(len(starts))], [others[k] for k in range(len(fixed))], held
-
-
-def _width_of(curve: Float[Array, "P 3"]) -> float:
-    return max(float(np.nanmedian(curve[:, 2])), const.THINNEST_FIXED_PX)
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
@@ -212,17 +208,10 @@ def _fit_group(
                 continue
             again[row] = True
         if again.any():
-            meets = bands.touching([body.pixels for body in found])
-            some = again | meets[again].any(0)
-            beside = meets[some].any(0) & ~some
-            fitted = fitting.fit_curves(
-                seen, now[some], priors._replace(mean=priors.mean[some]),
-                const.SWEEPS[: const.HELD_SWEEPS],
-                moving=int(some[:count].sum()), hold=hold[some], first=again[some],
-                beside=[found[row] for row in np.flatnonzero(beside)],
+            found = fitting.fit_curves(
+                seen, now, priors, const.SWEEPS[: const.HELD_SWEEPS],
+                moving=count, hold=hold, first=again, report=lambda _, lines: report(1.0, lines),
             )  # fmt: skip
-            for row, body in zip(np.flatnonzero(some), fitted, strict=True):
-                found[row] = body
     numbers = [*own, *[knots] * len(fixed)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed
 

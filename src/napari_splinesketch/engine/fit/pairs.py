@@ -1,7 +1,6 @@
 """Two bodies side by side that look like one thick one: their traces run into each other."""
 
 import numpy as np
-from jaxtyping import Float
 from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
@@ -10,11 +9,8 @@ from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting
 from napari_splinesketch.engine.fit.fitting import Body
-from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Line
 
 
 def settle_pairs(
@@ -38,7 +34,7 @@ def settle_pairs(
         Bodies without a sketch of this call.
     """
     lines = [b.points(100) for b in bodies]
-    next_to = assess.doubles(lines, const.PAIR_HW * seen.half_width, const.PAIR_SHARE)
+    next_to = spline.doubles(lines, const.PAIR_HW * seen.half_width, const.PAIR_SHARE)
     pairs = sorted({(min(i, j), max(i, j)) for i, j in next_to.items() if free[i] and free[j]})
     found = [*bodies, *others]
     meets = bands.touching([b.pixels for b in found]) if pairs else np.zeros((0, 0))

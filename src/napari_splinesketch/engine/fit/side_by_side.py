@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from typing import TypeVar
 
 import jax
@@ -16,26 +17,23 @@ from napari_splinesketch.engine.types import Array
 Result = TypeVar("Result")
 
 
-def batches(groups: Sequence[list[int]], meets: Bool[Array, "n n"]) -> list[list[int]]:
-    """The curves of some groups in batches, the largest first.
+def batches(meets: Bool[Array, "n n"], knots: Sequence[int]) -> list[list[int]]:
+    """Curves in batches, the largest first.
 
-    Curves of a group that touch, directly or by others, come into one batch: small arrays cost
-    little memory, and the curves are the same however many batches there are at a time. A GPU gets
-    as many curves at a time as there are.
+    Curves that touch, directly or by others, come into one batch, beside others that need as many
+    `knots`: small arrays cost little memory, and the curves are the same however many batches there
+    are at a time. A GPU gets as many curves at a time as there are.
     """
     most = const.CURVE_SIZES[0 if jax.default_backend() == "cpu" else -1]
-    found: list[list[int]] = []
-    for members in groups:
-        label = connected_components(meets[np.ix_(members, members)], directed=False)[1]
-        blocks = [np.array(members)[label == k].tolist() for k in range(label.max() + 1)]
-        room = 0
-        for block in sorted(blocks, key=len, reverse=True):
-            if len(block) > room:
-                found.append([])
-                room = most
-            found[-1] += block
-            room -= len(block)
-    return sorted(found, key=len, reverse=True)
+    count, label = connected_components(meets, directed=False)
+    blocks = [np.flatnonzero(label == k).tolist() for k in range(count)]
+    found: dict[int, list[list[int]]] = {}
+    for block in sorted(blocks, key=len, reverse=True):
+        alike = found.setdefault(max(knots[i] for i in block), [[]])
+        if len(alike[-1]) + len(block) > most and alike[-1]:
+            alike.append([])
+        alike[-1] += block
+    return sorted(chain.from_iterable(found.values()), key=len, reverse=True)
 
 
 def side_by_side(run: Callable[[int], Result], count: int) -> list[Result]:

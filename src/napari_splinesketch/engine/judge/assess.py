@@ -164,13 +164,3 @@ def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
         (reason,),
         np.inf,
     )
-
-
-def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> dict[int, int]:
-    """Curves that run within `reach` of another for much of their length, with its number."""
-    found = {}
-    for i, (a, beside) in enumerate(zip(curves, spline.neighbours(curves, reach), strict=True)):
-        for j in beside:
-            if (spline.apart(a[::4], curves[j][::2]) < reach).mean() > share:
-                found[i] = j
-    return found

@@ -110,7 +110,9 @@ class Ridges:
         )
         usual = _usual(mine, block / factor)
         share = mine / np.maximum(usual, max(left, const.RIDGE_FLOOR * height, 1e-30))
-        return np.clip(enlarged(share, self._image.shape, factor) / const.RIDGE_CERTAIN, 0.0, 1.0)
+        if factor > 1:
+            share = _stretched(share, (factor, factor), self._image.shape)
+        return np.clip(share / const.RIDGE_CERTAIN, 0.0, 1.0)
 
 
 def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
@@ -120,11 +122,6 @@ def _reduce(image: Float[Array, "H W"], factor: int) -> Float[Array, "h w"]:
     wide = np.pad(image, pad, mode="edge")
     h, w = (size // factor for size in wide.shape)
     return wide.reshape(h, factor, w, factor).mean((1, 3))
-
-
-def enlarged(image: Float[Array, "h w"], shape, factor: int) -> Float[Array, "H W"]:
-    """A reduced image at its full size (H, W) again."""
-    return image if factor == 1 else _stretched(image, (factor, factor), shape)
 
 
 def _stretched(

@@ -12,9 +12,7 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.sketched import Around, look_around
-from napari_splinesketch.engine.types import Array, Polarity
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line, Polarity
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,7 @@ from jaxtyping import Float, Int
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
-from napari_splinesketch.engine.types import Array
-
-Line = Float[Array, "N 2"]
+from napari_splinesketch.engine.types import Array, Line
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Around:
     profile: tuple[float, ...]
 
 
-def reach_of(line: Line, half_width: float = 0.0) -> float:
+def reach_of(line: Line, half_width: float) -> float:
     """How far from its sketch a body may be, px."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     astray = min(const.STRAY_SHARE * steps.sum(), max(const.STRAY_HW * half_width, const.STRAY_PX))

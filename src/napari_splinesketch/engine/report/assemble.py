@@ -129,7 +129,7 @@ def _curves(
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
     lines = [spline.sample(b.knots, 100) for b in bodies]
-    twins = assess.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
+    twins = spline.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
     for i, (body, sketch, start) in enumerate(
         zip(bodies, island.sketches, fit.starts, strict=True)
     ):
