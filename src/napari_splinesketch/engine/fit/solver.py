@@ -100,7 +100,7 @@ def sweep(
     """
     if together is None:
         together = 1 if jax.default_backend() == "cpu" else min(len(order), const.ABREAST)
-    maps = brightness_maps(fit.own, bands.slots, None if together > 1 else bands.tiles)
+    maps = brightness_maps(fit.own, bands.slots)
 
     def visit(i, steps):
         one = jax.tree.map(lambda a: a[i], bands)
@@ -130,32 +130,12 @@ class Maps(NamedTuple):
     second: Float[Array, " S"]
 
 
-def brightness_maps(
-    own: Float[Array, "N M"], slots: Int[Array, "N M"], tiles: Int[Array, " N"] | None
-) -> Maps:
-    """Add up the curves, one tile after the other where their `tiles` are given."""
+def brightness_maps(own: Float[Array, "N M"], slots: Int[Array, "N M"]) -> Maps:
+    """Add up the curves."""
     nothing = jnp.zeros(own.size, own.dtype)
-
-    def over_all(add):
-        if tiles is None:
-            return add(nothing, own, slots)
-        curve = jnp.repeat(jnp.arange(len(own)), tiles, total_repeat_length=own.size // const.TILE)
-        first = jnp.cumsum(tiles) - tiles
-
-        def over_tile(t, image):
-            start = curve[t], const.TILE * (t - first[curve[t]])
-            here, at = (jax.lax.dynamic_slice(a, start, (1, const.TILE))[0] for a in (own, slots))
-            return add(image, here, at)
-
-        return jax.lax.fori_loop(0, tiles.sum(), over_tile, nothing)
-
-    # One image a loop, never read where it is written: XLA would copy it in every turn.
-    total = over_all(lambda image, here, at: image.at[at].add(here))
-    most = over_all(lambda image, here, at: image.at[at].max(here))
-    second = over_all(
-        lambda image, here, at: image.at[at].max(jnp.where(here >= most[at], 0.0, here))
-    )
-    return Maps(total, most, second)
+    most = nothing.at[slots].max(own)
+    second = nothing.at[slots].max(jnp.where(own >= most[slots], 0.0, own))
+    return Maps(nothing.at[slots].add(own), most, second)
 
 
 def others_of(
