@@ -8,6 +8,7 @@ import pytest
 
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine.look import background, ridges, scene
+from napari_splinesketch.engine.look.sketched import half_width_across
 from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import Polarity
 
@@ -218,3 +219,15 @@ def test_the_pictures_take_few_copies_of_the_image(kind, peak_memory):
     drawn = [((slice(0, 50), slice(0, 60)), np.ones((50, 60)))]
     peak = peak_memory(lambda: Pictures(image, drawn, kind).reconstruction)
     assert peak < 2.5 * 8 * image.size
+
+
+@pytest.mark.parametrize("half_width", [6.0, 17.0])
+@pytest.mark.parametrize("aside", [0.0, 0.3])
+def test_a_path_tells_the_half_width(half_width: float, aside: float) -> None:
+    """Also beside the middle, and where what is tried is off by a third; never too thin."""
+    rows = np.arange(201)[:, None] - 100.0
+    image = np.broadcast_to(np.clip(half_width + 0.5 - np.abs(rows), 0, 1), (201, 160))
+    path = np.column_stack([np.full(30, 100 + aside * half_width), np.linspace(20, 140, 30)])
+    for tried in (half_width / 1.35, half_width * 1.35):
+        wide = half_width_across(image, path, tried)
+        assert 0.98 * half_width < wide < 1.25 * half_width

@@ -173,7 +173,8 @@ def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
     gone = []
     with bench() as first:
         for seed in range(3):
-            gone.append(weakref.ref(first.image(seed=seed)))
+            shape = (96, 128, 3) if seed == 2 else (96, 128)  # one in colour
+            gone.append(weakref.ref(first.image(shape, seed)))
             first.sketches(name=f"sketches {seed}")
             first.refine()
             first.viewer.layers.clear()

@@ -63,6 +63,8 @@ PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)
 PROFILES_MOST = 120  # most profiles of a sketch (speed)
 PROFILE_POINTS = 61  # most points of a profile (speed)
+WIDTH_PROFILE_HW = 2.5  # reach of the profiles from which a half-width is read (geometry)
+WIDTH_MIDDLE_HW = 0.3  # part of such a profile that is surely inside the body (geometry)
 
 # === Find: the graph of traces
 BODY_EVIDENCE = 0.45  # evidence from which a pixel is body

@@ -6,6 +6,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
+from weakref import WeakSet
 
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -49,7 +50,7 @@ class Controller(Keeper):
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
         self._frames = 0  # of that image, as it began
-        self._told: list[Image] = []
+        self._told = WeakSet[Image]()
         self._began = 0.0
         self.suggestions = Suggestions(self)
         self.actions = Commands(self)
@@ -77,7 +78,7 @@ class Controller(Keeper):
             return
         work = self.work_on(image, layer)
         if image.rgb and image not in self._told:
-            self._told.append(image)
+            self._told.add(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in wanted.targets)
         block = block_around(image, wanted.frame, lines)

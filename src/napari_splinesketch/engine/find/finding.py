@@ -17,6 +17,7 @@ from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.look.sketched import (
     first_high,
+    half_width_across,
     reach_of,
     ridge_profile,
 )
@@ -288,10 +289,13 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
     own = int(np.clip(first_high(profile), rung - 1, near[-1]))
     contrast = profile[own] / const.CREST / abs(seen.contrast)
+    # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
+    widest = WIDTHS[max(own, rung)]
+    half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, const.SCORE_SAMPLES)
     at = sampled.T[:, :, None]
     first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
-    return Start(line, True, sketch, rung, WIDTHS[own], contrast, known, np.inf, (first, last))
+    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last))
 
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:

@@ -40,6 +40,26 @@ def reach_of(line: Line, half_width: float) -> float:
     return float(max(const.CHORD_BULGE * steps.max(), astray))
 
 
+def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float) -> float:
+    """Half-width of the body along a path, px: where its median profile is half as high.
+
+    The mean of both sides, rounded up to the next point of the profile: a fit that begins a little
+    too wide arrives sooner. `half_width` is about what it is.
+    """
+    points, offsets = _profiles(path, const.WIDTH_PROFILE_HW * half_width)
+    profile = np.median(spline.across(image, points, offsets), axis=0)
+    middle = len(profile) // 2
+    step = const.WIDTH_PROFILE_HW * half_width / middle
+    found = []
+    for side in (profile[middle::-1], profile[middle:]):
+        top = side[: 1 + int(const.WIDTH_MIDDLE_HW * half_width / step)].mean()
+        edge = int(half_width / step)
+        low = edge + int(side[edge:].argmin())
+        below = side[:low] <= (top + side[low]) / 2
+        found.append(step * (0.5 + (int(below.argmax()) if below.any() else low)))
+    return float(np.mean(found))
+
+
 def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's."""
     length = float(spline.arc_length(line)[-1])
