@@ -1,10 +1,10 @@
 """Seconds for many bodies on the device that JAX uses, one curve at a time or many at once.
 
-    python tests/benchmarks/devices.py [--bodies 1 16 64 250 1000] [--together N]
+    python tests/benchmarks/devices.py [--bodies 1 3 16 64 250 1000] [--together N]
 
 Prints, for each number of bodies, the median of three calls after the first: of `refine`, and of
 the fits within it. `JAX_PLATFORMS=cpu` and `cuda` choose the device. Adds the figures to
-docs/benchmarks/devices.csv with `--write`.
+docs/benchmarks/devices.csv with `--write`, with the number of cores that may be used.
 """
 
 import argparse
@@ -19,11 +19,11 @@ import numpy as np
 from scaling import side_for
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine.fit import fitting, solver
+from napari_splinesketch.engine.fit import fit_scene, side_by_side, solver
 from napari_splinesketch.metrics import average_dtw
 
 FIGURES = Path(__file__).parents[2] / "docs" / "benchmarks" / "devices.csv"
-FIELDS = ("device", "together", "bodies", "refine_s", "fits_s", "first_s", "median_px")
+FIELDS = ("device", "cores", "together", "bodies", "refine_s", "fits_s", "first_s", "median_px")
 REPEATS, POINTS = 3, 6
 TILE = 10
 """Bodies lie in squares of so many, which cross within their square."""
@@ -51,15 +51,15 @@ def measured(bodies: int) -> dict[str, float]:
     clicked = [t[np.linspace(0, len(t) - 1, POINTS).astype(int)] for t in truths]
     sketches = [line + random.normal(0, 1, line.shape) for line in clicked]
     within = [0.0]
-    fit_curves = fitting.fit_curves
+    fit_batches = fit_scene._fit_batches
 
     def timed(*args, **options):
         began = time.perf_counter()
-        found = fit_curves(*args, **options)
+        found = fit_batches(*args, **options)
         within[0] += time.perf_counter() - began
         return found
 
-    fitting.fit_curves = timed
+    fit_scene._fit_batches = timed
     seconds, fits, curves = [], [], ()
     try:
         for _ in range(1 + REPEATS):
@@ -68,7 +68,7 @@ def measured(bodies: int) -> dict[str, float]:
             seconds.append(time.perf_counter() - began)
             fits.append(within[0])
     finally:
-        fitting.fit_curves = fit_curves
+        fit_scene._fit_batches = fit_batches
     return {
         "refine_s": statistics.median(seconds[1:]),
         "fits_s": statistics.median(fits[1:]),
@@ -82,7 +82,7 @@ def measured(bodies: int) -> dict[str, float]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--bodies", type=int, nargs="+", default=[1, 16, 64, 250, 1000])
+    parser.add_argument("--bodies", type=int, nargs="+", default=[1, 3, 16, 64, 250, 1000])
     parser.add_argument("--together", type=int, help="curves fitted at a time")
     parser.add_argument("--write", action="store_true", help="add the figures to the CSV")
     options = parser.parse_args()
@@ -91,7 +91,8 @@ def main() -> None:
     device = jax.devices()[0].device_kind
     rows = []
     for bodies in options.bodies:
-        row = {"device": device, "together": options.together or "", "bodies": bodies}
+        row = {"device": device, "cores": side_by_side.cores()}
+        row |= {"together": options.together or "", "bodies": bodies}
         row |= {name: round(value, 4) for name, value in measured(bodies).items()}
         print(row, flush=True)
         rows.append(row)
