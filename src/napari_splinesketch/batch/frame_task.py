@@ -30,25 +30,17 @@ class UnreachableError(ImageError):
 
 @dataclass(frozen=True)
 class Source:
-    """An image or film by its name.
-
-    Attributes
-    ----------
-    pattern
-        What `open_frames` takes.
-    channel, z
-        As there.
-    count
-        The number of frames it has.
-    run
-        Identifies the run: the image may have changed between two of them.
-    """
+    """An image or film by its name."""
 
     pattern: str
+    """What `open_frames` takes."""
     channel: int | None
     z: int | None
+    """`channel` and `z`: as there."""
     count: int
+    """The number of frames it has."""
     run: str = field(default_factory=lambda: secrets.token_hex(8))
+    """Identifies the run: the image may have changed between two of them."""
 
     @classmethod
     def of(cls, pattern: str, channel: int | None, z: int | None, images: Frames) -> "Source":
@@ -84,19 +76,13 @@ def _opened(source: Source) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was found in a frame.
-
-    Attributes
-    ----------
-    labels, reports
-        Its bodies, and what to say of each.
-    reconstruction
-        (H, W), where it was asked for.
-    """
+    """What was found in a frame."""
 
     labels: tuple[Label, ...]
     reports: tuple[CurveReport, ...]
+    """`labels` and `reports`: its bodies, and what to say of each."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
+    """(H, W), where it was asked for."""
 
 
 class Finder(Protocol):
@@ -113,50 +99,33 @@ class Finder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FrameTask:
-    """A frame and what to do with it.
-
-    Attributes
-    ----------
-    frame
-        Its number.
-    read
-        Gives its pixels.
-    finder
-        What to do.
-    scale, units
-        Size of a pixel, for the labels.
-    version
-        Of the package that sends the task; the worker's must be the same.
-    """
+    """A frame and what to do with it."""
 
     frame: int
+    """Its number."""
     read: Callable[[], Real[np.ndarray, "H W"]]
+    """Gives its pixels."""
     finder: Finder
+    """What to do."""
     scale: tuple[float, float] | None
     units: str | None
+    """`scale` and `units`: size of a pixel, for the labels."""
     version: str = __version__
+    """Of the package that sends the task; the worker's must be the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameDone:
-    """The result of a frame.
-
-    Attributes
-    ----------
-    report
-        For the user.
-    table
-        The labels, as a table in CSV.
-    reconstruction
-        (H, W), where it was asked for.
-    reached
-        Whether the worker could open the image.
-    """
+    """The result of a frame."""
 
     report: FrameReport
+    """For the user."""
     table: str
+    """The labels, as a table in CSV."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
+    """(H, W), where it was asked for."""
     reached: bool = True
+    """Whether the worker could open the image."""
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:

@@ -14,32 +14,22 @@ from napari_splinesketch.engine.types import Curve
 
 @dataclass(frozen=True)
 class CurveReport:
-    """One curve in numbers, px; None where nothing is known.
-
-    Attributes
-    ----------
-    curve
-        Its identity.
-    length
-        Arc length.
-    half_width
-        Median along the curve.
-    sd
-        Median standard error along the normal.
-    status
-        "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body that is
-        tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
-        where it is not looked for any more.
-    reasons
-        Why the status is not "good".
-    """
+    """One curve in numbers, px; None where nothing is known."""
 
     curve: int
+    """Its identity."""
     length: float
+    """Arc length."""
     half_width: float | None
+    """Median along the curve."""
     sd: float | None
+    """Median standard error along the normal."""
     status: str
+    """One of "good", "check" or "failed"; "sketch" for a line that was only suggested; of a body
+    that is tracked, "drift" where it is not trusted, "missing" where it is not found, and "lost"
+    where it is not looked for any more."""
     reasons: tuple[str, ...] = ()
+    """Why the status is not "good"."""
 
     @classmethod
     def of(cls, curve: Curve, identity: int) -> "CurveReport":
@@ -56,30 +46,20 @@ class CurveReport:
 
 @dataclass(frozen=True)
 class FrameReport:
-    """One frame.
-
-    Attributes
-    ----------
-    frame
-        Its number, from 0.
-    curves
-        In the order of the sketches; empty where the frame could not be refined.
-    error
-        Why the frame could not be refined, or None.
-    seconds
-        Wall time of the refinement.
-    sha256
-        Checksum of the pixels, or None where they could not be read.
-    notes
-        What else there is to say, one sentence each: what came into view.
-    """
+    """One frame."""
 
     frame: int
+    """Its number, from 0."""
     curves: tuple[CurveReport, ...] = ()
+    """In the order of the sketches; empty where the frame could not be refined."""
     error: str | None = None
+    """Why the frame could not be refined, or None."""
     seconds: float = 0.0
+    """Wall time of the refinement."""
     sha256: str | None = None
+    """Checksum of the pixels, or None where they could not be read."""
     notes: tuple[str, ...] = ()
+    """What else there is to say, one sentence each: what came into view."""
 
     @classmethod
     def from_json(cls, values: dict) -> "FrameReport":

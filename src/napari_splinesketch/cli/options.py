@@ -9,36 +9,25 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 @dataclass(frozen=True)
 class Opt:
-    """What the command line adds to a field.
-
-    Attributes
-    ----------
-    help
-        What it is; {default} stands for the default. Without it, the field is a positional
-        argument.
-    metavar
-        What stands for its value in the help.
-    above, least, most
-        Which numbers are allowed.
-    short
-        A second, short name.
-    flag
-        Its name, with the dashes; that of the field if none is declared.
-    role
-        Whether it names a file that is read, or one that is written.
-    endings
-        How the name of a file that is written may end; any where there is none.
-    """
+    """What the command line adds to a field."""
 
     help: str = ""
+    """What it is; {default} stands for the default. Without it, the field is a positional
+    argument."""
     metavar: str | tuple[str, ...] | None = None
+    """What stands for its value in the help."""
     above: float = -math.inf
     least: float = -math.inf
     most: float = math.inf
+    """`above`, `least` and `most`: which numbers are allowed."""
     short: str = ""
+    """A second, short name."""
     flag: str = ""
+    """Its name, with the dashes; that of the field if none is declared."""
     role: Literal["", "read", "written"] = ""
+    """Whether it names a file that is read, or one that is written."""
     endings: tuple[str, ...] = ()
+    """How the name of a file that is written may end; any where there is none."""
 
     def problem(self, value: float) -> str:
         """Say what is wrong with a number; nothing where it is allowed."""

@@ -47,21 +47,14 @@ def run(job: RefineJob, report: Report) -> Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Refiner:
-    """Refines the sketches of one frame.
-
-    Attributes
-    ----------
-    sketches
-        What was drawn on it; one at least.
-    options
-        Of `napari_splinesketch.refine`.
-    reconstruction
-        Whether the reconstruction is wanted, too.
-    """
+    """Refines the sketches of one frame."""
 
     sketches: tuple[Label, ...]
+    """What was drawn on it; one at least."""
     options: dict[str, Any]
+    """Of `napari_splinesketch.refine`."""
     reconstruction: bool
+    """Whether the reconstruction is wanted, too."""
 
     def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
         """Refine them all together."""

@@ -37,53 +37,35 @@ FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command did.
-
-    Attributes
-    ----------
-    frames
-        A report of each frame that was worked on.
-    notes
-        What was left out of the sketches, or could not be written into the labels.
-    labels
-        What was written.
-    """
+    """What a command did."""
 
     frames: Reports
+    """A report of each frame that was worked on."""
     notes: tuple[str, ...]
+    """What was left out of the sketches, or could not be written into the labels."""
     labels: ByFrame
+    """What was written."""
 
 
 @dataclass(eq=False)
 class Run:
-    """A run over the frames of an image.
-
-    Attributes
-    ----------
-    job
-        What the user asked for.
-    images
-        The frames.
-    partial
-        Keeps what is finished.
-    head
-        The size of a pixel, as labels without curves.
-    settings
-        Options that the labels depend on.
-    report
-        Called with the number of frames that are done, counting part of the one in progress, and
-        with their total.
-    count
-        That total.
-    """
+    """A run over the frames of an image."""
 
     job: FrameJob
+    """What the user asked for."""
     images: Frames
+    """The frames."""
     partial: Partial
+    """Keeps what is finished."""
     head: Labels
+    """The size of a pixel, as labels without curves."""
     settings: Mapping[str, object]
+    """Options that the labels depend on."""
     report: Report
+    """Called with the number of frames that are done, counting part of the one in progress, and
+    with their total."""
     count: int = 0
+    """That total."""
     _done: int = field(default=0, init=False)
     _share: float = field(default=0.0, init=False)
 

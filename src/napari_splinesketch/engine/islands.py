@@ -70,26 +70,18 @@ class Island:
 
     Neither the order of the sketches, nor the end they begin at, nor how the image is turned makes
     a difference to what is in here.
-
-    Attributes
-    ----------
-    members
-        Numbers of the sketches.
-    sketches
-        (N, 2) polylines in pixels of the turned window.
-    backwards
-        Whether each of them begins at the other end.
-    fixed
-        (P, 3) points and half-widths of curves that take part but do not move, in the same pixels.
-    pose
-        The window of the image, and how it is turned.
     """
 
     members: tuple[int, ...]
+    """Numbers of the sketches."""
     sketches: list[Line]
+    """(N, 2) polylines in pixels of the turned window."""
     backwards: list[bool]
+    """Whether each of them begins at the other end."""
     fixed: list[Float[Array, "P 3"]]
+    """Points and half-widths of curves that take part but do not move, in the same pixels."""
     pose: Pose
+    """The window of the image, and how it is turned."""
 
     def of(self, which: Sequence[int]) -> "Island":
         """The same part of the image with some of the sketches."""

@@ -15,15 +15,7 @@ MARGIN = 40
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What users may say of bodies, in the words of the command line and the window.
-
-    Attributes
-    ----------
-    polarity
-        Whether bodies are brighter or darker than what is around them.
-    half_width
-        Rough distance from a body's centreline to its edge, px; None measures it.
-    """
+    """What users may say of bodies, in the words of the command line and the window."""
 
     polarity: Polarity = field(
         default="auto",
@@ -31,6 +23,7 @@ class Look:
             "help": "whether bodies are brighter or darker than what is around them; auto looks"
         },
     )
+    """Whether bodies are brighter or darker than what is around them."""
     half_width: float | None = field(
         default=None,
         metadata={
@@ -39,22 +32,18 @@ class Look:
             "above": 0,
         },
     )
+    """Rough distance from a body's centreline to its edge, px; None measures it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked(Look):
-    """What users may ask of a refinement.
-
-    Attributes
-    ----------
-    preset
-        This engine, or the recipe of the paper.
-    """
+    """What users may ask of a refinement."""
 
     preset: PresetName = field(
         default="balanced",
         metadata={"help": "this engine, or the recipe of the paper (default: {default})"},
     )
+    """This engine, or the recipe of the paper."""
 
 
 HELP: dict[str, str] = {one.name: one.metadata["help"] for one in fields(Asked)}
@@ -63,21 +52,14 @@ HELP: dict[str, str] = {one.name: one.metadata["help"] for one in fields(Asked)}
 
 @dataclass(frozen=True)
 class Hold:
-    """How well it is known where a body is: standard errors, px.
-
-    Attributes
-    ----------
-    across
-        Of each of its knots, along the normal.
-    along
-        Of the body as a whole, along its own path.
-    stretch
-        Of its knots along the path, against each other: how well its length is known.
-    """
+    """How well it is known where a body is: standard errors, px."""
 
     across: float
+    """Of each of its knots, along the normal."""
     along: float
+    """Of the body as a whole, along its own path."""
     stretch: float
+    """Of its knots along the path, against each other: how well its length is known."""
 
 
 @dataclass(frozen=True)

@@ -29,27 +29,18 @@ class SilentServerError(ConnectionError):
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The frames of one image or film.
-
-    Attributes
-    ----------
-    name
-        The file's name.
-    count
-        Number of frames.
-    read
-        Reads frame i: (H, W), or (H, W, 3 or 4) colour.
-    scale
-        (y, x) size of a pixel in `units`, or None.
-    units
-        Physical unit, or None.
-    """
+    """The frames of one image or film."""
 
     name: str
+    """The file's name."""
     count: int
+    """Number of frames."""
     read: Callable[[int], np.ndarray]
+    """Reads frame i: (H, W), or (H, W, 3 or 4) colour."""
     scale: tuple[float, float] | None = None
+    """(y, x) size of a pixel in `units`, or None."""
     units: str | None = None
+    """Physical unit, or None."""
 
     def __getitem__(self, index: int) -> Real[np.ndarray, "H W"]:
         """Read a frame; colour becomes luminance (Rec. 709)."""

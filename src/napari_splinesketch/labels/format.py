@@ -134,36 +134,24 @@ Read = Callable[[Source], Iterator[Label]]
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file that holds labels.
-
-    Attributes
-    ----------
-    name
-        For menus and messages.
-    endings
-        How the names of such files end, in lower case; those that are written have the first.
-    read
-        Reads a file; None if that is not possible.
-    write
-        Writes a file that does not exist yet; None if that is not possible.
-    losses
-        What it cannot keep: keys of `LOSSES` for some labels, or sentences for all labels.
-    claims
-        Whether a file with this ending and these first bytes is certainly in this format.
-    by_frame
-        Whether reading holds no more than a curve, so that a film can be read frame by frame.
-    needs
-        The package that must be installed, if any.
-    """
+    """A kind of file that holds labels."""
 
     name: str
+    """For menus and messages."""
     endings: tuple[str, ...]
+    """How the names of such files end, in lower case; those that are written have the first."""
     read: Read | None = None
+    """Reads a file; None if that is not possible."""
     write: Callable[[Path, AnyLabels], None] | None = None
+    """Writes a file that does not exist yet; None if that is not possible."""
     losses: tuple[str, ...] = ()
+    """What it cannot keep: keys of `LOSSES` for some labels, or sentences for all labels."""
     claims: Callable[[str, bytes], bool] = lambda ending, head: True
+    """Whether a file with this ending and these first bytes is certainly in this format."""
     by_frame: bool = False
+    """Whether reading holds no more than a curve, so that a film can be read frame by frame."""
     needs: str = ""
+    """The package that must be installed, if any."""
 
     @property
     def suffix(self) -> str:

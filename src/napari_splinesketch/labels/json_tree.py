@@ -34,21 +34,14 @@ DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 @dataclass(frozen=True)
 class Node:
-    """A value in a JSON file, with its place.
-
-    Attributes
-    ----------
-    path
-        The file.
-    place
-        Where the value is, such as "data[3].x"; empty for the whole file.
-    value
-        What `json` read.
-    """
+    """A value in a JSON file, with its place."""
 
     path: str | os.PathLike[str]
+    """The file."""
     place: str
+    """Where the value is, such as "data[3].x"; empty for the whole file."""
     value: Any
+    """What `json` read."""
 
     def error(self, reason: str) -> LabelsError:
         """Make an error at this value."""

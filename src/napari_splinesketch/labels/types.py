@@ -194,35 +194,25 @@ class Labels:
 
 @dataclass
 class Facts:
-    """What formats need to know of all labels together.
-
-    Attributes
-    ----------
-    count
-        How many there are.
-    frames
-        How often another frame begins.
-    sizes
-        Every number of points that occurs.
-    highest
-        The largest identity, 0 where there is none.
-    reach
-        (H, W) of the smallest image from (0, 0) that holds all bodies, px.
-    without_width, without_radius
-        How many have a half-width that is not known somewhere; or is not above 0.
-    reviewed, locked
-        Whether the user has accepted or rejected one, and locked one.
-    """
+    """What formats need to know of all labels together."""
 
     count: int = 0
+    """How many there are."""
     frames: int = 0
+    """How often another frame begins."""
     sizes: set[int] = field(default_factory=set)
+    """Every number of points that occurs."""
     highest: int = 0
+    """The largest identity, 0 where there is none."""
     reach: tuple[float, ...] = (1.0, 1.0)
+    """(H, W) of the smallest image from (0, 0) that holds all bodies, px."""
     without_width: int = 0
     without_radius: int = 0
+    """`without_width` and `without_radius`: how many have a half-width that is not known somewhere;
+    or is not above 0."""
     reviewed: bool = False
     locked: bool = False
+    """`reviewed` and `locked`: whether the user has accepted or rejected one, and locked one."""
 
     @classmethod
     def of(cls, labels: Iterable[Label]) -> "Facts":
@@ -245,25 +235,17 @@ class Facts:
 
 @dataclass(frozen=True, eq=False)
 class ByFrame:
-    """Labels of which only one frame's are held; they are read from the file each time.
-
-    Attributes
-    ----------
-    frames
-        (F,) the numbers of the frames that have some, in rising order.
-    head
-        What all share, without the labels themselves.
-    read
-        Gives the labels of each of `frames`.
-    tell
-        Called on the way through them, with the share that is done if that is known; an exception
-        that it raises ends the reading.
-    """
+    """Labels of which only one frame's are held; they are read from the file each time."""
 
     frames: Int[Array, " F"]
+    """The numbers of the frames that have some, in rising order."""
     head: Labels
+    """What all share, without the labels themselves."""
     read: Callable[[], Iterator[tuple[Label, ...]]]
+    """Gives the labels of each of `frames`."""
     tell: Callable[[float | None], None] = lambda done: None
+    """Called on the way through them, with the share that is done if that is known; an exception
+    that it raises ends the reading."""
 
     @property
     def labels(self) -> Iterator[Label]:

@@ -27,82 +27,56 @@ class Blobs(NamedTuple):
     """Every parameter that renders one image the paper's way; what is optimised.
 
     Lengths are in units of `Canvas.unit`, brightness in units of the image.
-
-    Attributes
-    ----------
-    centre
-        (N, 2): where each spline is placed, row and col.
-    offsets
-        (N, K, 2): its knots, relative to `centre`.
-    widths
-        (N, K): logit of r_w at the knots.
-    log_scale
-        log(W / W̄): the global width, shared by all splines.
-    blend
-        Logit of α: 0 sum, 1 maximum where splines overlap.
-    brightness, gradient
-        Background in the middle of the frame, and its (2,) change by row and col over the frame.
-    log_contrast
-        Log of the brightness of a body above the background.
-    profile
-        (NODES - 1,): f at its nodes, without the one at the blob's edge, which is zero.
-    kernel
-        (3, 3): the last convolution.
     """
 
     centre: Float[Array, "N 2"]
+    """Where each spline is placed, row and col."""
     offsets: Float[Array, "N K 2"]
+    """Its knots, relative to `centre`."""
     widths: Float[Array, "N K"]
+    """Logit of r_w at the knots."""
     log_scale: Float[Array, ""]
+    """log(W / W̄): the global width, shared by all splines."""
     blend: Float[Array, ""]
+    """Logit of α: 0 sum, 1 maximum where splines overlap."""
     brightness: Float[Array, ""]
     gradient: Float[Array, "2"]
+    """`brightness` and `gradient`: background in the middle of the frame, and its (2,) change by
+    row and col over the frame."""
     log_contrast: Float[Array, ""]
+    """Log of the brightness of a body above the background."""
     profile: Float[Array, " M"]
+    """(NODES - 1,): f at its nodes, without the one at the blob's edge, which is zero."""
     kernel: Float[Array, "3 3"]
+    """The last convolution."""
 
 
 class Canvas(NamedTuple):
-    """Sizes of everything that is drawn, px; they decide what is compiled.
-
-    Attributes
-    ----------
-    frame
-        Height and width of the padded image.
-    tile
-        Height and width of the window that one spline is drawn in.
-    patch
-        Side of the square that one blob is drawn in, odd.
-    points
-        Number of blobs of a spline.
-    """
+    """Sizes of everything that is drawn, px; they decide what is compiled."""
 
     frame: tuple[int, int]
+    """Height and width of the padded image."""
     tile: tuple[int, int]
+    """Height and width of the window that one spline is drawn in."""
     patch: int
+    """Side of the square that one blob is drawn in, odd."""
     points: int
+    """Number of blobs of a spline."""
 
 
 class Place(NamedTuple):
-    """What turns parameters into pixels; data, so that it never causes a compilation.
-
-    Attributes
-    ----------
-    real, moving
-        Number of splines, those beyond are padding; and of those that are trained, the first.
-    shape
-        (2,) height and width of the image without padding.
-    unit
-        Unit of length of the parameters, px.
-    scale
-        W̄: prior of the global width, px.
-    """
+    """What turns parameters into pixels; data, so that it never causes a compilation."""
 
     real: Int[Array, ""]
     moving: Int[Array, ""]
+    """`real` and `moving`: number of splines, those beyond are padding; and of those that are
+    trained, the first."""
     shape: Float[Array, "2"]
+    """Height and width of the image without padding."""
     unit: Float[Array, ""]
+    """Unit of length of the parameters, px."""
     scale: Float[Array, ""]
+    """W̄: prior of the global width, px."""
 
 
 def _powers() -> Float[np.ndarray, "C M"]:

@@ -37,40 +37,28 @@ _FEWEST = {"curves": 4, "blobs": 64, "pixels": 128}
 
 @dataclass(frozen=True, eq=False)
 class PaperFit:
-    """The result of `refine_paper`.
-
-    Attributes
-    ----------
-    knots
-        (n, K, 3): row, col and half-width at the knots of each sketch's spline, px; fixed curves
-        are not among them.
-    reconstruction
-        (H, W): Ŷ, in the units of the given image.
-    background
-        (H, W): the same without bodies.
-    losses
-        ‖Y - Ŷ‖², in areas of a body, before each step of "background", "splines" (of the seed
-        that was kept) and "everything".
-    score
-        Mean of (Y - Ŷ)² over the image: the smaller, the likelier the fit is right.
-    alpha
-        α: 1 where the brightest of overlapping bodies hides the others, 0 where they add up.
-    cancelled
-        Whether `report` stopped it; then everything is the best so far.
-    scene, place, canvas
-        What `render_bodies` draws from.
-    """
+    """The result of `refine_paper`."""
 
     knots: Float[np.ndarray, "n K 3"]
+    """(n, K, 3): row, col and half-width at the knots of each sketch's spline, px; fixed curves are
+    not among them."""
     reconstruction: Float[np.ndarray, "H W"]
+    """(H, W): Ŷ, in the units of the given image."""
     background: Float[np.ndarray, "H W"]
+    """(H, W): the same without bodies."""
     losses: dict[str, Float[np.ndarray, " T"]]
+    """‖Y - Ŷ‖², in areas of a body, before each step of "background", "splines" (of the seed that
+    was kept) and "everything"."""
     score: float
+    """Mean of (Y - Ŷ)² over the image: the smaller, the likelier the fit is right."""
     alpha: float
+    """α: 1 where the brightest of overlapping bodies hides the others, 0 where they add up."""
     cancelled: bool
+    """Whether `report` stopped it; then everything is the best so far."""
     scene: Blobs
     place: Place
     canvas: Canvas
+    """`scene`, `place` and `canvas`: what `render_bodies` draws from."""
 
 
 class Problem(NamedTuple):

@@ -11,51 +11,34 @@ from napari_splinesketch.paper.blobs import Blobs, Place
 
 
 class Weights(NamedTuple):
-    """Weights of the regularizers, and a prior.
-
-    Attributes
-    ----------
-    length
-        λ₁, per squared unit of length (40 half-widths).
-    curvature
-        λ₂.
-    min_width
-        λ₃.
-    scale
-        λ₄.
-    prior_width
-        w̄: what the narrowest r_w of a spline should be, 0 to 1.
-    """
+    """Weights of the regularizers, and a prior."""
 
     length: float = 0.008
+    """λ₁, per squared unit of length (40 half-widths)."""
     curvature: float = 0.002
+    """λ₂."""
     min_width: float = 0.05
+    """λ₃."""
     scale: float = 0.05
+    """λ₄."""
     prior_width: float = 0.5
+    """W̄: what the narrowest r_w of a spline should be, 0 to 1."""
 
 
 DEFAULT_WEIGHTS = Weights()
 
 
 class Target(NamedTuple):
-    """What the scene is compared with.
-
-    Attributes
-    ----------
-    image
-        (H, W): padded to the canvas' frame.
-    seen
-        (H, W): 1 where there is an image, 0 in the padding.
-    area
-        Area of a typical body, px²; the squared error is counted in it.
-    length
-        (N,): ℓ̄, length of the sketches, px.
-    """
+    """What the scene is compared with."""
 
     image: Float[Array, "H W"]
+    """Padded to the canvas' frame."""
     seen: Float[Array, "H W"]
+    """1 where there is an image, 0 in the padding."""
     area: Float[Array, ""]
+    """Area of a typical body, px²; the squared error is counted in it."""
     length: Float[Array, " N"]
+    """ℓ̄, length of the sketches, px."""
 
 
 def reconstruction_loss(target: Target, reconstruction: Float[Array, "H W"]) -> Float[Array, ""]:

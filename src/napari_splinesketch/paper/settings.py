@@ -12,38 +12,27 @@ PhaseName = Literal["background", "splines", "everything"]
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """How long and how hard to try.
-
-    Attributes
-    ----------
-    knots
-        Knots of each spline, K.
-    spacing
-        Largest distance between the blobs of a sketch, in half-widths.
-    background_steps, splines_steps, everything_steps
-        Adam's steps in each phase.
-    seeds
-        How often the second phase is tried, with different noise.
-    rate, last_rate
-        Learning rate of the first two phases, and of the last.
-    noise, noise_decay
-        η and γ: at step t the noise on the gradients has the variance η / (1 + t)^γ, in units of
-        the gradient's own mean square.
-    weights
-        Weights and priors of the regularizers.
-    """
+    """How long and how hard to try."""
 
     knots: int = 12
+    """Knots of each spline, K."""
     spacing: float = 0.8
+    """Largest distance between the blobs of a sketch, in half-widths."""
     background_steps: int = 100
     splines_steps: int = 600
     everything_steps: int = 100
+    """`background_steps`, `splines_steps` and `everything_steps`: Adam's steps in each phase."""
     seeds: int = 2
+    """How often the second phase is tried, with different noise."""
     rate: float = 1e-2
     last_rate: float = 1e-4
+    """`rate` and `last_rate`: learning rate of the first two phases, and of the last."""
     noise: float = 1.0
     noise_decay: float = 1.0
+    """`noise` and `noise_decay`: η and γ: at step t the noise on the gradients has the variance η /
+    (1 + t)^γ, in units of the gradient's own mean square."""
     weights: Weights = DEFAULT_WEIGHTS
+    """Weights and priors of the regularizers."""
 
     def __post_init__(self) -> None:
         """Refuse what could not run."""

@@ -22,19 +22,14 @@ Frame = Float[np.ndarray, "H W"]
 
 @dataclass(frozen=True)
 class Finish:
-    """How one body differs from the next.
-
-    Attributes
-    ----------
-    brightness
-        Relative to the scene's contrast.
-    waves, phase
-        Periods of the slow shading along the body, and where it starts, radians.
-    """
+    """How one body differs from the next."""
 
     brightness: float = 1.0
+    """Relative to the scene's contrast."""
     waves: float = 1.0
     phase: float = 0.0
+    """`waves` and `phase`: periods of the slow shading along the body, and where it starts,
+    radians."""
 
     @classmethod
     def draw(cls, rng: np.random.Generator, look: Look) -> "Finish":

@@ -38,27 +38,18 @@ _APART = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A generated film and everything true about it.
-
-    Attributes
-    ----------
-    images
-        (T, H, W) float32: what a camera would give.
-    centrelines
-        (T, n, 100, 2): row and col, uniform in arc length, px.
-    half_widths
-        (n, 100): distance from the centreline to the edge, px.
-    visible
-        (T, n, 100): which points are drawn and inside the frame.
-    look
-        The settings it was drawn with.
-    """
+    """A generated film and everything true about it."""
 
     images: Float[np.ndarray, "T H W"]
+    """(T, H, W) float32: what a camera would give."""
     centrelines: Float[np.ndarray, "T n 100 2"]
+    """(T, n, 100, 2): row and col, uniform in arc length, px."""
     half_widths: Float[np.ndarray, "n 100"]
+    """(n, 100): distance from the centreline to the edge, px."""
     visible: Bool[np.ndarray, "T n 100"]
+    """(T, n, 100): which points are drawn and inside the frame."""
     look: Look
+    """The settings it was drawn with."""
 
 
 def film(

@@ -8,55 +8,40 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Look:
-    """How a generated scene looks; `Look.draw` makes one at random.
-
-    Attributes
-    ----------
-    polarity
-        Bodies brighter or darker than the background.
-    level, contrast
-        Intensity of the background and of a body above (or below) it; images lie about in 0-1.
-    snr
-        Contrast divided by the noise's standard deviation on a body.
-    photon_share
-        Share of the noise's variance, on a body, that grows with the intensity.
-    gradient
-        (2,): change of the background along rows and along columns over the frame, contrasts.
-    blur
-        Standard deviation of the point-spread function, px.
-    flatness
-        Cross-section of a body: 1 flat, 0 elliptic.
-    overlap
-        How overlapping bodies combine: 1 maximum, 0 sum.
-    taper_power, taper_length, taper_floor
-        Half-width over its largest value: max(floor, min(1, x / (length * L)) ** power) at
-        distance x from the nearer end of a body of length L.
-    brightness_sd
-        Spread of brightness between bodies, relative.
-    shading
-        Amplitude of slow shading along a body, relative.
-    texture
-        Standard deviation of the bodies' texture, relative.
-    debris
-        Number of specks beside the bodies.
-    """
+    """How a generated scene looks; `Look.draw` makes one at random."""
 
     polarity: Literal["bright", "dark"] = "bright"
+    """Bodies brighter or darker than the background."""
     level: float = 0.35
     contrast: float = 0.4
+    """`level` and `contrast`: intensity of the background and of a body above (or below) it; images
+    lie about in 0-1."""
     snr: float = 12.0
+    """Contrast divided by the noise's standard deviation on a body."""
     photon_share: float = 0.5
+    """Share of the noise's variance, on a body, that grows with the intensity."""
     gradient: tuple[float, float] = (0.0, 0.0)
+    """(2,): change of the background along rows and along columns over the frame, contrasts."""
     blur: float = 0.75
+    """Standard deviation of the point-spread function, px."""
     flatness: float = 0.5
+    """Cross-section of a body: 1 flat, 0 elliptic."""
     overlap: float = 0.7
+    """How overlapping bodies combine: 1 maximum, 0 sum."""
     taper_power: float = 0.45
     taper_length: float = 0.28
     taper_floor: float = 0.25
+    """`taper_power`, `taper_length` and `taper_floor`: half-width over its largest value:
+    max(floor, min(1, x / (length * L)) ** power) at distance x from the nearer end of a body of
+    length L."""
     brightness_sd: float = 0.04
+    """Spread of brightness between bodies, relative."""
     shading: float = 0.06
+    """Amplitude of slow shading along a body, relative."""
     texture: float = 0.04
+    """Standard deviation of the bodies' texture, relative."""
     debris: int = 0
+    """Number of specks beside the bodies."""
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Look":

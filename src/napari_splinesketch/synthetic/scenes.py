@@ -25,36 +25,24 @@ _WIDTHS = (0.83, 1.17)
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A generated frame and everything true about it.
-
-    Attributes
-    ----------
-    image
-        (H, W) float32: what a camera would give.
-    clean
-        (H, W): the same without noise.
-    background
-        (H, W): the same without noise and bodies.
-    noise_sd
-        (H, W): standard deviation of `image` minus `clean`.
-    centrelines
-        One (100, 2) array per body, uniform in arc length, px.
-    half_widths
-        One (100,) array per body: distance from the centreline to the edge, px.
-    finishes
-        Brightness and shading of each body.
-    look
-        The settings it was drawn with.
-    """
+    """A generated frame and everything true about it."""
 
     image: Float[np.ndarray, "H W"]
+    """(H, W) float32: what a camera would give."""
     clean: Float[np.ndarray, "H W"]
+    """(H, W): the same without noise."""
     background: Float[np.ndarray, "H W"]
+    """(H, W): the same without noise and bodies."""
     noise_sd: Float[np.ndarray, "H W"]
+    """(H, W): standard deviation of `image` minus `clean`."""
     centrelines: tuple[Points, ...]
+    """One (100, 2) array per body, uniform in arc length, px."""
     half_widths: tuple[Float[np.ndarray, "100"], ...]
+    """One (100,) array per body: distance from the centreline to the edge, px."""
     finishes: tuple[Finish, ...]
+    """Brightness and shading of each body."""
     look: Look
+    """The settings it was drawn with."""
 
 
 def scene(

@@ -40,24 +40,16 @@ def lines_of(seen: Sequence[tuple[int, Curve]]) -> list[motion.Known]:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One body through time.
-
-    Attributes
-    ----------
-    id
-        Its number.
-    seen
-        (frame, curve) where it could be trusted, the latest last.
-    misses
-        Frames since.
-    lengths
-        Those of more frames, px.
-    """
+    """One body through time."""
 
     id: int
+    """Its number."""
     seen: tuple[tuple[int, Curve], ...]
+    """(frame, curve) where it could be trusted, the latest last."""
     misses: int = 0
+    """Frames since."""
     lengths: tuple[float, ...] = ()
+    """Those of more frames, px."""
 
     @cached_property
     def length(self) -> float:

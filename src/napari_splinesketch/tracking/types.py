@@ -18,21 +18,14 @@ WHOLE = Grid(np.zeros(2), np.ones(2))
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What was read of a frame.
-
-    Attributes
-    ----------
-    pixels
-        (H, W), grey.
-    place
-        Where they lie in the image.
-    whole
-        Whether their border is the image's.
-    """
+    """What was read of a frame."""
 
     pixels: Real[np.ndarray, "H W"]
+    """(H, W), grey."""
     place: Grid = WHOLE
+    """Where they lie in the image."""
     whole: bool = True
+    """Whether their border is the image's."""
 
     def around(self, lines: Sequence[Line]) -> "View":
         """A copy of as much of it as the engine looks at for some lines, px of the image."""
@@ -58,21 +51,14 @@ def joined(views: Sequence[View]) -> View:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What stays as it is in a frame.
-
-    Attributes
-    ----------
-    curves
-        Curves by number, px of the image; tracking goes on from them.
-    whole
-        Whether they are all there is: then nothing is added to the frame.
-    leads
-        Whether tracking goes on from them; otherwise others do not begin with them.
-    """
+    """What stays as it is in a frame."""
 
     curves: Mapping[int, Curve] = field(default_factory=dict)
+    """Curves by number, px of the image; tracking goes on from them."""
     whole: bool = False
+    """Whether they are all there is: then nothing is added to the frame."""
     leads: bool = True
+    """Whether tracking goes on from them; otherwise others do not begin with them."""
 
 
 NOTHING_GIVEN = Given()
@@ -80,44 +66,30 @@ NOTHING_GIVEN = Given()
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What came of one frame.
-
-    Attributes
-    ----------
-    frame
-        Its number.
-    by_id
-        Curves of the bodies that were placed, without the given ones, by number; "check" with the
-        reason where one drifts.
-    sketches
-        Where each was looked for, px of the image.
-    drifting
-        Numbers of the bodies whose curves are not trusted: the next frame does not start there.
-    missing
-        Why a body has no curve here, by number.
-    lost
-        Those of the missing that are not looked for any more.
-    given
-        Numbers of the curves that stay as they are.
-    refinement, view
-        What the engine said, of what; None where nothing was refined.
-    error
-        Why the frame could not be read or refined; empty otherwise.
-    entered
-        Lines over bodies that have come into view; nobody follows them.
-    """
+    """What came of one frame."""
 
     frame: int
+    """Its number."""
     by_id: Mapping[int, Curve] = field(default_factory=dict)
+    """Curves of the bodies that were placed, without the given ones, by number; "check" with the
+    reason where one drifts."""
     sketches: Mapping[int, Line] = field(default_factory=dict)
+    """Where each was looked for, px of the image."""
     drifting: frozenset[int] = frozenset()
+    """Numbers of the bodies whose curves are not trusted: the next frame does not start there."""
     missing: Mapping[int, str] = field(default_factory=dict)
+    """Why a body has no curve here, by number."""
     lost: frozenset[int] = frozenset()
+    """Those of the missing that are not looked for any more."""
     given: tuple[int, ...] = ()
+    """Numbers of the curves that stay as they are."""
     refinement: Refinement | None = None
     view: View | None = None
+    """`refinement` and `view`: what the engine said, of what; None where nothing was refined."""
     error: str = ""
+    """Why the frame could not be read or refined; empty otherwise."""
     entered: tuple[Line, ...] = ()
+    """Lines over bodies that have come into view; nobody follows them."""
 
     @property
     def ids(self) -> tuple[int, ...]:

@@ -27,18 +27,12 @@ def is_kept(label: Label, keep: Keep) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """The curves of one frame.
-
-    Attributes
-    ----------
-    kept
-        To train on; 100 points each.
-    others
-        To ignore: neither bodies nor background.
-    """
+    """The curves of one frame."""
 
     kept: tuple[Label, ...]
+    """To train on; 100 points each."""
     others: tuple[Label, ...]
+    """To ignore: neither bodies nor background."""
 
     @classmethod
     def of(cls, labels: Sequence[Label], keep: Keep) -> "Chosen":

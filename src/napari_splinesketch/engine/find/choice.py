@@ -14,34 +14,23 @@ from napari_splinesketch.engine.types import Array, Line
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Paths that one sketch may mean, cheapest first.
-
-    Attributes
-    ----------
-    lines
-        (N, 2) each.
-    cost
-        (C,) of each path alone.
-    known
-        (C, F) what is known of each, in the order of `scoring.FEATURES`.
-    pieces
-        (P,) numbers of the graph's pieces that any of them runs along, rising.
-    covers
-        (C, P) which of these each one runs along.
-    rungs
-        Index of each one's half-width in `ridges.WIDTHS`.
-    explains
-        Gain of a path along no other's for a usual length; 0 for a clicked sketch, which says
-        itself where its body is.
-    """
+    """Paths that one sketch may mean, cheapest first."""
 
     lines: tuple[Line, ...]
+    """(N, 2) each."""
     cost: Float[Array, " C"]
+    """Of each path alone."""
     known: Float[Array, "C F"]
+    """What is known of each, in the order of `scoring.FEATURES`."""
     pieces: Int[Array, " P"]
+    """Numbers of the graph's pieces that any of them runs along, rising."""
     covers: Bool[Array, "C P"]
+    """Which of these each one runs along."""
     rungs: tuple[int, ...]
+    """Index of each one's half-width in `ridges.WIDTHS`."""
     explains: float = const.EXPLAINED_GAIN
+    """Gain of a path along no other's for a usual length; 0 for a clicked sketch, which says itself
+    where its body is."""
 
     def along(self, pieces: Int[Array, " E"]) -> Float[Array, "C E"]:
         """(C, E) 1 where a path runs along one of some pieces, which rise and hold all of its."""

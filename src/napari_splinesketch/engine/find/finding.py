@@ -27,59 +27,39 @@ from napari_splinesketch.engine.types import Array, Line
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where the fit of one body begins.
-
-    Attributes
-    ----------
-    line
-        (N, 2) the path that was found, or the sketch where there is none.
-    found
-        Whether a body was found.
-    sketch
-        (N, 2) what was drawn.
-    rung
-        Index in WIDTHS of the half-width at which the path was found.
-    half_width
-        Of the body, px.
-    contrast
-        Of the body, as a share of the scene's.
-    known
-        (F,) what is known of the path, in the order of `scoring.FEATURES`.
-    margin
-        What it would cost if this sketch meant another path.
-    goes_on
-        Whether a body goes on beyond its first and beyond its last point; where such a curve ends
-        is known from the sketch alone.
-    whole
-        Whether the line is known to reach from tip to tip.
-    """
+    """Where the fit of one body begins."""
 
     line: Line
+    """The path that was found, or the sketch where there is none."""
     found: bool
+    """Whether a body was found."""
     sketch: Line
+    """What was drawn."""
     rung: int
+    """Index in WIDTHS of the half-width at which the path was found."""
     half_width: float
+    """Of the body, px."""
     contrast: float
+    """Of the body, as a share of the scene's."""
     known: Float[Array, " F"]
+    """What is known of the path, in the order of `scoring.FEATURES`."""
     margin: float = np.inf
+    """What it would cost if this sketch meant another path."""
     goes_on: tuple[bool, bool] = (False, False)
+    """Whether a body goes on beyond its first and beyond its last point; where such a curve ends is
+    known from the sketch alone."""
     whole: bool = False
+    """Whether the line is known to reach from tip to tip."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was found for all sketches of a scene: where their fits begin.
-
-    Attributes
-    ----------
-    seen
-        The scene, in units of the contrast of the bodies that were found.
-    starts
-        One for each sketch.
-    """
+    """What was found for all sketches of a scene: where their fits begin."""
 
     seen: Scene
+    """The scene, in units of the contrast of the bodies that were found."""
     starts: list[Start]
+    """One for each sketch."""
 
 
 def find(

@@ -21,18 +21,12 @@ from napari_splinesketch.engine.types import Array, Line, Polarity
 
 @dataclass(frozen=True, eq=False)
 class Suggestions:
-    """Lines along everything that may be a body; choosing among them takes no time.
-
-    Attributes
-    ----------
-    lines
-        Sketches, strongest first; none lies on another.
-    strength
-        (N,) of each line against that of the usual body.
-    """
+    """Lines along everything that may be a body; choosing among them takes no time."""
 
     lines: tuple[Line, ...]
+    """Sketches, strongest first; none lies on another."""
     strength: Float[Array, " N"]
+    """Of each line against that of the usual body."""
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
         """The lines that stand out enough; a higher sensitivity only adds lines.
@@ -51,22 +45,14 @@ class Suggestions:
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """One line as it was traced.
-
-    Attributes
-    ----------
-    line
-        (N, 2).
-    half_width
-        Of its body, px.
-    strength
-        Square root of its ridge's height, times how surely it is one along all of it, times its
-        slenderness, times how often a line like it is found, whatever its half-width.
-    """
+    """One line as it was traced."""
 
     line: Line
     half_width: float
+    """Of its body, px."""
     strength: float
+    """Square root of its ridge's height, times how surely it is one along all of it, times its
+    slenderness, times how often a line like it is found, whatever its half-width."""
 
     @property
     def length(self) -> float:

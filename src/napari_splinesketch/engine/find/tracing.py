@@ -18,34 +18,23 @@ from napari_splinesketch.engine.types import Array
 
 @dataclass(frozen=True, eq=False)
 class TraceGraph:
-    """Pieces of skeleton between nodes.
-
-    Attributes
-    ----------
-    nodes
-        (V, 2) row, col of ends, junctions and splits.
-    tips
-        (V,) whether the node is a free end of the skeleton.
-    pieces
-        Polylines, (N, 2) each, from the first to the second node of `ends`.
-    ends
-        (E, 2) node numbers.
-    lengths
-        (E,) arc lengths, px.
-    headings
-        (E, 2, 2) unit vectors leaving the piece at its first and at its second node.
-    bridges
-        (E,) short pieces between two junctions: where bodies cross, the skeleton runs along
-        them in a direction that is no body's.
-    """
+    """Pieces of skeleton between nodes."""
 
     nodes: Float[Array, "V 2"]
+    """Row, col of ends, junctions and splits."""
     tips: Bool[Array, " V"]
+    """Whether the node is a free end of the skeleton."""
     pieces: tuple[Float[Array, "N 2"], ...]
+    """Polylines, (N, 2) each, from the first to the second node of `ends`."""
     ends: Int[Array, "E 2"]
+    """Node numbers."""
     lengths: Float[Array, " E"]
+    """Arc lengths, px."""
     headings: Float[Array, "E 2 2"]
+    """Unit vectors leaving the piece at its first and at its second node."""
     bridges: Bool[Array, " E"]
+    """Short pieces between two junctions: where bodies cross, the skeleton runs along them in a
+    direction that is no body's."""
 
     @cached_property
     def lists(self) -> tuple[list, list, list, list]:

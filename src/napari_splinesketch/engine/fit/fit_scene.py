@@ -30,27 +30,18 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SceneFit:
-    """What a scene is made of.
-
-    Attributes
-    ----------
-    seen
-        The image, in units of the bodies' contrast.
-    bodies
-        One for each sketch.
-    fixed
-        Bodies that did not move.
-    starts
-        Where the fit of each sketch began.
-    held
-        Numbers of the curves that stay on their paths.
-    """
+    """What a scene is made of."""
 
     seen: Scene
+    """The image, in units of the bodies' contrast."""
     bodies: list[Body]
+    """One for each sketch."""
     fixed: list[Body]
+    """Bodies that did not move."""
     starts: list[Start]
+    """Where the fit of each sketch began."""
     held: set[int]
+    """Numbers of the curves that stay on their paths."""
 
 
 def fit_scene(

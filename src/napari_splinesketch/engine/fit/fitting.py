@@ -26,27 +26,18 @@ class Stopped(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One fitted curve.
-
-    Attributes
-    ----------
-    theta
-        (D,) rows and columns of the K knots, px, then `tube.GLOBALS`.
-    pixels
-        (m,) flat indices of its band in the image.
-    own
-        (m,) its brightness there, as a share of the contrast.
-    cost
-        χ² of its band and its priors.
-    hessian
-        (D, D) normal matrix of band and priors, for the noise that was assumed.
-    """
+    """One fitted curve."""
 
     theta: Float[Array, " D"]
+    """Rows and columns of the K knots, px, then `tube.GLOBALS`."""
     pixels: Int[Array, " m"]
+    """Flat indices of its band in the image."""
     own: Float[Array, " m"]
+    """Its brightness there, as a share of the contrast."""
     cost: float
+    """χ² of its band and its priors."""
     hessian: Float[Array, "D D"]
+    """Normal matrix of band and priors, for the noise that was assumed."""
 
     @cached_property
     def covariance(self) -> Float[Array, "D D"]:

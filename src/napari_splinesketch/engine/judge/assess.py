@@ -19,22 +19,15 @@ ENDS = np.array([0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A fitted body from tip to tip, with points uniform in arc length.
-
-    Attributes
-    ----------
-    knots
-        (K, 3) row, col and half-width of a natural cubic spline, px.
-    u
-        (P,) where the points are on the fitted spline; in its caps below 0 and above 1.
-    points, half_width
-        (P, 2) and (P,) px.
-    """
+    """A fitted body from tip to tip, with points uniform in arc length."""
 
     knots: Float[Array, "K 3"]
+    """Row, col and half-width of a natural cubic spline, px."""
     u: Float[Array, " P"]
+    """Where the points are on the fitted spline; in its caps below 0 and above 1."""
     points: Float[Array, "P 2"]
     half_width: Float[Array, " P"]
+    """`points` and `half_width`: (P, 2) and (P,) px."""
 
 
 def outline(

@@ -26,33 +26,22 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a fitted curve looks like beside its sketch.
-
-    Attributes
-    ----------
-    sd
-        Largest standard error between the ends, px.
-    astray
-        Farthest that curve and sketch are from each other, px.
-    half_width
-        Of the body, px.
-    room
-        How far a sketch like this usually is from its body, px.
-    known
-        (F,) what is known of its path, in the order of `scoring.FEATURES`.
-    margin
-        What it would cost if this sketch meant another path.
-    missed_end
-        How far it ends before a clicked end of its sketch, px; 0 where that is usual.
-    """
+    """What a fitted curve looks like beside its sketch."""
 
     sd: float
+    """Largest standard error between the ends, px."""
     astray: float
+    """Farthest that curve and sketch are from each other, px."""
     half_width: float
+    """Of the body, px."""
     room: float
+    """How far a sketch like this usually is from its body, px."""
     known: Float[Array, " F"]
+    """What is known of its path, in the order of `scoring.FEATURES`."""
     margin: float
+    """What it would cost if this sketch meant another path."""
     missed_end: float = 0.0
+    """How far it ends before a clicked end of its sketch, px; 0 where that is usual."""
 
     @property
     def uncertain(self) -> float:

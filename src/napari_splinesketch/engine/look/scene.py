@@ -17,42 +17,28 @@ from napari_splinesketch.engine.types import Array, Line, Polarity
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """An image in units of its bodies' contrast, for bodies of one polarity.
-
-    Attributes
-    ----------
-    normal
-        (H, W) float32: background about 0, bodies about 1; guessed where the image is not finite.
-    valid
-        (H, W) where the image is finite.
-    background_kind
-        How simple a background explains the image.
-    contrast
-        Bodies minus background in the image's units; negative for dark bodies.
-    noise
-        Standard deviation of the pixel noise, as a share of the contrast.
-    height
-        Of the bodies' ridges, typically, in the image's units.
-    half_width
-        Typical half-width of the bodies, px.
-    ridges
-        Of the image.
-    rungs
-        For each sketch, the index of its body's half-width in WIDTHS.
-    contradicted
-        The half-width that was given, if no body in the image has one like it.
-    """
+    """An image in units of its bodies' contrast, for bodies of one polarity."""
 
     normal: Float[Array, "H W"]
+    """float32: background about 0, bodies about 1; guessed where the image is not finite."""
     valid: Bool[Array, "H W"]
+    """Where the image is finite."""
     background_kind: Kind
+    """How simple a background explains the image."""
     contrast: float
+    """Bodies minus background in the image's units; negative for dark bodies."""
     noise: float
+    """Standard deviation of the pixel noise, as a share of the contrast."""
     height: float
+    """Of the bodies' ridges, typically, in the image's units."""
     half_width: float
+    """Typical half-width of the bodies, px."""
     ridges: Ridges
+    """Of the image."""
     rungs: tuple[int, ...]
+    """For each sketch, the index of its body's half-width in WIDTHS."""
     contradicted: float | None = None
+    """The half-width that was given, if no body in the image has one like it."""
 
     @property
     def polarity(self) -> Literal["bright", "dark"]:

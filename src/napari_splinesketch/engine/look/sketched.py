@@ -13,24 +13,16 @@ from napari_splinesketch.engine.types import Array, Line
 
 @dataclass(frozen=True)
 class Around:
-    """What is around a sketch, if its body is bright or if it is dark.
-
-    Attributes
-    ----------
-    vote
-        From -1 (surely not) to 1.
-    rung
-        Index of the half-width in WIDTHS.
-    height
-        Of the body's ridge above its sides, in the image's units.
-    profile
-        The same for each half-width that was tried.
-    """
+    """What is around a sketch, if its body is bright or if it is dark."""
 
     vote: float
+    """From -1 (surely not) to 1."""
     rung: int
+    """Index of the half-width in WIDTHS."""
     height: float
+    """Of the body's ridge above its sides, in the image's units."""
     profile: tuple[float, ...]
+    """The same for each half-width that was tried."""
 
 
 def reach_of(line: Line, half_width: float) -> float:

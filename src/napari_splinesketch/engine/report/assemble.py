@@ -24,25 +24,17 @@ from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, S
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What was found on one island.
-
-    Attributes
-    ----------
-    members
-        Numbers of its sketches.
-    curves
-        One for each of them, in the image's pixels.
-    window, drawn
-        Its part of the image, and the bodies there in the image's units.
-    model
-        What it needed.
-    """
+    """What was found on one island."""
 
     members: tuple[int, ...]
+    """Numbers of its sketches."""
     curves: list[Curve]
+    """One for each of them, in the image's pixels."""
     window: tuple[slice, slice]
     drawn: Float[Array, "h w"]
+    """`window` and `drawn`: its part of the image, and the bodies there in the image's units."""
     model: SceneModel
+    """What it needed."""
 
 
 def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:

@@ -14,21 +14,14 @@ from napari_splinesketch.engine.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """What the pictures are made of.
-
-    Attributes
-    ----------
-    image
-        (H, W) as given to `refine`.
-    drawn
-        Bodies in windows of the image, in its units.
-    kind
-        How simple a background explains the image; None to find out.
-    """
+    """What the pictures are made of."""
 
     image: Real[Array, "H W"]
+    """As given to `refine`."""
     drawn: Sequence[tuple[tuple[slice, slice], Float[Array, "h w"]]]
+    """Bodies in windows of the image, in its units."""
     kind: Kind | None
+    """How simple a background explains the image; None to find out."""
 
     @property
     def shape(self) -> tuple[int, ...]:
