@@ -14,20 +14,9 @@ from napari_splinesketch.engine.types import Array
 
 
 def basis(knots: int, u: Float[Array, " P"], derivative: int = 0) -> Float[Array, "P K"]:
-    """Cardinal basis of the natural cubic spline, or one of its derivatives by `u`.
+    """Cardinal basis of the natural cubic spline at `u`, or its first to third derivative by `u`.
 
-    Parameters
-    ----------
-    knots
-        Number of knots K ≥ 2, uniform on [0, 1].
-    u
-        (P,) where to evaluate, 0 to 1.
-    derivative
-        0, 1, 2 or 3.
-
-    Returns
-    -------
-    (P, K); row p gives the weights of the knots in the value at u[p].
+    The K ≥ 2 knots are uniform on [0, 1]; row p gives their weights in the value at u[p].
     """
     return _cardinal(knots)(np.asarray(u) * (knots - 1), derivative) * (knots - 1) ** derivative
 
@@ -87,12 +76,7 @@ def doubles(curves: list[Float[Array, "P 2"]], reach: float, share: float) -> di
 def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]:
     """Points of a polyline, uniform in arc length; further columns are interpolated along.
 
-    Parameters
-    ----------
-    points
-        (N, D): row, col and any further columns, N ≥ 2 with a length above 0.
-    count
-        Number of points to return.
+    It has two points or more, and a length above 0.
     """
     s = arc_length(points)
     target = s[-1] * _shares(count)

@@ -74,18 +74,8 @@ def sets(
 ) -> tuple[Int[Array, "S n"], Float[Array, " S"]]:
     """The cheapest ways of choosing one path for each sketch, and what they cost.
 
-    Beside the paths' own costs a set pays for pieces of the graph that two of them run along.
-
-    Parameters
-    ----------
-    graph
-        Pieces of skeleton.
-    candidates
-        Of each sketch.
-    half_width, usual
-        Of the bodies, and their usual length, px.
-    taken
-        (E,) pieces that lie along a fixed curve.
+    Beside the paths' own costs a set pays for pieces of the graph that two of them run along, or
+    one of them and a fixed curve: those are `taken`. Bodies are usually as long as `usual`, px.
     """
     used = np.unique(np.concatenate([c.pieces for c in candidates]))
     length, price = (x[used] for x in prices(graph, half_width, usual))

@@ -69,20 +69,9 @@ def find(
     settings: Settings,
     tick: Callable[[float], None],
 ) -> Found:
-    """Find the path of every sketch.
+    """Find the path of every sketch; `fixed` are centrelines that have their bodies already.
 
-    Parameters
-    ----------
-    seen
-        The image.
-    sketches
-        (N, 2) polylines.
-    fixed
-        Centrelines that have their bodies already.
-    settings
-        How widely to look.
-    tick
-        Called with the share of the sketches whose paths are known; may raise `Stopped`.
+    `tick` is called with the share of the sketches whose paths are known; it may raise `Stopped`.
     """
     graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)

@@ -21,16 +21,8 @@ from napari_splinesketch.engine.types import Array, Line
 def middles(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[int, Line]]:
     """Paths along the middles of hollow bodies that a sketch may mean, with their rungs.
 
-    Parameters
-    ----------
-    seen
-        The image.
-    sketch
-        (N, 2).
-    rung
-        Of the rims' half-width.
-    path
-        (P, 2) what the sketch means if there is no hollow body: maybe one of its rims.
+    `rung` is that of the rims, and `path` what the sketch means if there is no hollow body: maybe a
+    rim.
     """
     clicked = scoring.clicked(sketch)
     found = _around(seen, sketch, rung) if clicked else _beside(seen, sketch, rung, path)

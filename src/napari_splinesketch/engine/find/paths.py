@@ -25,20 +25,10 @@ def routes_of_sketch(
     reach: float,
     tolerance: float,
 ) -> list[Route]:
-    """Routes that a sketch may mean.
+    """Routes that a sketch may mean, over pieces within `reach` px of it.
 
-    Parameters
-    ----------
-    graph, half_width
-        Pieces of skeleton, and half-width of the bodies, px.
-    unseen
-        (E,) share of each piece without evidence.
-    sketch
-        (N, 2).
-    reach
-        Pieces farther from the sketch are not looked at, px.
-    tolerance
-        How far sketches usually are from their bodies, px.
+    `unseen` is the share of each piece without evidence, and `tolerance` how far sketches usually
+    are from their bodies, px.
     """
     length = float(spline.arc_length(sketch)[-1])
     if not len(graph.pieces):

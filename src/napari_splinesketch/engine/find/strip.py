@@ -18,23 +18,12 @@ def paths_along(
     *,
     between_ends: bool = False,
 ) -> list[Line]:
-    """The path with the most evidence that runs along a sketch, within a reach of it.
+    """The path with the most evidence that runs along a sketch, within `reach` px of it.
 
-    Dynamic programming over offsets across the sketch (the path is a function of the arc length
-    of the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near
-    the sketch's own. A path `between_ends` comes second: the minimal path from end to end (Cohen
-    and Kimmel 1997).
-
-    Parameters
-    ----------
-    evidence
-        (H, W) 0 to 1.
-    sketch
-        (N, 2).
-    half_width, reach
-        Px.
-    between_ends
-        Whether the sketch's ends are where the body's are.
+    Dynamic programming over offsets across the sketch (the path is a function of the arc length of
+    the sketch), with a cost for tilt and for distance; the ends are where evidence stops, near the
+    sketch's own. Where the sketch's ends are the body's, a path `between_ends` comes second: the
+    minimal path from end to end (Cohen and Kimmel 1997).
     """
     length = spline.arc_length(sketch)[-1]
     along, across = (

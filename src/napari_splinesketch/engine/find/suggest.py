@@ -29,13 +29,7 @@ class Suggestions:
     """Of each line against that of the usual body."""
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
-        """The lines that stand out enough; a higher sensitivity only adds lines.
-
-        Parameters
-        ----------
-        sensitivity
-            0 gives only what stands out, 1 also what is faint or short.
-        """
+        """The lines that stand out enough; a higher sensitivity, from 0 to 1, only adds lines."""
         if not 0 <= sensitivity <= 1:
             raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
         least = np.interp(sensitivity, (0, 0.5, 1), const.SUGGEST_STRENGTH)

@@ -50,16 +50,10 @@ class TraceGraph:
 
 
 def trace(mask: Bool[Array, "H W"], half_width: float, usual: float = 0.0) -> TraceGraph:
-    """The graph of a mask's skeleton, with straight links across its gaps.
+    """The graph of the skeleton of a body mask, with straight links across its gaps.
 
-    Parameters
-    ----------
-    mask
-        (H, W) pixels that are body.
-    half_width
-        Typical half-width of the bodies, px; every length scales with it.
-    usual
-        Usual length of the bodies, px, as far as it is known.
+    Every length scales with the bodies' typical half-width; `usual` is their usual length, px, as
+    far as it is known.
     """
     chains = traced(mask, half_width)
     degree = _degrees(chains)

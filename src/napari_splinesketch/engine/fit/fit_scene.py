@@ -51,20 +51,9 @@ def fit_scene(
     settings: Settings,
     report: Reporter,
 ) -> SceneFit:
-    """Refine all sketches of one image.
+    """Refine all sketches of one image, or of the window of it that matters.
 
-    Parameters
-    ----------
-    seen
-        The image, or the window of it that matters.
-    sketches
-        (N, 2) polylines in the window's pixels.
-    fixed
-        (P, 3) points and half-widths of curves that take part but do not move.
-    settings
-        The preset.
-    report
-        Progress.
+    `fixed` are points and half-widths of curves that take part but do not move.
     """
     report("tracing bodies", 0.02)
     thinnest = const.THINNEST_FIXED_PX

@@ -94,30 +94,12 @@ def fit_curves(
     beside: Sequence[Body] = (),
     report: Report | None = None,
 ) -> list[Body]:
-    """Levenberg–Marquardt sweeps over all curves.
+    """Levenberg–Marquardt sweeps over all curves, from the parameters `theta`.
 
-    Parameters
-    ----------
-    seen
-        The image.
-    theta
-        (n, D) where to start.
-    priors
-        Of the curves' appearance.
-    sweeps
-        Evaluations of each curve in each sweep.
-    moving
-        How many curves move, the first ones; of the others only the appearance is fitted.
-    hold
-        (n, 2K, 2K) inverse covariance of the knots around where they start, px⁻²; None for no
-        hold.
-    first
-        (n,) which curves are fitted in any case, the others only where what they touch has moved;
-        None for all.
-    beside
-        Bodies that stay as they are.
-    report
-        See `Report`.
+    Only the first `moving` curves move; of the others the appearance is fitted. Bodies `beside`
+    them stay as they are. With `first`, those curves are fitted in any case, and the others where
+    what they touch has moved. `hold` is the inverse covariance of the knots around where they
+    start, px⁻², and `sweeps` the most evaluations of each curve in each sweep.
     """
     n, knots = len(theta), (theta.shape[1] - len(GLOBALS)) // 2
     pinned = np.arange(n) >= (n if moving is None else moving)

@@ -22,16 +22,7 @@ def settle_pairs(
 ) -> list[Body]:
     """Lay the two curves of a pair side by side where that is likelier, each on its own side.
 
-    Parameters
-    ----------
-    seen
-        The image.
-    starts, bodies
-        Where the fits began, and what was fitted.
-    free
-        Which of them may move.
-    others
-        Bodies without a sketch of this call.
+    Only those that are `free` may move; `others` are bodies without a sketch of this call.
     """
     lines = [b.points(100) for b in bodies]
     next_to = spline.doubles(lines, const.PAIR_HW * seen.half_width, const.PAIR_SHARE)

@@ -46,21 +46,8 @@ def render(
 ) -> tuple[Float[Array, " M"], Float[Array, " M"], Float[Array, "M D"]]:
     """Everything in a body's band: other bodies, its own brightness, the local background.
 
-    Parameters
-    ----------
-    theta
-        (D,) the curve's parameters: K rows, K columns, then GLOBALS.
-    pixels
-        (2, M) row and col of the band's pixels.
-    others_sum, others_max
-        (M,) sum and maximum of the other bodies' brightness there.
-    basis
-        Spline basis.
-
-    Returns
-    -------
-    (M,) the model's pixels, (M,) the body's own brightness, and (M, D) the derivatives of the
-    former by the parameters.
+    The parameters are K rows, K columns, then GLOBALS. Returns the model's pixels, the body's own
+    brightness, and the derivatives of the former by the parameters.
     """
     last, count = len(basis.value) - 1, basis.value.shape[1]
     knots = theta[: 2 * count].reshape(2, count)

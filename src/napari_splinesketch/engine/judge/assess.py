@@ -35,16 +35,8 @@ def outline(
 ) -> Outline:
     """A body with the round caps that the model draws at blunt ends.
 
-    Parameters
-    ----------
-    body
-        From the last level.
-    sketch
-        (N, 2) what was drawn.
-    tips
-        Which ends may be tips; others stay.
-    seen
-        The image. Caps beyond it, or on something that goes on, are left out.
+    Ends that cannot be `tips` stay; caps beyond the image, or on something that goes on, are left
+    out.
     """
     cap = _caps(body, sketch, tips, seen)
     first, last = _inside(body, sketch, seen.valid.shape)

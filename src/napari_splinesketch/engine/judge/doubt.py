@@ -75,19 +75,7 @@ def collect(
     half_width: float,
     start: Start,
 ) -> Evidence:
-    """The evidence about one curve.
-
-    Parameters
-    ----------
-    outline, sd
-        The curve; (P,) its standard errors, px.
-    sketch
-        (N, 2) what was drawn.
-    half_width
-        Of the body, px.
-    start
-        Where its fit began.
-    """
+    """The evidence about one curve with standard errors `sd`, px, whose fit began at `start`."""
     points, inside = outline.points, (outline.u >= 0) & (outline.u <= 1)
     end = int(const.END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))

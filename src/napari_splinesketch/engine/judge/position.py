@@ -26,18 +26,9 @@ def covariance(
 ) -> Float[Array, "2K 2K"]:
     """Covariance of a body's knots (K rows, then K columns), px².
 
-    Laplace's, for the noise that was assumed, times what the image leaves unexplained around
-    each knot beyond that noise. Residuals that hang together count for more than white ones: as
-    much more as they remain when averaged.
-
-    Parameters
-    ----------
-    body
-        As it was fitted.
-    unexplained
-        See `unexplained`.
-    others
-        (N, 2) points of the curves near it; None where there are none.
+    Laplace's, for the noise that was assumed, times what the image leaves `unexplained` around each
+    knot beyond that noise. Residuals that hang together count for more than white ones: as much
+    more as they remain when averaged. `others` are points of the curves near it.
     """
     count, half_width = len(body.knots), body.half_width
     points, end = body.points(POINTS), int(const.END_SHARE * POINTS)

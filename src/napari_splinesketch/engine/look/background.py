@@ -18,16 +18,7 @@ def estimate_background(
     """Background from medians of blocks, cleaned by their neighbours.
 
     A constant, a plane and the interpolated medians themselves are compared by the Bayesian
-    information criterion.
-
-    Parameters
-    ----------
-    image
-        (H, W) finite.
-    noise
-        Standard deviation of the pixel noise.
-    kind
-        Do not choose, use this kind.
+    information criterion, for the standard deviation of the pixel noise; or one `kind` is used.
     """
     medians, sides = block_medians(
         image[:: const.BACKGROUND_STEP, :: const.BACKGROUND_STEP],

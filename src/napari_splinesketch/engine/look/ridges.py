@@ -23,12 +23,7 @@ def rung_of(half_width: float) -> int:
 class Ridges:
     """The ridges of an image, of any width and of both polarities, measured when asked for.
 
-    Parameters
-    ----------
-    image
-        (H, W) finite.
-    noise
-        Standard deviation of the pixel noise, in the image's units.
+    The image is finite; `noise` is the standard deviation of its pixel noise, in its units.
     """
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
@@ -69,21 +64,13 @@ class Ridges:
         return self._heights[rung, sign]
 
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
-        """Evidence of a body's middle at every pixel, 0 to 1.
+        """Evidence of a body's middle at every pixel, 0 to 1, for a half-width and a polarity.
 
         A ridge is higher than *both* its sides, so edges, rims and blobs are none. Its height is
         measured in units of what is usual around it and cut at RIDGE_CERTAIN of them: a ridge is a
-        ridge, however strong. The next narrower and wider ridges count too. Results are kept; do
-        not change them.
-
-        Parameters
-        ----------
-        rung
-            Index of the bodies' half-width in WIDTHS.
-        sign
-            1 for bright bodies, -1 for dark ones.
-        height
-            Of the bodies' ridges, typically.
+        ridge, however strong. `height` is that of the bodies' ridges, typically: much lower ones
+        are noise. The next narrower and wider ridges count too. Results are kept; do not change
+        them.
         """
         asked = rung, sign, height
         if asked not in self._evidence:

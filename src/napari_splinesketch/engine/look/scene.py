@@ -63,14 +63,7 @@ def read_scenes(
 ) -> list[tuple[list[int], Scene]]:
     """The scene of the bright bodies and that of the dark ones, with the sketches that mean them.
 
-    Parameters
-    ----------
-    image
-        (H, W) any real dtype; not finite pixels are masked.
-    sketches
-        (N, 2) each.
-    polarity, half_width
-        As given to `refine`.
+    Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`.
     """
     valid, above, kind, ridges, faintest = _measured(image)
     around = [look_around(ridges, line) for line in sketches]

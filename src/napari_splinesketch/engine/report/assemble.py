@@ -66,16 +66,8 @@ def assemble(
 ) -> Refinement:
     """Everything that was found, in the order of the sketches.
 
-    Parameters
-    ----------
-    image, sketches
-        As given to `refine`.
-    faults
-        Why each sketch could not be refined, or nothing.
-    parts
-        What was found for the others.
-    began
-        When the call began, by `time.perf_counter`.
+    `faults` say why a sketch could not be refined, or nothing; the call began at `began`, by
+    `time.perf_counter`.
     """
     made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
     curves = tuple(
