@@ -69,12 +69,7 @@ def atomic_folder(
 ) -> Iterator[Path]:
     """Give an empty temporary folder that becomes `path` when the block ends well.
 
-    Parameters
-    ----------
-    path
-        The folder to make.
-    replaces
-        Whether a folder that is there already may be replaced; a file never is.
+    `replaces` says whether a folder that is there already may be replaced; a file never is.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not (target.is_dir() and replaces(target)):
@@ -133,14 +128,7 @@ def check_outputs(
 ) -> None:
     """Refuse outputs that could not be written, or would destroy an input, before any work.
 
-    Parameters
-    ----------
-    outputs
-        The files to write.
-    is_input
-        Whether a file is one that is read.
-    overwrite
-        Whether existing files may be replaced; inputs never are.
+    `is_input` says whether a file is one that is read; these are never replaced.
     """
     for number, path in enumerate(outputs):
         if any(_may_be_same(path, other) for other in outputs[:number]):

@@ -18,10 +18,7 @@ FRESH = 2.0
 class Cluster:
     """Works on the cluster of a scheduler; Dask itself replaces workers that die.
 
-    Parameters
-    ----------
-    address
-        Of the scheduler, such as tcp://10.0.0.5:8786.
+    `address` is the scheduler's, such as tcp://10.0.0.5:8786.
     """
 
     def __init__(self, address: str) -> None:

@@ -111,13 +111,7 @@ def _is_room(
 
 
 class Here:
-    """Works in this process, one task after another.
-
-    Parameters
-    ----------
-    progress
-        Called with the progress within a task.
-    """
+    """Works in this process, one task after another, and reports the `progress` within each."""
 
     room = 1
     deaths = ()

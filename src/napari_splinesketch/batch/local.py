@@ -16,13 +16,7 @@ from napari_splinesketch.batch.threads import one_thread_each
 
 
 class Local:
-    """Works in other processes on this machine; replaces them when one dies.
-
-    Parameters
-    ----------
-    jobs
-        Number of processes.
-    """
+    """Works in so many other processes on this machine; replaces them when one dies."""
 
     deaths = (BrokenProcessPool,)
 

@@ -22,14 +22,8 @@ FRAMES_A_FOLDER = 1000
 class Partial:
     """Holds the finished frames of a run, each as a set of whole files; no folder before the first.
 
-    Parameters
-    ----------
-    output
-        The run's main output; the folder is named after it.
-    settings
-        What the results depend on; a run is resumed only with the same.
-    resume
-        Continue an interrupted run, if there is one.
+    The folder is named after `output`, the run's main one. `settings` are what the results depend
+    on: with `resume` an interrupted run is continued, if they are the same.
     """
 
     def __init__(self, output: Path, settings: Mapping[str, object], *, resume: bool) -> None:

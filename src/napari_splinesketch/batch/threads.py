@@ -11,10 +11,7 @@ XLA, XLA_FLAG = "XLA_FLAGS", "--xla_cpu_multi_thread_eigen"
 def limit_threads(environment: MutableMapping[str, str]) -> None:
     """Limit BLAS and XLA to one thread, unless the user has chosen; call before importing them.
 
-    Parameters
-    ----------
-    environment
-        Is changed in place.
+    The environment is changed in place.
     """
     for name in ONE_EACH:
         environment.setdefault(name, "1")

@@ -8,16 +8,9 @@ from napari_splinesketch.batch.flow import Here, Progress, Workers
 def workers_of(
     jobs: int, scheduler: str | None, progress: Progress
 ) -> AbstractContextManager[Workers]:
-    """Give the workers: a cluster, other processes, or this one.
+    """Give the workers: the cluster of a scheduler's address, other processes, or this one.
 
-    Parameters
-    ----------
-    jobs
-        Number of processes.
-    scheduler
-        Address of the cluster's scheduler; None works on this machine.
-    progress
-        Called with the progress within a task, where this process does it.
+    `progress` is called with the progress within a task, where this process does it.
     """
     if scheduler:
         from napari_splinesketch.batch.cluster import Cluster

@@ -42,12 +42,7 @@ def free_folder() -> Path:
 def refine_job(demo: DemoJob, folder: Path) -> Iterator[RefineJob]:
     """Give the job that refines the shipped sketches on the shipped frame.
 
-    Parameters
-    ----------
-    demo
-        What the user asked for.
-    folder
-        Where labels.csv, overlay.png and reconstruction.tif go; created if it does not exist.
+    labels.csv, overlay.png and reconstruction.tif go to `folder`, which is created if need be.
     """
     data = files("napari_splinesketch.data")
     with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:

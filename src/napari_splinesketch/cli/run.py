@@ -106,15 +106,7 @@ class Run:
                 yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
 
     def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
-        """Write the labels of all frames, however many.
-
-        Parameters
-        ----------
-        frames
-            Their numbers, in rising order.
-        notes
-            Notes that are known already.
-        """
+        """Write the labels of all frames, in rising order, however many; `notes` come first."""
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)
         output, overwrite = self.job.output, self.job.overwrite
@@ -155,14 +147,8 @@ def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
 def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
     """Open the image of a job; its finished frames are removed on success.
 
-    Parameters
-    ----------
-    job
-        What the user asked for.
-    report
-        Called with the number of frames that are done, and with their total.
-    drawn
-        Gives the size of a pixel where neither the job nor the image does.
+    `report` is called with the number of frames that are done, and with their total; `drawn` gives
+    the size of a pixel where neither the job nor the image does.
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         head = Labels()

@@ -28,18 +28,8 @@ def write_overlay(
 ) -> None:
     """Draw curves and their outlines over a frame, as PNG, JPEG or TIFF by the name's ending.
 
-    Parameters
-    ----------
-    path
-        The picture.
-    frame
-        (H, W) the image.
-    labels
-        Curves, coloured by status and numbered by identity.
-    truth
-        Further curves, drawn thin and in a colour of their own.
-    overwrite
-        Replace an existing file.
+    Curves are coloured by status and numbered by identity; those of `truth` are drawn thin and in a
+    colour of their own. `overwrite` replaces an existing file.
     """
     zoom = max(1, SIDE // max(frame.shape))
     picture = Image.fromarray(grey(frame)).convert("RGB")
@@ -91,18 +81,8 @@ def write_reconstruction(
 ) -> None:
     """Write reconstructions as a 32-bit TIFF, in the image's own intensity units.
 
-    Parameters
-    ----------
-    path
-        The TIFF.
-    pages
-        One (H, W) for each of `frames`; read one by one.
-    shape
-        (H, W) of a page.
-    frames
-        The number of each page's frame; the file's description lists them.
-    overwrite
-        Replace an existing file.
+    The pages, of one shape, are read one by one; the file's description lists their `frames`.
+    `overwrite` replaces an existing file.
     """
     with atomic(path, overwrite=overwrite) as temporary:
         tifffile.imwrite(

@@ -25,12 +25,8 @@ PAUSES = (1.0, 5.0)
 def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Frames]:
     """Open the finest level of an OME-Zarr image, or a Zarr array (frames, rows, columns).
 
-    Parameters
-    ----------
-    address
-        A folder, or a URL that fsspec knows, such as https://... or s3://...
-    channel, z
-        Which channel, and which plane, as in `open_frames`.
+    The address is a folder, or a URL that fsspec knows, such as https://... or s3://...; channel
+    and plane are as in `open_frames`.
     """
     try:
         import zarr

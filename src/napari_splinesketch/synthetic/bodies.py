@@ -58,18 +58,8 @@ def place(
 ) -> Points:
     """Random body inside the frame that does not lie along any of `others`.
 
-    Parameters
-    ----------
-    rng, length, half_width, bend
-        As in `random_curve`.
-    shape, margin
-        Of the frame, px.
-    others
-        The bodies already there.
-    across
-        Whether it must cross one of them.
-    shared
-        Largest share of its length that may lie within two half-widths of another body.
+    `across` says whether it must cross one of them; no more than `shared` of its length may lie
+    within two half-widths of another. The rest is as in `random_curve`.
     """
     upper = np.array(shape) - 1 - margin
     curve = random_curve(rng, length, half_width, bend)

@@ -55,22 +55,9 @@ def draw_body(
     look: Look,
     shape: tuple[int, int],
 ) -> tuple[Int[np.ndarray, "P 2"], Float[np.ndarray, " P"]]:
-    """Draw one body before blur.
+    """Draw one body before blur: the pixels that it touches, and their brightness in contrasts.
 
-    Parameters
-    ----------
-    centreline
-        (N, 2): row, col, px, uniform in arc length.
-    half_width
-        (N,): px.
-    finish, look
-        The body's own brightness and shading; the scene's settings.
-    shape
-        Height and width of the frame, px.
-
-    Returns
-    -------
-    (P, 2) row and col of the pixels it touches, and (P,) their brightness in contrasts.
+    Its points are uniform in arc length, px; `shape` is the frame's.
     """
     length = np.linalg.norm(np.diff(centreline, axis=0), axis=1).sum()
     fine = resample(centreline, max(POINTS, int(length / _FINE_STEP) + 1))

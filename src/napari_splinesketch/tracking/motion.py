@@ -48,12 +48,7 @@ class Predicted(NamedTuple):
 def ahead(known: Sequence[Known], frame: float) -> Predicted:
     """Where a body is expected in a frame beyond those known, and how far off that may be.
 
-    Parameters
-    ----------
-    known
-        At least one frame, the nearest to `frame` last; up to four more tell how it moves.
-    frame
-        Where to look.
+    The nearest of the known ones is the last; up to four more tell how it moves.
     """
     return _going(known)(frame)
 
@@ -76,14 +71,8 @@ def _going(known: Sequence[Known]) -> Callable[[float], Predicted]:
 def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Predicted:
     """Where a body is in a frame of a gap, and how far off that may be.
 
-    Each side predicts it; where they agree it is between the two, nearer to the nearer one.
-
-    Parameters
-    ----------
-    before, after
-        What is known on either side, the frame nearest to the gap last.
-    frame
-        In the gap.
+    Each side, of which the frame nearest to the gap is the last, predicts it; where they agree it
+    is between the two, nearer to the nearer one.
     """
     first, last = before[-1][0], after[-1][0]
     share = (frame - first) / (last - first)

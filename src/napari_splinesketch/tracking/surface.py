@@ -40,14 +40,9 @@ Seen = tuple[int, Curve]
 
 
 def steadied(curve: Curve, frame: int, around: Sequence[Seen]) -> Curve:
-    """The curve on the surface that the frames around make of it: moved along its normal.
+    """The curve on the surface that the frames `around` make of it: moved along its normal.
 
-    Parameters
-    ----------
-    curve, frame
-        As fitted by itself, and where.
-    around
-        The body in frames on either side, as fitted by themselves.
+    All are as they were fitted by themselves.
     """
     known = [(frame, curve), *around]
     if len(known) < FEWEST:

@@ -19,12 +19,8 @@ VERSION = 1
 def whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
     """Give a temporary folder that becomes `path` when the block succeeds.
 
-    Parameters
-    ----------
-    path
-        The folder to make; no other process makes it in the meantime.
-    overwrite
-        Replace a training set of this name; a folder with anything else in it is never replaced.
+    No other process makes it in the meantime. `overwrite` replaces a training set of this name; a
+    folder with anything else in it is never replaced.
     """
     target = Path(path)
     if not target.parent.is_dir():

@@ -77,13 +77,7 @@ class Split:
         return block, block // GAPS if self.gap is None else self.gap
 
     def parts(self, frames: Int[Array, " F"]) -> Int[Array, " F"]:
-        """Give each frame the index of its part in `PARTS`, or `LEFT_OUT`.
-
-        Parameters
-        ----------
-        frames
-            Numbers of frames, in rising order.
-        """
+        """Give each frame, in rising order, the index of its part in `PARTS`, or `LEFT_OUT`."""
         if not len(frames):
             return np.zeros(0, dtype=int)
         block, gap = self.sizes(frames)
