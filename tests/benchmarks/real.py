@@ -1,7 +1,7 @@
 """The benchmark of images of other kinds: how many bodies are found, lost, marked and spoilt.
 
 python tests/benchmarks/real.py [--methods ...] [--images real|generated|all|fresh]
-    [--split tune|held|all] [--jitter | --straight | --freehand] [--folder DIR ...]
+    [--split tune|held|all] [--jitter | --straight | --freehand | --dragged] [--folder DIR ...]
     [--cases NAME ...] [--rows FILE] [--fresh] [--gallery] [--page]
 
 Stops and goes on case by case: rows of the same version of a method are kept.
@@ -28,6 +28,7 @@ from real_cases import (
     RIGHT,
     ROOT,
     Case,
+    dragged,
     freehand,
     in_folders,
     jittered,
@@ -39,8 +40,8 @@ from real_judge import Row, shares, summary, verdict
 ROWS = ROOT / "docs" / "benchmarks" / "real.csv"
 FRESH_ROWS = ROWS.with_name("fresh.csv")
 """Rows of the images that nothing was chosen on."""
-LINES = {"straight": straightened, "freehand": freehand}
-"""Sets of sketches that are not clicked; the rows of each are in a file of its own."""
+LINES = {"straight": straightened, "freehand": freehand, "dragged": dragged}
+"""Sets of sketches that are drawn in one go; the rows of each are in a file of its own."""
 
 
 def main() -> None:
@@ -91,7 +92,7 @@ def _document(options: argparse.Namespace) -> None:
 
 
 def _chosen(options: argparse.Namespace) -> Iterator[Case]:
-    """Cases that the options ask for, with right, straight or freehand sketches if asked for."""
+    """Cases that the options ask for, with right or otherwise drawn sketches if asked for."""
 
     def wanted(name: str) -> bool:
         in_split = options.split in (split_of(name), "all")
@@ -114,7 +115,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--images", default="real", choices=("real", "generated", "all", "fresh"))
     parser.add_argument("--split", default="all", choices=("tune", "held", "all"))
     parser.add_argument("--jitter", action="store_true", help="right sketches, 1 px off")
-    for lines, what in (("straight", "lines between both ends"), ("freehand", "strokes")):
+    kinds = ("straight", "lines between both ends"), ("freehand", "strokes"), ("dragged", "paths")
+    for lines, what in kinds:
         parser.add_argument(
             f"--{lines}", action="store_const", dest="lines", const=lines, help=what
         )

@@ -17,6 +17,7 @@ import numpy as np
 import skimage.io
 from jaxtyping import Float, Real
 from scipy import ndimage
+from skimage.measure import approximate_polygon
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "tests" / "data" / "real", ROOT.parent / "shared" / "data" / "real")
@@ -71,6 +72,9 @@ STRAIGHT, ENDS_OFF = "straight", 0.5
 FREEHAND, STROKE_OFF = "freehand", (1.0, 0.01)
 """Name of the set of lines drawn in one stroke, which are off by so many px and by this share of
 their length (rms), smoothly over a sixth of it."""
+DRAGGED, VIEW, VERTEX_APART, VERTEX_OFF = "dragged", 900, 10, 0.5
+"""Name of the set of such strokes as napari's path tool keeps them: a vertex every 10 pixels of a
+view in which the image's longer side has 900, without those nearer than that to the line, px."""
 
 Line = Float[np.ndarray, "N 2"]
 Split = Literal["tune", "held"]
@@ -186,6 +190,15 @@ def freehand(case: Case) -> Case:
     """The same with lines drawn in one stroke: a point every 2 px."""
     rng = np.random.default_rng(crc32(case.name.encode()))
     return replace(case, sketches={FREEHAND: tuple(_stroke(x, rng) for x in case.references)})
+
+
+def dragged(case: Case) -> Case:
+    """The same with strokes as they are left by napari's path tool when it is dragged."""
+    (strokes,) = freehand(case).sketches.values()
+    apart = VERTEX_APART * max(case.image.shape[:2]) / VIEW
+    vertices = [by_arc(x, max(3, int(length_of(x) / apart) + 1)) for x in strokes]
+    kept = tuple(approximate_polygon(x, VERTEX_OFF) for x in vertices)
+    return replace(case, sketches={DRAGGED: kept})
 
 
 def _stroke(line: Line, rng: np.random.Generator) -> Line:

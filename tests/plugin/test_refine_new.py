@@ -7,9 +7,10 @@ import pytest
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers.drawn import FADED
 
 from .fakes import FakeEngine
-from .hand import QTest, canvas, choose, click, draw, fit_view, refine, until
+from .hand import QTest, canvas, canvas_point, choose, click, draw, fit_view, refine, until
 
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
 THIRD = [[30, 90], [70, 100]]
@@ -102,3 +103,23 @@ def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     layer.add([[26, 20], [26, 60]], shape_type="line")
     refine(dock)
     assert len(dock.controller.records()) == 3, "a body beside it, not the same"
+
+
+@pytest.mark.window
+def test_a_path_that_is_given_up_leaves_nothing_behind(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    layer = sketched(viewer)
+    fit_view(viewer)
+    layer.mode = "add_path"
+    surface, where = canvas(viewer), canvas_point(viewer, (80, 20))
+    QTest.mouseMove(surface, where)
+    QTest.mouseClick(surface, Qt.MouseButton.LeftButton, pos=where)
+    assert layer.nshapes == 3
+    QTest.keyClick(surface, Qt.Key.Key_Escape)
+    assert layer.nshapes == 2
+    draw(viewer, layer, THIRD)
+    refine(dock)
+    assert dock.results.text() == "3 good"
+    assert "could not be shown" not in dock.notice.text()
+    until(lambda: np.allclose(layer.edge_color[:3, 3], FADED), 20)

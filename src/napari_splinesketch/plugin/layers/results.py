@@ -266,7 +266,8 @@ class Work:
         refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
         frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
         back = [pair in refined for pair in zip(frames, model.prints_of(lines), strict=True)]
-        colours = np.array(layer.edge_color)
+        # napari keeps the colour of a path that is given up.
+        colours = np.array(layer.edge_color[: layer.nshapes])
         before, wanted = np.round(colours[:, 3], 3), np.where(back, drawn.FADED, 1.0)
         # A transparency that the user has chosen stays.
         changed = np.isin(before, (1.0, drawn.FADED)) & (wanted != before)
