@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers.results import OVER
 
 from .fakes import FakeEngine
 from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, refine_all, until
@@ -197,3 +198,45 @@ def test_cancelling_twice_and_running_again_at_once(
     finish(dock, fake)
     check_result(viewer)
     assert len(viewer.layers) == 7
+
+
+def test_results_follow_an_image_that_becomes_a_film(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    picture = np.random.default_rng(0).random((96, 128))
+    image = viewer.add_image(picture, name="worms")
+    sketches = viewer.add_shapes([line[:, 1:] for line in LINES], shape_type="line", name="s")
+    refine(dock)
+    for data in (np.stack([picture] * 3), picture):
+        image.data = data
+        until(lambda: not dock.controller.drawing.runs, 20)
+        layers = [dock.controller.work.layer(role) for role in OVER]  # type: ignore[union-attr]
+        assert all(layer.visible and layer.ndim == image.ndim for layer in layers)
+        for line, curve in zip(LINES, layers[1].data, strict=True):
+            np.testing.assert_allclose(curve[[0, -1], -2:], line[:, 1:], atol=1e-4)
+    assert sketches.nshapes == 2
+
+
+def test_layers_that_were_being_added_are_shown_by_what_comes_next(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    fake.go.set()
+    until(lambda: any("outlines" in layer.name for layer in viewer.layers))
+    work = dock.controller.work
+    assert work is not None
+    dock.controller.show(work)
+    until(lambda: not dock.controller.drawing.runs, 20)
+    assert all(work.layer(role).visible for role in OVER)
+
+
+@pytest.mark.window(shown=True)
+def test_the_view_is_turned_to_3d_and_back(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.random.default_rng(0).random((96, 128)), name="worms")
+    viewer.add_shapes([line[:, 1:] for line in LINES], shape_type="line", name="worms sketches")
+    refine(dock)
+    for axes in (3, 2):
+        viewer.dims.ndisplay = axes
+        QTest.qWait(200)  # an error while it is drawn would fail this test
+    assert dock.results.text() == "2 good"

@@ -243,6 +243,8 @@ class Controller(Keeper):
         if self._on and frame_count(self._on.image) != self._frames:
             name = self._on.image.name
             self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
+        if self.work and self.work.unfit:
+            self.show(self.work)
         layer = self.choices.sketches
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()

@@ -96,6 +96,7 @@ class Slot:
         OWNERS[str(id(work))] = work
         named = {"name": f"{work.name} {maker.name}"} | STYLES.get(maker.kind, {})
         self._named = named | {"metadata": {ROLE: role, OWNER: str(id(work))}}
+        self.veiled = False  # made, and not shown yet
         self._layer: Layer | None = None
         self._source: Sequence[Any] | None = None
 
@@ -232,8 +233,8 @@ def _lines(
     work: Work, lines: Sequence[tuple[int, Line]], colour: str | Sequence[str], width: float
 ) -> Made:
     """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
-    if not lines:
-        return Made(np.zeros((0, 2, work.image.ndim)))
+    if not lines:  # one that is not seen: in 3-D, napari cannot draw a layer of none
+        return Made(np.eye(2, work.image.ndim)[None], {"edge_width": 0.0})
     numbers, drawn = zip(*lines, strict=True)
     counts = np.array(list(map(len, drawn)))
     frames = np.repeat(numbers, counts).tolist()

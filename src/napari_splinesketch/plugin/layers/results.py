@@ -146,6 +146,12 @@ class Work:
         known = self.state.by_key
         return tuple(known[key] for key in self.selection if key in known)
 
+    @property
+    def unfit(self) -> list[Slot]:
+        """Layers that have other axes than the image has by now."""
+        slots, axes = self.slots.values(), self.image.ndim
+        return [slot for slot in slots if slot.layer is not None and slot.layer.ndim != axes]
+
     def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
         return self.sketches if role == "sketches" else self.slots[role].layer
@@ -182,6 +188,8 @@ class Work:
         for role in roles or self.slots:
             slot = self.slots[role]
             shown = slot.layer is not None and slot.layer.visible
+            if slot in self.unfit:
+                continue
             always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
@@ -216,6 +224,8 @@ class Work:
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
+        for slot in self.unfit:
+            slot.remove()
         for role in OVER if self.records else ():
             slot = self.slots[role]
             if slot.layer is None:
@@ -224,12 +234,13 @@ class Work:
                     layer.mouse_drag_callbacks.append(self._on_press)
                     for key in ERASE:
                         layer.bind_key(key, lambda _: self.changes.erased.emit(), overwrite=True)
+                slot.veiled = True  # until it is shown, in these steps or in later ones
                 yield
                 if role == "marks":  # to write text and to draw it first takes 0.1 s each
                     yield from slot.update()
-                if slot.layer is layer:
-                    layer.visible = True
-                    yield
+            if slot.veiled and slot.layer is not None:
+                slot.veiled, slot.layer.visible = False, True
+                yield
 
     def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
         """Say where among the sketches lines are that were suggested, and not touched."""
