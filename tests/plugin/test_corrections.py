@@ -104,7 +104,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     assert "Curve 2" in dock.curve.title.text()
     until(lambda: "film selected" in viewer.layers, 5)
     curves, mark = viewer.layers["film curves"], viewer.layers["film selected"]
-    until(lambda: len(mark.data), 5)
+    until(lambda: mark.edge_width, 5)
     curve = dock.controller.records()[1].curve
     away = np.linalg.norm(mark.data[:, 0, 1:, None] - curve.points.T, axis=1).min(axis=1)
     assert away.min() > curve.half_width.max() + mark.edge_width / 2, "nothing lies on the body"
@@ -122,7 +122,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(80, 100)
     assert controller.selection == ()
     assert not dock.curve.buttons["flip"].isEnabled()
-    assert not len(mark.data)
+    assert not mark.edge_width, "nothing is marked"
     hand.drag((60, 50), (70, 60))
     assert controller.selection == (), "moving the camera selects nothing"
     hand.press("H")
@@ -133,7 +133,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     hand.click(60, 50)
     until(lambda: controller.selection == ((1, 2),), 5)
     assert lines.nshapes == 2, "a click selects while drawing, too, and is no line at any zoom"
-    until(lambda: len(mark.data), 5)
+    until(lambda: mark.edge_width, 5)
     before = mark.edge_width
     viewer.scene.camera.zoom /= 3
     until(lambda: mark.edge_width > 2.5 * before, 5)
