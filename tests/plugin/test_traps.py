@@ -121,6 +121,24 @@ def test_deleting_a_layer(
     assert not dock.refine.isEnabled()
 
 
+def test_deleting_the_curves_ends_what_makes_more_of_them(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    finish(dock, fake)
+    check_result(viewer)
+    fake.go.clear()
+    dock.controller.refine("all")
+    until(lambda: len(fake.calls) == 2)
+    viewer.layers.remove("film curves")
+    finish(dock, fake)
+    until(lambda: "gone with their layer" in dock.notice.text(), 20)
+    QTest.qWait(100)
+    assert not dock.controller.records()
+    dock.controller.undo()
+    until(lambda: "film curves" in viewer.layers and not dock.controller.drawing.runs, 20)
+    check_result(viewer)
+
+
 def test_deleting_all_layers_and_beginning_anew(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
 ) -> None:

@@ -313,5 +313,7 @@ class Controller(Keeper):
                 self.finish(f"{name!r} was removed: what was running on it ended.", "cancelled")
         for work in self.works:
             if work.deleted():
+                if self._on is work:
+                    self.cancel()
                 QTimer.singleShot(0, partial(self._let_go, work))
         self.changes.curves.emit()
