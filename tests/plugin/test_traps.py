@@ -225,11 +225,12 @@ def test_results_follow_an_image_that_becomes_a_film(
     image = viewer.add_image(picture, name="worms")
     sketches = viewer.add_shapes([line[:, 1:] for line in LINES], shape_type="line", name="s")
     refine(dock)
-    for data in (np.stack([picture] * 3), picture):
+    for data in (np.stack([picture] * 3), picture, picture[None]):
         image.data = data
         until(lambda: not dock.controller.drawing.runs, 20)
         layers = [dock.controller.work.layer(role) for role in OVER]  # type: ignore[union-attr]
         assert all(layer.visible and layer.ndim == image.ndim for layer in layers)
+        assert viewer.dims.nsteps == data.shape, "nothing lies outside of the image"
         for line, curve in zip(LINES, layers[1].data, strict=True):
             np.testing.assert_allclose(curve[[0, -1], -2:], line[:, 1:], atol=1e-4)
     assert sketches.nshapes == 2

@@ -234,7 +234,8 @@ def _lines(
 ) -> Made:
     """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:  # one that is not seen: in 3-D, napari cannot draw a layer of none
-        return Made(np.eye(2, work.image.ndim)[None], {"edge_width": 0.0})
+        axes = work.image.ndim
+        return Made(np.eye(2, axes, axes - 1)[None, ::-1], {"edge_width": 0.0})
     numbers, drawn = zip(*lines, strict=True)
     counts = np.array(list(map(len, drawn)))
     frames = np.repeat(numbers, counts).tolist()
