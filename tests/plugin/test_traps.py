@@ -230,6 +230,7 @@ def test_results_follow_an_image_that_becomes_a_film(
         until(lambda: not dock.controller.drawing.runs, 20)
         layers = [dock.controller.work.layer(role) for role in OVER]  # type: ignore[union-attr]
         assert all(layer.visible and layer.ndim == image.ndim for layer in layers)
+        assert viewer.layers["s reconstruction"].ndim == image.ndim
         assert viewer.dims.nsteps == data.shape, "nothing lies outside of the image"
         for line, curve in zip(LINES, layers[1].data, strict=True):
             np.testing.assert_allclose(curve[[0, -1], -2:], line[:, 1:], atol=1e-4)

@@ -16,7 +16,7 @@ from napari_splinesketch.batch.threads import one_thread_each
 
 
 class Local:
-    """Works in so many other processes on this machine; replaces them when one dies."""
+    """Works in `jobs` other processes on this machine; replaces them when one dies."""
 
     deaths = (BrokenProcessPool,)
 

@@ -106,6 +106,11 @@ class Slot:
         return self._layer if self._layer in self.work.viewer.layers else None
 
     @property
+    def unfit(self) -> bool:
+        """Whether there is a layer, and it has other axes than the image has by now."""
+        return self.layer is not None and self.layer.ndim != self.work.image.ndim
+
+    @property
     def made(self) -> bool:
         """Whether we have made the layer, and not taken it away."""
         return self._layer is not None
@@ -154,7 +159,7 @@ class Slot:
         if self.layer is not None:
             with undisturbed(self.work.viewer):
                 self.work.viewer.layers.remove(self.layer)
-        self._layer = None
+        self._layer = self._source = None
 
 
 class Drawing:

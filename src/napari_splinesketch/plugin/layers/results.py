@@ -148,9 +148,8 @@ class Work:
 
     @property
     def unfit(self) -> list[Slot]:
-        """Layers that have other axes than the image has by now."""
-        slots, axes = self.slots.values(), self.image.ndim
-        return [slot for slot in slots if slot.layer is not None and slot.layer.ndim != axes]
+        """Where layers have other axes than the image has by now."""
+        return [slot for slot in self.slots.values() if slot.unfit]
 
     def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
@@ -187,9 +186,9 @@ class Work:
         """Let layers follow what is known; where roles are named, those of them in view."""
         for role in roles or self.slots:
             slot = self.slots[role]
-            shown = slot.layer is not None and slot.layer.visible
-            if slot in self.unfit:
+            if slot.unfit:
                 continue
+            shown = slot.layer is not None and slot.layer.visible
             always = not (roles or slot.maker.title) and (slot.layer or role not in OVER)
             if (shown or always) and self.image in self.viewer.layers:
                 yield from slot.update()
