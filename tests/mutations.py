@@ -14,7 +14,7 @@ from pathlib import Path
 from shutil import copytree, ignore_patterns
 
 ROOT = Path(__file__).parents[1]
-CHECKED = ("-q", "-x", "-p", "no:cacheprovider", "--hypothesis-seed=0")
+CHECKED = ("-q", "-x", "-m", "", "-p", "no:cacheprovider", "--hypothesis-seed=0")
 CAUGHT, MISSED, GONE = "caught", "missed", "gone"
 
 

@@ -38,6 +38,7 @@ def run_in_shell(block: str) -> None:
     assert run.returncode == 0, f"{block}\n{run.stderr}"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the blocks are for a POSIX shell")
 def test_every_block_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -151,6 +151,7 @@ def test_what_decides_about_the_papers_method_is_not_what_decides_about_the_othe
     assert source_digest(without="paper.result") != source_digest()
 
 
+@pytest.mark.slow
 def test_tables_have_what_the_paper_prints():
     results = Results(["sketch"])
     found = result_tables.table(results, table_cells(), lambda s: "x", lambda s: "y")

@@ -188,6 +188,7 @@ def test_about_a_third_is_held_out():
     assert 80 < sum(split_of(f"case {i}") == "held" for i in range(300)) < 120
 
 
+@pytest.mark.slow
 def test_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(monkeypatch):
     run = partial(real_modes._refine, preset="balanced")
     figures = real_modes.hollow(run, 8)

@@ -177,6 +177,7 @@ def test_no_window_where_qt_cannot_start(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "does not say why" in str(why_no_window())
 
 
+@pytest.mark.slow
 def test_the_installed_command_runs_with_the_real_engine(tmp_path: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if "DISPLAY" not in k}
     command = [str(Path(sys.executable).with_name("napari-splinesketch")), "demo"]

@@ -110,6 +110,7 @@ QUIET = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are in /proc")
 
 
+@pytest.mark.slow
 @needs_proc
 def test_a_process_that_is_killed_costs_no_frame(
     folder: Path, engine: FakeEngine, elsewhere: dict[str, str]
@@ -123,6 +124,7 @@ def test_a_process_that_is_killed_costs_no_frame(
     assert same("killed.csv", "alive.csv")
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_labels_of_one(folder: Path) -> None:
     more = ["--reconstruction", "many.tif", "--masks", "masks.tif", "--json"]
     with started("-o", "many.csv", "--jobs", "2", *more) as run:
@@ -200,6 +202,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory, elsewhere: dict[str, str
         yield address
 
 
+@pytest.mark.slow
 def test_a_cluster_of_which_a_worker_is_killed_gives_the_labels_of_one_process(
     folder: Path, engine: FakeEngine, scheduler: str
 ) -> None:

@@ -397,6 +397,7 @@ for image, ending in ((image, ending) for ending in (".csv", ".geojson") for ima
 """
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -353,6 +353,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 @POSIX
 def test_a_full_disk_names_the_file_and_the_remedy() -> None:
     lines = [Label.from_curve(curve(LINE + i), frame=i) for i in range(150)]

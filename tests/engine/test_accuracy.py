@@ -44,6 +44,7 @@ def test_the_error_across_falls_with_the_noise():
     assert after[1] < 0.5 * after[0]
 
 
+@pytest.mark.slow
 def test_a_body_2000_px_long_that_waves_is_followed():
     x = np.linspace(0, 1, 4000)
     wave = 70 + 40 * np.sin(6 * np.pi * x + 1) + 12 * np.sin(21 * np.pi * x)
@@ -57,6 +58,7 @@ def test_a_body_2000_px_long_that_waves_is_followed():
     assert len(curve.knots) >= 48
 
 
+@pytest.mark.slow
 def test_a_wide_body_is_as_wide_as_it_is():
     """It begins at 0.4 of its width more, and far from how it looks."""
     made = synthetic.scene(1, bodies=1, length=1500, half_width=18, bend=0.5, shape=(1500, 1500))

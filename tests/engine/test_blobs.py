@@ -140,6 +140,7 @@ def test_room_to_spare_changes_nothing() -> None:
     np.testing.assert_allclose(more[:64, :96], draw(scene, place), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_gradients_agree_with_finite_differences() -> None:
     names = ("centre", "offsets", "widths", "log_scale", "blend", "profile")
     with jax.enable_x64(True):

@@ -390,6 +390,7 @@ def turns(points):
     return np.abs(np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0]))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["flower_stems", "retina_rim"])
 def test_no_curve_folds_over_itself(name):
     """It never turns back within a half-width, also where other bodies branch off.

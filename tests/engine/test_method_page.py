@@ -67,6 +67,7 @@ def test_width_is_drawn_against_arc_length() -> None:
     )
 
 
+@pytest.mark.slow
 def test_each_body_is_rendered_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     few = phases.PaperSettings(background_steps=40, splines_steps=60, everything_steps=10, seeds=1)
     monkeypatch.setattr(phases, "refine_paper", partial(phases.refine_paper, settings=few))

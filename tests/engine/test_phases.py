@@ -53,6 +53,7 @@ PERTURBATIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PERTURBATIONS)
 def test_one_body_is_found_from_a_spoilt_label(kind) -> None:
     before, after = [], []

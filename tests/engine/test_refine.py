@@ -316,6 +316,7 @@ def test_a_fixed_curve_keeps_a_sketch_off_its_body():
     assert miss(found, first) > 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", OFFERED)
 def test_a_fixed_curve_without_a_half_width_is_as_wide_as_the_others(preset):
     made = frame(5, 2)

@@ -126,6 +126,7 @@ def test_parameters_stay_within_their_bounds(problem):
     assert ((found >= low) & (found <= high)).all()
 
 
+@pytest.mark.slow
 def test_curves_abreast_step_as_they_do_one_after_the_other(problem):
     made, _, theta = problem.bands()
     one, many = (

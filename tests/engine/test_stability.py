@@ -26,6 +26,7 @@ def results():
     return get
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_results_are_whole(results, name):
     trial, found = results(name)

@@ -32,6 +32,7 @@ def crowd() -> np.ndarray:
     return load_sample("worms_dense")[0]
 
 
+@pytest.mark.slow
 def test_most_isolated_worms_are_found_and_little_else() -> None:
     row = worms(0.5)
     assert row.found >= 0.8 * row.bodies

@@ -143,6 +143,7 @@ A_FRAME = {
 """Bytes that a further frame of one body may take; 100 where nothing else is said."""
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_film(tmp_path: Path) -> None:
     # In a process of its own: other tests leave threads behind, whose memory would be counted too.
     here = str(Path(__file__).parent)

@@ -67,6 +67,7 @@ def sketches_in(folder: Path) -> int:
     return json.loads(found[-1].read_text(encoding="utf-8"))["sketches"] if found else 0
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_nothing_older_than_two_seconds(
     tmp_path: Path, viewer: Any, fake: FakeEngine
 ) -> None:

@@ -247,6 +247,7 @@ def unpacked_to(path: Path, **arrays: np.ndarray) -> None:
     np.savez_compressed(path / "frame-000000003.npz", **arrays)  # pyright: ignore
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("origin", "step", "shape", "words"),
     [

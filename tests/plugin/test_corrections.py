@@ -70,6 +70,7 @@ def settled(dock: SplinesketchDock, number: int) -> None:
     until(lambda: not dock.controller.progress, 20)
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_keys_act_on_the_curve_under_the_mouse(dock: SplinesketchDock, hand: Hand) -> None:
     controller = dock.controller
@@ -96,6 +97,7 @@ def test_keys_act_on_the_curve_under_the_mouse(dock: SplinesketchDock, hand: Han
         controller.tell()
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) -> None:
     controller = dock.controller
@@ -146,6 +148,7 @@ def test_selecting_and_turning(viewer: Any, dock: SplinesketchDock, hand: Hand) 
     assert lines.nshapes == 3, "a short line is one"
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_splitting_joining_and_deleting(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
@@ -195,6 +198,7 @@ def test_an_end_is_extended_and_refined(
     assert dock.controller.work and dock.controller.work.history.done == "Refine curve 2"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_knots_lead_a_curve(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine
@@ -247,6 +251,7 @@ def test_knots_lead_a_curve(
     assert viewer.layers.selection.active.name == "film curves"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_knots_that_are_taken_back_or_kept(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine

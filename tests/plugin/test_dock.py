@@ -347,6 +347,7 @@ def test_the_eye_buttons_and_the_layers_agree(viewer: Any, dock: SplinesketchDoc
     assert [b.isChecked() for b in buttons] == [False, True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_every_control_has_a_tooltip_and_fits_250_pixels(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -420,6 +421,7 @@ def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock)
     assert bar.value() == 0
 
 
+@pytest.mark.slow
 def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> None:
     first = sketched(viewer)
     second = viewer.add_shapes([[[0, 0], [30, 30]]], shape_type="line", name="more")
@@ -437,6 +439,7 @@ def test_selectors_follow_the_layers(viewer: Any, dock: SplinesketchDock) -> Non
     assert not dock.sketches.native.isEnabled()
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_a_dock_that_is_opened_again_knows_the_results(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -462,6 +465,7 @@ def test_text_can_be_read_in_both_themes(viewer: Any, dock: SplinesketchDock, th
     assert max(grey) - min(grey) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.garbage
 def test_garbage_is_looked_for_among_what_is_new_until_a_layer_goes(
     viewer: Any, fake: FakeEngine

@@ -200,6 +200,7 @@ def test_what_could_not_be_written_is_said(ready: Bench, tmp_path: Path) -> None
     assert ready.controller.notice.text.startswith("Not saved: ")
 
 
+@pytest.mark.slow
 def test_python_ends_well_with_the_window_open(tmp_path: Path, qapp: Any) -> None:
     environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path)}
     ended = subprocess.run(

@@ -168,6 +168,7 @@ def test_an_image_that_takes_long_to_read_keeps_no_other_from_being_saved(
     assert counts(home) == [(3, 0), (3, 0)], "and this one is, too"
 
 
+@pytest.mark.slow
 @pytest.mark.garbage
 def test_removed_images_are_let_go_of(home: Path, fake: FakeEngine) -> None:
     gone = []

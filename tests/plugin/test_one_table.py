@@ -7,6 +7,7 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
+import pytest
 import yaml
 
 from napari_splinesketch.plugin.columns import COLOURED, COLUMNS
@@ -66,6 +67,7 @@ print("found")
 """
 
 
+@pytest.mark.slow
 def test_a_column_and_a_button_are_added_in_one_file_each(tmp_path: Path) -> None:
     copy = tmp_path / "napari_splinesketch"
     shutil.copytree(str(files("napari_splinesketch")), copy)

@@ -22,6 +22,7 @@ def sketched(viewer: Any) -> Any:
     return viewer.add_shapes(LINES, shape_type=["line", "path"], name="cells sketches")
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_new_lines_join_the_finished_ones(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

@@ -7,9 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 GAPS = Path(__file__).with_name("measure_gaps.py")
 
 
+@pytest.mark.slow
 def test_the_longest_gap_between_ticks(qapp: Any, tmp_path: Path, capsys: Any) -> None:
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
     result = subprocess.run(

@@ -53,6 +53,7 @@ def centre(viewer: Any) -> np.ndarray:
     return np.array(viewer.scene.camera.center)[-2:]
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_a_row_and_its_curve_find_each_other(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -96,6 +97,7 @@ def test_a_row_and_its_curve_find_each_other(
     assert isinstance(panel.plots.shown[0], Plot) and panel.plots.shown[0] is not width
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_one_hand_reviews_the_worst_first(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -161,6 +163,7 @@ def test_the_table_goes_elsewhere(
     assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,,failed,open,40.0")
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_what_is_still_to_come_lets_a_closed_window_go(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
@@ -180,6 +183,7 @@ def test_what_is_still_to_come_lets_a_closed_window_go(
     until(lambda: len(fake.calls) == 2)
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_the_panel_closes_and_comes_back(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

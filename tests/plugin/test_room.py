@@ -21,6 +21,7 @@ from .fakes import FakeEngine, as_drawn
 from .hand import QTest, click, refine, until
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_the_review_panel_takes_no_height_from_the_dock_and_the_legend_stays_whole(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -111,6 +112,7 @@ def test_names_of_layers_keep_their_ends(viewer: Any, dock: SplinesketchDock) ->
     assert dock.sketches.currentText() == "a film of swimming worms sketches"
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_buttons_of_a_narrow_panel_are_not_cut(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

@@ -57,6 +57,7 @@ def test_the_manifest_has_every_key_and_default(
     assert dock.controller.actions.keys == settings.load().keys
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:
     dock = add_dock(viewer)

@@ -43,6 +43,7 @@ def pair(image: dict[str, Any], sketches: dict[str, Any], shape: tuple[int, ...]
     return viewer, layer, viewer.add_shapes(ndim=2, **sketches)
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 @pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
 def test_pixels_are_where_the_canvas_shows_them(viewer: Any) -> None:
@@ -131,6 +132,7 @@ def test_pixel_size(name: str) -> None:
     assert size == (pytest.approx(expected[0][0:2]) if expected[0] else None)
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_sketches_drawn_on_a_turned_image_land_under_the_mouse(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

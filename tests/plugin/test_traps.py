@@ -83,6 +83,7 @@ def test_editing_the_sketches(
     assert dock.refine.text() == "Refine 1 new, 2 changed"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_drawing_goes_on(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
@@ -159,6 +160,7 @@ def test_a_double_click_refines_once(
     assert len(fake.calls) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_closing_the_dock(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
@@ -249,6 +251,7 @@ def test_layers_that_were_being_added_are_shown_by_what_comes_next(
     assert all(work.layer(role).visible for role in OVER)
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_the_view_is_turned_to_3d_and_back(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

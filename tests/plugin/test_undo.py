@@ -62,6 +62,7 @@ def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: Splinesketc
     until(lambda: "cells reconstruction" in viewer.layers)
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_other_layers_keep_their_own_undo(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.synthetic.films import Film, film
@@ -20,6 +21,7 @@ def tracked(made: Film, numbers: tuple[int, ...] = (0, 1)) -> list[Tracked]:
     return list(follow(frames, start, lambda t, _: View(made.images[t]), preset="fast"))
 
 
+@pytest.mark.slow
 def test_a_body_that_divides_is_reported_and_ends() -> None:
     made = film(4, motion="glide", divides=6, crossing=False, **SHORT)
     results = tracked(made)
@@ -31,6 +33,7 @@ def test_a_body_that_divides_is_reported_and_ends() -> None:
     assert not any(r.entered for r in results)
 
 
+@pytest.mark.slow
 def test_nothing_divides_where_something_lies_on_a_body() -> None:
     made = film(4, motion="glide", cover=8.0, **SHORT)
     assert not any("divided" in why for r in tracked(made) for why in r.missing.values())

@@ -5,6 +5,7 @@ from typing import Any
 from weakref import WeakSet
 
 import numpy as np
+import pytest
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
@@ -83,6 +84,7 @@ def test_a_body_that_does_not_come_back_is_lost_after_twenty_frames() -> None:
     assert all(r.ids == (3,) for r in results)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_frames() -> None:
     views: WeakSet[View] = WeakSet()
     alive = []
