@@ -17,7 +17,7 @@ from napari_splinesketch import raster
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.formats import WRITERS
-from napari_splinesketch.plugin import files
+from napari_splinesketch.plugin import columns, files
 
 from .bench import SOON, Bench, bench
 from .fakes import FakeEngine
@@ -191,6 +191,29 @@ def test_an_image_that_is_open_is_not_exported_over(ready: Bench, tmp_path: Path
         ready.rest()
         assert ready.controller.notice.text.startswith(f"Not saved: {each.name} is an image")
     assert path.read_bytes() == before
+
+
+def test_what_cannot_be_shown_ends_what_runs(
+    ready: Bench, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready.refine()
+    fake.go.clear()
+    ready.controller.refine("all")
+    until(lambda: len(fake.calls) == 2, SOON)
+
+    def broken(*arguments: Any) -> Any:
+        raise ValueError("napari does not like it")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(columns, "features", broken)
+        ready.controller.review("accepted", (0, 1))
+        until(lambda: ready.controller.progress is None, SOON)
+    assert "napari does not like it" in ready.controller.notice.text
+    assert not ready.controller.cancellable
+    until(lambda: fake.calls[-1].get("cancelled", False), SOON)
+    ready.controller.undo()
+    ready.rest()
+    assert [record.review for record in ready.controller.records()] == ["open"] * 2
 
 
 def test_what_could_not_be_written_is_said(ready: Bench, tmp_path: Path) -> None:

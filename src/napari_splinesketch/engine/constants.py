@@ -57,7 +57,8 @@ STRAY_SHARE = 0.15  # ... or by this share of the sketch's length,
 STRAY_HW = 12.0  # the latter limited to this many half-widths,
 STRAY_PX = 15.0  # and no less than this
 WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches this share of the best
-# height of the highest of many noise ridges, in units of the smoothed noise (measured):
+# height of the highest of many noise ridges, times the root of their blur, px, in units of the
+# pixel noise (measured):
 CHANCE_HEIGHT = 0.7
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)

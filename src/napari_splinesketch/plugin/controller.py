@@ -22,7 +22,7 @@ from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.knots import KnotEditing
 from napari_splinesketch.plugin.layers import drawn
-from napari_splinesketch.plugin.layers.pictures import is_result
+from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import WORKS, Work
 from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
@@ -38,6 +38,7 @@ class Controller(Keeper):
     request = request
 
     def __init__(self, viewer: ViewerModel):
+        self.drawing = Drawing(self._on_not_shown)
         super().__init__(viewer)
         self.at_once = False
         # In which curves are gone through: the worst first, or as a table shows them.
@@ -262,6 +263,9 @@ class Controller(Keeper):
         known = spent > KNOWN_AFTER and share > 0.05
         self.left = spent * (1 - share) / share if known else None
         self.changes.progress.emit()
+
+    def _on_not_shown(self, error: Exception) -> None:
+        self.finish(f"The results could not be shown. {error}", "failed")
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
         ids = [target.id for target in plan.targets]

@@ -40,6 +40,7 @@ class Keeper:
     """Keeps the curves of each image, as the user corrects and judges them."""
 
     actions: Commands
+    drawing: Drawing
     knots: KnotEditing | None = None
 
     def __init__(self, viewer: ViewerModel):
@@ -49,7 +50,6 @@ class Keeper:
         self.settings = choices.load()
         self.progress: Progress | None = None  # of what runs
         self.notice = Notice()
-        self.drawing = Drawing(self._on_not_shown)
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
@@ -238,8 +238,3 @@ class Keeper:
         if self.work and not self.progress and (what := way(self.work.history)):
             self.tell(f"{said}: {what[0].lower()}{what[1:]}.")
             self.show(self.work)
-
-    def _on_not_shown(self, error: Exception) -> None:
-        self.progress = None
-        self.say(f"The results could not be shown. {error}")
-        self.changes.busy.emit()
