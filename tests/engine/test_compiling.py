@@ -8,9 +8,11 @@ from contextlib import contextmanager
 
 import jax
 import numpy as np
+import pytest
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import compile_cache
+from napari_splinesketch.metrics import average_dtw
 
 from .scenes import frame, refined, sketches_of
 
@@ -63,6 +65,14 @@ def test_doubles_elsewhere_change_nothing():
     for a, b in zip(doubles.curves, refined(2, 2).curves, strict=True):
         np.testing.assert_allclose(a.points, b.points, atol=0.03)
         assert a.status == b.status
+
+
+@pytest.mark.slow
+def test_doubles_elsewhere_do_not_stop_the_papers_method():
+    made = frame()
+    with jax.enable_x64(True):
+        (curve,) = refine(made.image, sketches_of(made), "paper").curves
+    assert average_dtw(curve.points, made.centrelines[0]) < 1
 
 
 GUEST = """

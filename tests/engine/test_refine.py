@@ -175,7 +175,32 @@ def test_scattered_pixels_may_be_missing():
         assert miss(curve, truth) < 1
 
 
-BLANK = {"missing": (np.nan, "no pixel around the sketch is finite"), "even": (7.0, "one and the")}
+@pytest.mark.parametrize("value", [-np.finfo(np.float32).max, 1e20, 9.96921e36])
+def test_a_fill_value_is_no_pixel(value):
+    """Programs for maps put such numbers where nothing was measured."""
+    made = frame(0)
+    image = made.image.astype(np.float32)
+    image[:4] = value
+    image[70, 100] = value
+    found = refine(image, sketches_of(made))
+    missing = np.where(np.abs(image) > 1e18, np.nan, image)
+    np.testing.assert_array_equal(
+        found.curves[0].points, refine(missing, sketches_of(made)).curves[0].points
+    )
+    assert miss(found.curves[0], made.centrelines[0]) < 1
+
+
+def test_a_line_may_cross_the_image_from_outside_to_outside():
+    row, column = np.mgrid[:96, :96]
+    body = np.exp(-(((row - 40 - column / 10) / 2.0) ** 2))
+    image = 100 * body + np.random.default_rng(0).normal(size=body.shape)
+    (curve,) = refine(image, [np.array([[39.8, -2.0], [49.8, 98.0]])]).curves
+    assert curve.status != "failed"
+    inside = curve.points[(curve.points[:, 1] > 0) & (curve.points[:, 1] < 95)]
+    assert np.abs(inside[:, 0] - 40 - inside[:, 1] / 10).max() < 0.5
+
+
+BLANK = {"missing": (np.nan, "no pixel around the sketch has"), "even": (7.0, "one and the")}
 
 
 @pytest.mark.parametrize("kind", BLANK)

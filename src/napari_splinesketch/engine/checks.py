@@ -55,18 +55,30 @@ def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:
         return "the sketch has points that are not finite"
     if (np.abs(line) > const.FAR_OUTSIDE * max(*shape, 100)).any():
         return "the sketch reaches far beyond the image"
-    if spline.arc_length(line)[-1] < const.SHORTEST_SKETCH_PX:
+    length = spline.arc_length(line)[-1]
+    if length < const.SHORTEST_SKETCH_PX:
         return "the sketch is shorter than 2 px"
-    if not ((line > -1) & (line < np.array(shape))).all(axis=1).any():
+    # It may cross the image from one vertex outside to the next; scribbles need not be looked at
+    # px by px.
+    along = spline.resample(line, 2 + int(min(length, const.FAR_OUTSIDE * max(*shape, 100))))
+    if not ((along > -1) & (along < np.array(shape))).all(axis=1).any():
         return "the sketch lies outside the image"
     return ""
+
+
+def known(pixels: Real[Array, "h w"]) -> Real[Array, "h w"]:
+    """The pixels, not finite where other programs have put fill values, such as -3.4e38."""
+    if pixels.dtype.kind != "f":
+        return pixels
+    filled = np.abs(pixels) > np.float64(const.LARGEST_VALUE)
+    return np.where(filled, np.nan, pixels) if filled.any() else pixels
 
 
 def blank(pixels: Real[Array, "h w"]) -> str:
     """Why nothing can be seen around the sketches, or nothing."""
     there = pixels[np.isfinite(pixels)]
     if not len(there):
-        return "no pixel around the sketch is finite"
+        return "no pixel around the sketch has a finite value below 1e18"
     if there.min() == there.max():
         return "the image has one and the same value around the sketch"
     return ""

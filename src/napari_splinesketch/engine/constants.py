@@ -14,6 +14,8 @@ import numpy as np
 THINNEST_GIVEN_PX = 0.2
 # a sketch may leave the image by this many of its longer sides (guards against wrong units):
 FAR_OUTSIDE = 10.0
+# pixels beyond this are no measurement but a fill value, or overflow single precision (numerics):
+LARGEST_VALUE = 1e18
 SHORTEST_SKETCH_PX = 2.0  # shorter sketches have no direction (geometry)
 # centrelines are shown while they are fitted every this many times of how long that takes (speed):
 LINES_APART = 20

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+import jax
 import numpy as np
 from jaxtyping import Real
 
@@ -67,7 +68,8 @@ def refine(
     Returns
     -------
     One curve per sketch, in the same order, with reconstruction and diagnostics. A sketch that
-    cannot be refined comes back as drawn, with status "failed" and the reason.
+    cannot be refined comes back as drawn, with status "failed" and the reason. The reconstruction
+    is made from `image` when it is first read: read it before other pixels are written there.
 
     Raises
     ------
@@ -93,13 +95,12 @@ def refine(
         with compile_cache.kept():
             progress("looking at the image", 0.0)
             for island in islands.split(image, lines, usable, fixed):
-                blank = checks.blank(image[island.pose.window])
+                pixels = checks.known(island.pose.cut(image))
+                blank = checks.blank(pixels)
                 if blank:
                     faults = [blank if i in island.members else f for i, f in enumerate(faults)]
                     continue
-                scenes = scene.read_scenes(
-                    island.pose.cut(image), island.sketches, polarity, half_width
-                )
+                scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
                 for members, seen in scenes:
                     mine = island.of(members)
                     parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
@@ -118,7 +119,8 @@ def _fitted(
     if preset == "paper":
         from napari_splinesketch.paper.result import fit_paper
 
-        return fit_paper(island, seen, seed, report)
+        with jax.enable_x64(False):
+            return fit_paper(island, seen, seed, report)
     settings = Settings() if isinstance(preset, str) else preset
     if settings.hold is not None:
         settings = replace(settings, hold=tuple(settings.hold[i] for i in island.members))
