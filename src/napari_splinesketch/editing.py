@@ -82,7 +82,7 @@ def _with_width(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Float[np.ndarr
 def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 1.0) -> Curve:
     """Make a curve along others, or along a piece that is a share of their length."""
     points = np.concatenate([curve.points[piece] for curve in curves])
-    width = np.concatenate([curve.half_width[piece] for curve in curves])
+    width = _known(np.concatenate([curve.half_width[piece] for curve in curves]))
     knots = sum(len(curve.knots) for curve in curves)
     count = int(np.clip(knots if share == 1 else round(share * knots) + 2, SOME, MOST))
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -93,6 +93,12 @@ def _fitted(curves: Sequence[Curve], piece: slice = slice(None), share: float = 
     along = np.interp(at, np.linspace(0, 1, POINTS), even[:, 2])
     residual = max(curve.residual for curve in curves)
     return _by_hand(np.column_stack([found, along]), even[:, 2], residual)
+
+
+def _known(width: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+    """Half-widths along a curve; where none is known, that of the nearest places where one is."""
+    at, known = np.arange(len(width)), np.isfinite(width)
+    return np.interp(at, at[known], width[known]) if known.any() else width
 
 
 def _by_hand(

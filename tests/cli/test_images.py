@@ -124,6 +124,29 @@ def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
             assert all(np.array_equal(frames[i], FRAMES[i]) for i in range(4))
 
 
+def test_hidden_files_and_a_bad_first_one_do_not_stop_a_folder(tmp_path: Path) -> None:
+    for number, frame in enumerate(FRAMES):
+        imageio.v3.imwrite(tmp_path / f"f{number}.png", frame)
+        (tmp_path / f"._f{number}.png").write_bytes(b"what macOS puts beside a file")
+    (tmp_path / "f0.png").write_bytes(b"junk")
+    with open_frames(str(tmp_path)) as frames:
+        assert frames.count == len(FRAMES)
+        assert np.array_equal(frames[1], FRAMES[1])
+        with pytest.raises(ImageError, match="cannot be read"):
+            frames[0]
+    for path in tmp_path.glob("f*.png"):
+        path.write_bytes(b"junk")
+    with pytest.raises(ImageError, match="cannot be read"), open_frames(str(tmp_path)):
+        pass
+
+
+def test_how_opaque_a_grey_picture_is_does_not_matter(tmp_path: Path) -> None:
+    grey = FRAMES[0].astype(np.uint8)
+    imageio.v3.imwrite(tmp_path / "a.png", np.dstack([grey, np.full_like(grey, 9)]), mode="LA")
+    with open_frames(str(tmp_path / "a.png")) as frames:
+        assert np.array_equal(frames[0], grey)
+
+
 def test_zarr_images_of_both_versions(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")
     axes = [{"name": "t"}, {"name": "c"}, *({"name": n, "unit": "micrometer"} for n in "yx")]

@@ -1,9 +1,11 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 import tifffile
 
 import napari_splinesketch
-from napari_splinesketch.cli import main
+from napari_splinesketch.cli import main, refining
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
 from .fakes import FakeEngine, film
@@ -207,6 +209,87 @@ def test_frames_that_a_power_cut_has_damaged_are_done_again(
     assert refine("--resume") == 0
     assert len(engine.calls) == 3
     assert len(read_labels("labels.csv").labels) == 4
+
+
+def test_a_run_whose_second_output_failed_is_resumed(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outputs = ("--masks", "m.tif", "--reconstruction", "r.tif")
+
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError(28, "No space left on device", "r.tif")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(refining, "write_reconstruction", full)
+        assert refine(*outputs) == 2
+    assert refine(*outputs, "--resume") == 0
+    assert len(engine.calls) == 3
+    assert tifffile.imread("r.tif").shape == (3, 40, 60)
+    assert sorted(os.listdir(folder)) == [
+        "film.tif",
+        "labels.csv",
+        "m.tif",
+        "r.tif",
+        "sketches.csv",
+    ]
+
+
+def test_an_output_that_somebody_has_changed_meanwhile_is_kept(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError(28, "No space left on device", "r.tif")
+
+    monkeypatch.setattr(refining, "write_reconstruction", full)
+    assert refine("--reconstruction", "r.tif") == 2
+    Path("labels.csv").write_text("mine")
+    assert refine("--reconstruction", "r.tif", "--resume") == 2
+    assert "labels.csv exists already" in capsys.readouterr().err
+    assert Path("labels.csv").read_text() == "mine"
+
+
+def test_a_run_is_not_resumed_on_another_film(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    interrupt_after_two(engine, monkeypatch)
+    assert refine() == 130
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    tifffile.imwrite("film.tif", film(4) + 1, photometric="minisblack")
+    assert refine("--resume") == 2
+    assert "frame 0 of film.tif is not the one that the interrupted run" in capsys.readouterr().err
+    assert not Path("labels.csv").exists()
+
+
+@pytest.mark.parametrize("output", ["--masks", "--reconstruction"])
+def test_frames_of_two_sizes_have_no_masks_and_no_reconstruction(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], output: str
+) -> None:
+    Path("frames").mkdir()
+    for i, shape in enumerate([(40, 60), (50, 60), (40, 60), (40, 60)]):
+        tifffile.imwrite(f"frames/{i}.tif", film(1, shape)[0], photometric="minisblack")
+    command = ["refine", "frames", "sketches.csv", "-o", "labels.csv"]
+    assert main([*command, output, "a.tif"]) == 2
+    assert "frame 1 has 50 x 60 px, and others have 40 x 60" in capsys.readouterr().err
+    assert not Path("labels.csv").exists()
+    shutil.rmtree("labels.csv.partial")
+    assert main(command) == 0
+
+
+def test_lines_that_were_reviewed_are_said_to_be_open_again(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = Label.from_sketch(LINE)
+    known = replace(known, review="accepted", locked=True)
+    write_labels("sketches.csv", Labels((known,)), overwrite=True)
+    assert refine() == 0
+    told = "".join(capsys.readouterr())
+    assert "1 of the lines were reviewed or locked; they are refined again, and open" in told
 
 
 AT_A_TERMINAL = """

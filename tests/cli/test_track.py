@@ -93,13 +93,32 @@ def test_a_bad_frame_is_passed_over(
     film[[2, 3]] = 7
     tifffile.imwrite("film.tif", film, photometric="minisblack")
     assert track("--json") == 1
-    assert numbers() == {1: [4, 9], 4: [4, 9], 5: [4, 9]}
+    assert numbers() == {1: [4, 9], 3: [2], 4: [4, 9], 5: [4, 9]}
     said = json.loads(capsys.readouterr().out)
     errors = {frame["frame"]: frame["error"] for frame in said["frames"]}
     assert "constant" in errors[2]
     assert "constant" in errors[3]
     assert errors[4] is None
     assert said["counts"]["frames not refined"] == 2
+
+
+@pytest.mark.parametrize("frame", [1, 3])
+def test_lines_of_a_bad_frame_come_back_as_drawn(
+    folder: Path, engine: list, capsys: pytest.CaptureFixture[str], frame: int
+) -> None:
+    film = tifffile.imread("film.tif")
+    film[frame] = 7
+    tifffile.imwrite("film.tif", film, photometric="minisblack")
+    assert track("--json") == 1
+    drawn = {label.curve: label.points for label in read_labels("lines.csv").labels}
+    here = [label for label in read_labels("labels.csv").labels if label.frame == frame]
+    assert [label.curve for label in here] == {1: [4, 9], 3: [2]}[frame]
+    assert {label.status for label in here} == {"failed"}
+    for label in here:
+        np.testing.assert_allclose(label.points, drawn[label.curve])
+    said = json.loads(capsys.readouterr().out)["frames"][frame - 1]
+    failed = [one["curve"] for one in said["curves"] if one["status"] == "failed"]
+    assert failed == [label.curve for label in here]
 
 
 def test_what_is_lost_is_reported(

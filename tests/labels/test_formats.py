@@ -2,6 +2,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
@@ -133,3 +134,10 @@ def test_the_page_on_files_lists_every_format() -> None:
         ]
         for form in FORMATS
     ]
+
+
+def test_a_number_of_numpy_s_is_refused_by_its_kind(tmp_path: Path) -> None:
+    labels = replace(FULL, provenance={"blur": np.float32(1.5)})
+    with pytest.raises(ValueError, match="JSON holds no float32"):
+        write_labels(tmp_path / "a.geojson", labels)
+    assert not list(tmp_path.iterdir())

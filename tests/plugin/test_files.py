@@ -343,7 +343,7 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     (shapes,) = viewer.open(tmp_path / "shapes.csv", plugin=None)
     assert shapes.nshapes == 1, "napari's own tables are opened as ever"
     viewer.open(tmp_path / name, **({} if plugin else {"plugin": None}))
-    assert dock.offer.labels.text() == "Continue with these 2 curves"
+    assert dock.offer.labels.text() == "Continue with 2 curves"
     click(dock.offer.labels)
     until(dock.controller.records)
     after = dock.controller.records()

@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -14,14 +15,15 @@ import numpy as np
 import pytest
 import tifffile
 from napari.components import ViewerModel
-from napari.layers import Image
+from napari.layers import Image, Shapes
 from napari.layers._source import Source
 
 from napari_splinesketch.files import BusyError
 from napari_splinesketch.plugin import saver
 from napari_splinesketch.plugin import sessions as folder
+from napari_splinesketch.plugin.layers.drawn import shapes_in
 
-from .bench import LINES, SOON, bench, saved_files
+from .bench import LINES, SOON, Bench, bench, saved_files
 from .fakes import FakeEngine
 from .hand import QTest, until
 
@@ -396,6 +398,94 @@ def test_what_cannot_be_shown_never_stops_the_dock(
         assert "napari does not like it" in again.controller.notice.text
         assert again.controller.progress is None
     assert {path: path.read_bytes() for path in files} == files
+
+
+def test_curves_that_were_all_deleted_can_still_be_restored(home: Path) -> None:
+    with bench() as first:
+        first.begin()
+        first.controller.delete((0, 1), (0, 2))
+    with bench() as again:
+        again.image()
+        again.resume()
+        assert len(again.controller.state.deleted) == 2
+        assert not again.controller.request().targets
+        again.controller.restore((0, 1), (0, 2))
+        again.rest()
+        assert [record.id for record in again.controller.records()] == [1, 2]
+
+
+@pytest.mark.parametrize("turned", ["rotate", "shear", "affine"])
+def test_flat_lines_over_a_turned_film_come_back_where_they_were(home: Path, turned: str) -> None:
+    angle = np.deg2rad(30)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 5], [np.sin(angle), np.cos(angle), -7]])
+    how = {"rotate": 30, "shear": [0.2], "affine": np.vstack([turn, [0, 0, 1]])}[turned]
+    scale = (2.0, 0.5)
+    pixels = np.random.default_rng(0).normal(100, 5, (3, 96, 128)).astype(np.float32)
+    over: Any = {"affine": np.pad(how, ((1, 0), (1, 0)))} if turned == "affine" else {turned: how}
+    if turned == "affine":
+        over["affine"][0, 0] = 1
+    if turned == "shear":
+        over["shear"] = [0, 0, 0.2]
+
+    def film(made: Bench) -> Image:
+        image = Image(pixels, scale=(1, *scale), name="film", **over)
+        made.viewer.add_layer(image)
+        return image
+
+    with bench() as first:
+        image = film(first)
+        layer = Shapes(LINES, shape_type="path", scale=scale, **{turned: how})
+        first.viewer.add_layer(layer)
+        before = [line for _, line in shapes_in(first.viewer, layer, image)]
+        first.refine()
+    with bench() as again:
+        image = film(again)
+        again.resume()
+        layer = again.controller.choices.sketches
+        assert layer is not None and layer.ndim == 2
+        after = [line for _, line in shapes_in(again.viewer, layer, image)]
+        for one, other in zip(before, after, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-3)
+        assert not again.controller.request().targets
+
+
+@pytest.mark.parametrize("renamed", [False, True])
+def test_a_folder_that_is_deleted_or_renamed_is_written_anew(
+    home: Path, tmp_path: Path, renamed: bool
+) -> None:
+    path = tmp_path / "worms.tif"
+    tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))
+    with bench() as first:
+        first.viewer.add_layer(from_file(path))
+        first.sketches()
+        first.refine()
+        first.saver.flush()
+        (beside,) = tmp_path.glob("*.splinesketch")
+        if renamed:
+            beside.rename(tmp_path / "mine.splinesketch")
+        else:
+            shutil.rmtree(beside)
+        first.controller.review("accepted", (0, 1))
+        first.saver.flush()
+        assert not first.saver.problem
+    with bench() as again:
+        again.viewer.add_layer(from_file(path))
+        again.resume()
+        assert [record.review for record in again.controller.records()] == ["accepted", "open"]
+        assert len(again.controller.choices.layers(Shapes)) == 1
+
+
+def test_a_file_that_is_deleted_is_written_again(home: Path) -> None:
+    with bench() as first:
+        first.image((2, 96, 128))
+        first.sketches()
+        first.refine()
+        first.saver.flush()
+        (page,) = saved_files(home, "frame-every.json")
+        page.unlink()
+        first.controller.review("accepted", (0, 1))  # in another file
+        first.saver.flush()
+        assert page.exists()
 
 
 def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(

@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -148,9 +149,22 @@ def test_curves_of_few_points_get_a_hundred(folder: Path) -> None:
 
 
 def test_nothing_is_left_where_the_images_end_too_soon(tmp_path: Path, folder: Path) -> None:
-    with pytest.raises(IndexError):
+    with pytest.raises(ValueError, match="the labels have a frame 3, and the images none"):
         export_training(folder, IMAGES[:3], REVIEWED)
     assert os.listdir(tmp_path) == []
+
+
+def test_which_curves_are_kept_is_one_of_two(tmp_path: Path, folder: Path) -> None:
+    keep: Any = "Accepted"
+    with pytest.raises(ValueError, match="keep is 'Accepted'; choose one of accepted, good"):
+        export_training(folder, IMAGES, REVIEWED, keep=keep)
+    assert os.listdir(tmp_path) == []
+
+
+def test_bodies_may_lie_where_pixels_are_missing(folder: Path) -> None:
+    images = IMAGES.copy()
+    images[0, 5:15] = np.nan
+    assert export_training(folder, images, REVIEWED)["image"]["polarity"] == "dark"
 
 
 def test_only_training_sets_are_replaced_and_only_when_asked(tmp_path: Path, folder: Path) -> None:

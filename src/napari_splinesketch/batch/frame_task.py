@@ -126,6 +126,8 @@ class FrameDone:
     """(H, W), where it was asked for."""
     reached: bool = True
     """Whether the worker could open the image."""
+    shape: tuple[int, int] | None = None
+    """(H, W) of its pixels, px, if they could be read."""
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
@@ -150,7 +152,8 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
     report = FrameReport(task.frame, found.reports, None, seconds, digest)
-    return FrameDone(report, _table(task, found.labels), found.reconstruction)
+    shape = image.shape[0], image.shape[1]
+    return FrameDone(report, _table(task, found.labels), found.reconstruction, shape=shape)
 
 
 def failed(

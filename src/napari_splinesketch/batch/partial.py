@@ -17,6 +17,7 @@ from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
 FRAMES_A_FOLDER = 1000
+WRITTEN = "written.json"
 
 
 class Partial:
@@ -27,7 +28,7 @@ class Partial:
     """
 
     def __init__(self, output: Path, settings: Mapping[str, object], *, resume: bool) -> None:
-        self.folder = output.with_name(f"{output.name}.partial")
+        self.folder = _folder_of(output)
         self._note = self.folder / "run.json"
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():
@@ -127,13 +128,41 @@ class Partial:
         """Give the reconstruction of a finished frame."""
         return tifffile.imread(self._path(frame, ".tif"))
 
+    def wrote(self, path: Path) -> None:
+        """Note that an output is written: a run that is continued may write it again."""
+        if self.folder.is_dir():  # not where there was no frame
+            kept = _written(self.folder) | {str(path.absolute()): _state(path)}
+            _write(self.folder / WRITTEN, json.dumps(kept).encode())
+
     def remove(self) -> None:
-        """Delete everything, once the run's output is written."""
+        """Delete everything, once the run's outputs are written."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
+
+
+def has_written(output: Path, path: Path) -> bool:
+    """Tell whether an interrupted run with this output has written a file, and nobody since."""
+    kept = _written(_folder_of(output)).get(str(path.absolute()))
+    return kept is not None and path.exists() and kept == _state(path)
+
+
+def _written(folder: Path) -> dict[str, list[int]]:
+    try:
+        return json.loads((folder / WRITTEN).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # the latter after a power cut
+        return {}
+
+
+def _state(path: Path) -> list[int]:
+    """Tell whether a file is as it was: its size and when it was changed."""
+    return [path.stat().st_size, path.stat().st_mtime_ns]
+
+
+def _folder_of(output: Path) -> Path:
+    return output.with_name(f"{output.name}.partial")
 
 
 def _is_empty(folder: Path) -> bool:

@@ -1,7 +1,7 @@
 """Refining the frames of an image or film, without losing any."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,19 +30,28 @@ def run(job: RefineJob, report: Report) -> Outcome:
     """
     sketches = in_frames(open_labels(job.sketches))
     with open_run(job, report, sketches.head) as work:
-        work.count = len(sketches.frames)
+        work.count, work.alike = len(sketches.frames), bool(job.masks or job.reconstruction)
         options = {name: getattr(job, name) for name in OPTIONS}
         kept = job.reconstruction is not None
         refiners = (Refiner(labels, options, kept) for labels in sketches.read())
         work.shared(job, ((refiner.sketches[0].frame, refiner) for refiner in refiners))
         nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
-        notes = *sketches.head.notes, *nothing
+        notes = *sketches.head.notes, *nothing, *judged(sketches.labels)
         outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
-            masks.FORMAT.write_whole(job.masks, outcome.labels, overwrite=job.overwrite)
+            overwrite = job.overwrites(job.masks)
+            masks.FORMAT.write_whole(job.masks, outcome.labels, overwrite=overwrite)
+            work.partial.wrote(job.masks)
         if outcome.labels.head.shape is not None:  # a frame could be refined
             _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
     return outcome
+
+
+def judged(lines: Iterable[Label]) -> Iterator[str]:
+    """Say what becomes of what somebody has said of the lines."""
+    number = sum(line.review != "open" or line.locked for line in lines)
+    if number:
+        yield f"{number} of the lines were reviewed or locked; they are refined again, and open"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,20 +82,16 @@ class Refiner:
 
     def instead(self) -> tuple[Label, ...]:
         """Give the sketches as drawn, as `refine` does with those that cannot be refined."""
-        return tuple(
-            replace(
-                Label.from_sketch(drawn.points, frame=drawn.frame, identity=drawn.curve),
-                status="failed",
-            )
-            for drawn in self.sketches
-        )
+        return tuple(label.failed() for label in self.sketches)
 
 
 def _write_pictures(job: RefineJob, work: Run, reports: Reports, shape: tuple[int, int]) -> None:
     done = [report.frame for report in reports if report.error is None]
     if job.reconstruction:
         pages = map(work.partial.reconstruction, done)
-        write_reconstruction(job.reconstruction, pages, shape, done, overwrite=job.overwrite)
+        overwrite = job.overwrites(job.reconstruction)
+        write_reconstruction(job.reconstruction, pages, shape, done, overwrite=overwrite)
+        work.partial.wrote(job.reconstruction)
     if job.overlay:
-        drawn = work.partial.labels(done[0])
-        write_overlay(job.overlay, work.images[done[0]], drawn, overwrite=job.overwrite)
+        drawn, overwrite = work.partial.labels(done[0]), job.overwrites(job.overlay)
+        write_overlay(job.overlay, work.images[done[0]], drawn, overwrite=overwrite)

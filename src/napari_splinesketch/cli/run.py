@@ -20,12 +20,12 @@ from napari_splinesketch.batch.frame_task import (
     failed,
 )
 from napari_splinesketch.batch.partial import Partial
-from napari_splinesketch.batch.reports import Reports, Spool
+from napari_splinesketch.batch.reports import FrameReport, Reports, Spool
 from napari_splinesketch.batch.workers import workers_of
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.files import checksum_of_file
-from napari_splinesketch.images.frames import Frames, open_frames
+from napari_splinesketch.images.frames import Frames, checksum, open_frames
 from napari_splinesketch.labels import Labels, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.types import ByFrame
@@ -66,6 +66,10 @@ class Run:
     with their total."""
     count: int = 0
     """That total."""
+    alike: bool = False
+    """Whether frames have to be of one size, as pages of a TIFF are."""
+    _shape: tuple[int, ...] | None = field(default=None, init=False)
+    _same: bool = field(default=False, init=False)
     _done: int = field(default=0, init=False)
     _share: float = field(default=0.0, init=False)
 
@@ -83,6 +87,15 @@ class Run:
         """Keep a finished frame; what a library returns after Ctrl-C is not a result."""
         if was_interrupted():
             raise KeyboardInterrupt
+        if self.alike and done.shape:
+            self._shape = self._shape or done.shape
+            if done.shape != self._shape:
+                height, width = done.shape
+                raise ValueError(
+                    f"frame {done.report.frame} has {height} x {width} px, and others have"
+                    f" {self._shape[0]} x {self._shape[1]}; masks and reconstructions are of one"
+                    " size: leave them out, or refine frames of each size on their own"
+                )
         self.partial.save(done.report, done.table, done.reconstruction)
         self.add()
 
@@ -100,16 +113,29 @@ class Run:
     ) -> Iterator[FrameTask]:
         """Give the frames that are not finished; those of an earlier run count as done."""
         for frame, finder in finders:
-            if self.partial.done(frame):
+            if self.finished(frame):
                 self.add()
             else:
                 yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
+
+    def finished(self, frame: int) -> FrameReport | None:
+        """Give the report of a frame that an earlier run has finished, of the same image."""
+        done = self.partial.done(frame)
+        if done and done.sha256 and not self._same:
+            pixels = self.images[frame]
+            if checksum(pixels) != done.sha256:
+                raise ValueError(
+                    f"frame {frame} of {self.images.name} is not the one that the interrupted run"
+                    f" in {self.partial.folder} has finished; delete that folder and start again"
+                )
+            self._same, self._shape = True, pixels.shape
+        return done
 
     def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)
-        output, overwrite = self.job.output, self.job.overwrite
+        output, overwrite = self.job.output, self.job.overwrites(self.job.output)
         writer = writer_of(output)
         losses: tuple[str, ...] = ()
         if writer is table.FORMAT:  # as the frames are kept: there is nothing to be read
@@ -117,6 +143,7 @@ class Run:
             self.partial.join(output, numbers, labels.head.scale, overwrite=overwrite)
         else:
             losses = writer.write_whole(output, labels, overwrite=overwrite)
+        self.partial.wrote(output)
         return Outcome(reports, (*notes, *losses), labels)
 
     def _labels(self, reports: Reports) -> ByFrame:

@@ -11,6 +11,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import FrameDone
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
 from napari_splinesketch.cli.jobs import TrackJob
+from napari_splinesketch.cli.refining import judged
 from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
@@ -39,13 +40,13 @@ def run(job: TrackJob, report: Report) -> Outcome:
         work.count = len(frames)
         bodies: dict[int, Body] = {}
         left = list(frames)
-        while left and (done := work.partial.done(left[0])):  # in an earlier run
+        while left and (done := work.finished(left[0])):  # in an earlier run
             bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], ()))
             work.add()
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
-        return work.write(frames, sketches.notes)
+        return work.write(frames, (*sketches.notes, *judged(sketches.labels)))
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -133,12 +134,19 @@ class _Film:
         here = self._here.pop(tracked.frame)
         curves = {**here.curves, **tracked.by_id}
         error = here.error or tracked.error or None
-        told = _reports(curves, tracked)
+        left_out = [d.failed() for d in self.drawn.get(tracked.frame, ()) if d.curve not in curves]
+        told = *_reports(curves, tracked), *(_as_drawn(label, error or "") for label in left_out)
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
         report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256, notes)
         size = {"scale": self.run.head.scale, "units": self.run.head.units}
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves, **size)
+        labels = replace(labels, labels=(*labels.labels, *left_out))
         return FrameDone(report, table.text(labels))
+
+
+def _as_drawn(label: Label, why: str) -> CurveReport:
+    length = round(float(label.arc_length[-1]), 3)
+    return CurveReport(label.curve, length, None, None, "failed", (why,))
 
 
 def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:

@@ -54,6 +54,8 @@ class Frames:
             raise ImageError(f"{self.name}, frame {index}: cannot be read ({error})") from error
         if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
             return pixels[..., :3].astype(np.float32) @ LUMINANCE
+        if pixels.ndim == 3 and pixels.shape[2] == 2:  # grey and how opaque it is
+            return pixels[..., 0]
         if pixels.ndim != 2:
             raise ImageError(f"{self.name}, frame {index}: shape {pixels.shape}; expected (H, W)")
         return pixels
@@ -148,7 +150,9 @@ def _still(path: Path) -> Iterator[Frames]:
 def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames]:
     folder = Path(pattern)
     found = folder.iterdir() if folder.is_dir() else (Path(name) for name in glob(pattern))
-    paths = sorted((path for path in found if path.suffix.lower() in TIFFS + STILLS), key=_natural)
+    # Hidden files are no frames: macOS puts one beside each file.
+    shown = (path for path in found if not path.name.startswith("."))
+    paths = sorted((path for path in shown if path.suffix.lower() in TIFFS + STILLS), key=_natural)
     if not paths:
         raise ImageError(f"{pattern}: no such image, and no folder or glob with images in it")
 
@@ -158,8 +162,16 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
                 raise ImageError(f"{paths[index]} has {frames.count} frames; expected one per file")
             return frames[0]
 
-    with _file(paths[0], channel, z) as first:
-        yield Frames(folder.name, len(paths), read, first.scale, first.units)
+    scale, units = None, None
+    for path in paths:  # the first that can be read tells the size of a pixel
+        try:
+            with _file(path, channel, z) as frames:
+                scale, units = frames.scale, frames.units
+            break
+        except ImageError:
+            if path == paths[-1]:
+                raise
+    yield Frames(folder.name, len(paths), read, scale, units)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

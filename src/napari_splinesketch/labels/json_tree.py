@@ -224,6 +224,9 @@ def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]
     encode, mark, streams = json.JSONEncoder(**strict).encode, uuid4().hex, list[Any]()
 
     def later(stream: Any) -> str:
+        if not (isinstance(stream, Iterator) or callable(stream)):
+            kind = type(stream).__name__
+            raise ValueError(f"JSON holds no {kind}; give numbers, texts, lists and dicts")
         streams.append(stream)
         return mark
 

@@ -83,6 +83,11 @@ class Label:
         size = len(points)
         return cls(frame, identity, points, np.full(size, np.nan), np.full(size, np.inf), "sketch")
 
+    def failed(self) -> "Label":
+        """The line as drawn, which could not be refined."""
+        drawn = self.from_sketch(self.points, frame=self.frame, identity=self.curve)
+        return replace(drawn, status="failed")
+
     def resampled(self, count: int) -> "Label":
         """Resample to `count` points, uniform in arc length, if it has another number."""
         if len(self.points) == count:

@@ -49,7 +49,7 @@ def _flip(c: Controller, *records: Record) -> list[Record]:
 
 
 def _split(c: Controller, record: Record) -> list[Record]:
-    at = editing.nearest(record.curve, _place(c))[0]
+    at = editing.nearest(record.curve, _place_beside(c, record))[0]
     first, rest = editing.split(record.curve, at)
     number, place = c.state.last + 1, record.frame
     other = Record(number, place, rest.points, rest, drawn=False, edited=True)
@@ -64,7 +64,7 @@ def _join(c: Controller, first: Record, second: Record) -> list[Record]:
 
 def _extend(c: Controller, record: Record) -> list[Record]:
     curve = record.curve
-    apart = np.linalg.norm(curve.points[[0, -1]] - _place(c), axis=1)
+    apart = np.linalg.norm(curve.points[[0, -1]] - _place_beside(c, record), axis=1)
     longer = editing.extended(curve, bool(apart[1] <= apart[0]), editing.body_width(curve))
     return [edited(record, longer)]
 
@@ -88,6 +88,13 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
         return True
 
     return run
+
+
+def _place_beside(c: Controller, record: Record) -> np.ndarray:
+    """Where the pointer is, px, if the curve is in the frame in view."""
+    if record.frame != c.frame:
+        raise ValueError(f"Curve {record.id} is in frame {record.frame}: go there first.")
+    return _place(c)
 
 
 def _all_locked(controller: Controller) -> bool:
@@ -173,7 +180,7 @@ COMMANDS = (
     Command("split", "Split", "Shift+U", _shape("Split", _split),
             "Cut the curve where you point", "curve", ONE),
     Command("join", "Join", "Shift+J", _shape("Join", _join),
-            "Make one curve of the two that are selected", "curve", TWO),
+            "Join the two selected curves into one", "curve", TWO),
     Command("extend", "Extend", "Shift+N",
             lambda c: _shape("Extend", _extend)(c) and c.refine("selected"),
             "Lengthen the end you point at, and refine", "curve", ONE),
@@ -212,7 +219,7 @@ COMMANDS = (
             "Carry the curves on to the last frame", "film",
             problem=lambda c: films.tracking_problem(c, 1)),
     Command("around", "Refit around", "", films.around,
-            "Carry the curves that you corrected in this frame, or the selected ones of them,\n"
+            "Carry the curves that you corrected in this frame, or just the selected ones,\n"
             "to the frames before and after it, as far as that changes anything", "film",
             problem=films.around_problem),
 )  # fmt: skip

@@ -1,5 +1,6 @@
 """What would be refined, what runs, what came of it."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -29,6 +30,7 @@ from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
 
 SAVING = "Saving"
+_log = logging.getLogger(__name__)
 KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 
@@ -114,7 +116,11 @@ class Controller(Keeper):
         def show(outcome: Any) -> None:
             self._job = None  # it can no longer be cancelled
             self.changes.busy.emit()
-            done(outcome)
+            try:
+                done(outcome)
+            except Exception as error:
+                _log.exception("What came of it could not be taken over")
+                self._on_not_shown(error)
 
         def failed(message: str) -> None:
             said = f"{name} failed, nothing was changed. {message}"

@@ -82,7 +82,7 @@ class SplinesketchDock(qt.QWidget):
         # A border of our own: napari's theme gives one to what is disabled, and all below moves.
         self.refine.setStyleSheet("font-weight: bold; padding: 6px; border: 1px solid transparent;")
         scopes = {name: partial(controller.refine, scope) for scope, name in words.SCOPES.items()}
-        self.more = ui.MenuButton("▾", "Refine the selected curves, or all again", scopes)
+        self.more = ui.MenuButton("▾", "Refine selected or all unreviewed curves", scopes)
         self.more.setStyleSheet(MORE_LOOK)
         self.more.setMinimumWidth(20)
         self.curve = ui.CommandButtons(actions, "curve", 4)
@@ -285,7 +285,7 @@ class OfferBox(qt.QFrame):
         self.resume = ui.Button("Resume", tip, saver.resume)
         tip = "Do not ask again; the saved work stays on the disk"
         self.decline = ui.Button("Ignore saved work", tip, saver.decline)
-        tip = "Take these curves up as results, as they were judged"
+        tip = "Use these curves as results, with their review"
         self.labels = ui.Button("", tip, saver.take_up)
         rows = self.said, (self.resume, self.decline), self.labels, self.problem
         ui.stack(self, *rows, margin=4)
@@ -297,7 +297,7 @@ class OfferBox(qt.QFrame):
             each.setVisible(bool(shown))
             each.setEnabled(self._controller.progress is None or each is self.decline)
         self.said.say(words.offered(list(offers.values())))
-        self.labels.setText(f"Continue with these {words.count(curves, 'curve')}")
+        self.labels.setText(f"Continue with {words.count(curves, 'curve')}")
         self.problem.say(words.notice("failed", problem))
         self.setVisible(bool(curves or offers or problem))
 

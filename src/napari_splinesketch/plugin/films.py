@@ -15,7 +15,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
+from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of, new_among
 from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
@@ -38,6 +38,7 @@ class Suggestions:
         self._controller = controller
         # Work and frame of the last lines, and what others are chosen from when the slider moves.
         self._last: Any = None
+        self._refused: list[Line] = []  # lines of the last that the user has moved or deleted
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def suggest(self) -> None:
@@ -65,20 +66,31 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last = work, frame, found
-        self._put(work.state.suggested(frame, ()), SUGGEST, self._controller.finish)
+        self._last, self._refused = (work, frame, found), []
+        self._put(work.state.suggested(frame, ()), self._step, self._controller.finish)
 
     def _choose(self) -> None:
         c = self._controller
         if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
             history = self._last[0].history
-            again = history.done == SUGGEST
-            self._put(history.value, "" if again else SUGGEST, c.tell)
+            again = history.done == self._step
+            self._put(history.value, "" if again else self._step, c.tell)
+
+    @property
+    def _step(self) -> str:
+        """What it is called to suggest lines in the last frame."""
+        work, frame, _ = self._last
+        return f"{SUGGEST} in frame {frame}" if space.frame_count(work.image) > 1 else SUGGEST
 
     def _put(self, before: State, what: str, tell: Callable[[str], None]) -> None:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
         work, frame, found = self._last
-        state = before.suggested(frame, found.choose(self.sensitivity))
+        if work not in self._controller.drawing.runs:  # all that was suggested is drawn
+            self._refused += [one.line for one in work.touched() if one.frame == frame]
+        chosen = found.choose(self.sensitivity)
+        new = new_among(chosen, self._refused)
+        chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
+        state = before.suggested(frame, chosen)
         refined = before.suggested(frame, ()).suggestions
 
         def over() -> None:

@@ -16,7 +16,13 @@ from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.commands import edited
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.space import in_stack, look_at, screen_pixel
+from napari_splinesketch.plugin.layers.space import (
+    frame_count,
+    go_to_frame,
+    in_stack,
+    look_at,
+    screen_pixel,
+)
 from napari_splinesketch.plugin.model import Record, key_of
 
 if TYPE_CHECKING:
@@ -35,7 +41,7 @@ class KnotEditing:
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
-        self.number, self._key = record.id, key_of(record)
+        self.number, self._key, self._review = record.id, key_of(record), record.review
         self._step = f"Move knots of curve {record.id}"
         self._controller, self._work, self._before = controller, work, work.state
         self._active = layers.selection.active
@@ -82,6 +88,7 @@ class KnotEditing:
     def refine(self) -> None:
         """Refine the curve from where its knots are, and no other."""
         self.close()
+        go_to_frame(self._controller.viewer, self._work.image, self._key[0])
         self._controller.selected = self._key
         self._controller.refine("selected")
 
@@ -102,7 +109,9 @@ class KnotEditing:
 
     def _made(self, work: Work, _: object) -> Made | None:
         record = self._record
-        if record is None or record.locked:
+        if record is None or record.locked or record.review != self._review:
+            return None
+        if self._slot.unfit or record.frame >= frame_count(work.image):
             return None
         places = in_stack(work.image, record.frame, record.curve.knots[:, :2])
         size = SIZE * screen_pixel(work.viewer, work.image)[-1]
@@ -136,10 +145,11 @@ class KnotEditing:
         if c.knots is not self or layer is None or record is None:
             return
         knots = np.array(layer.data[:, -2:], dtype=float)
-        if FEWEST <= len(knots) <= len(record.curve.knots):
+        before = len(record.curve.knots)
+        if min(FEWEST, before) <= len(knots) <= before:
             fresh = edited(record, moved(record.curve, knots))
             c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
             c.tell(HELP, "none")
         else:
-            c.say(f"Move knots, or delete them; {FEWEST} stay at least.")
+            c.say(f"Move or delete knots; at least {min(FEWEST, before)} must stay.")
             self._show()

@@ -179,7 +179,7 @@ class Saver(QObject):
             controller.drawing.start(image, every, over)
 
         def over() -> None:
-            said = f"Not all is resumed, and stays where it is: {' '.join(problems)}"
+            said = f"Some of it was not resumed (kept on disk): {' '.join(problems)}"
             controller.finish(said if problems else "", "failed")
             self.found.emit()
 
@@ -200,7 +200,7 @@ class Saver(QObject):
                 raise ValueError("the image was removed")
             controller.viewer.layers.append(layer)
             controller.choices.image, controller.choices.sketches = image, layer
-            if session.state.records:
+            if session.state.records or session.state.deleted:
                 controller.apply("", session.state)
         except Exception as error:
             _log.exception("Saved work could not be brought back")

@@ -185,7 +185,7 @@ class Head(_File):
             saved=datetime.now(UTC),
             sketches=len(drawn),
             curves=len(known),
-            frames=len({one.frame for one in (*drawn, *known)}),
+            frames=len({one.frame for one in (*drawn, *known)} - {EVERY}),
             after=after,
         )
 
@@ -266,19 +266,24 @@ class Folder:
     def write(self, session: Session, parent: Path | None = None) -> None:
         """Bring the files in step with a session."""
         files, known, numbers = _files_of(session), self._written, count(1)
+        if self.path and not self.path.parent.exists() and self.path.parent.parent.is_dir():
+            # Somebody has deleted or renamed the folder beside the image: all is written anew.
+            self.after, self.path = self.moved().after, None
+            known.clear()
         while self.path is None:
             path = (parent or Path()) / str(next(numbers))
             with suppress(FileExistsError):
                 path.mkdir(parents=True)
                 self._lock.enter_context(owned(path))
                 self.path = path
-        for name in filter(FRAME.fullmatch, [file.name for file in self.path.iterdir()]):
+        there = {file.name for file in self.path.iterdir()}
+        for name in filter(FRAME.fullmatch, there):
             stale = name.endswith("npz") and known.get(name) is not files.get(name)
             if stale or name not in files:
                 (self.path / name).unlink()
                 known.pop(name, None)
         for name, what in files.items():
-            if known.get(name) != what:
+            if known.get(name) != what or name not in there:
                 head = Head.of(session, self.after) if name == HEAD else None
                 _write(self.path / name, head or what)
                 known[name], self.head = what, head or self.head

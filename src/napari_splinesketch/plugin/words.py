@@ -30,7 +30,7 @@ EYES: dict[str, tuple[str, str]] = {
     "outlines": ("Outlines", "Show or hide the edges of the bodies, at the fitted width"),
     "reconstruction": ("Model", "Show or hide the image as the fitted model explains it"),
 }
-SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all that are open"}
+SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all unreviewed"}
 NUMBERS_SHOWN = 6  # most bodies or frames that are named
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # how a reason begins
 NO_CURVE = "No curve is selected: click one"
@@ -63,7 +63,7 @@ def button(plan: "Plan") -> str:
 def nothing(plan: "Plan", refined: bool, layer: str) -> str:
     """Say why a plan for a frame is empty, which has been `refined` or not."""
     if plan.decided:
-        return f"{_decided(plan)} Reopen or unlock first."
+        return f"{_decided(plan)} Reject or unlock first."
     if plan.scope == "selected":
         return "Nothing is selected in this frame: click a curve, or select a line."
     if not plan.drawn.lines:
@@ -88,7 +88,7 @@ def to_do(plan: "Plan") -> str:
         said.append(f"Not usable: {shapes}; draw lines, polylines or paths.")
     if plan.orphans:
         numbers = f"curve{'s' * (len(plan.orphans) > 1)} {_some(list(map(str, plan.orphans)))}"
-        said.append(f"Without a line any more, and kept until you delete: {numbers}.")
+        said.append(f"Kept without their line until you delete them: {numbers}.")
     return " ".join(said)
 
 

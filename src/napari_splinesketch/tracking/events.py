@@ -46,8 +46,10 @@ def parts(
 ) -> Parts | None:
     """Two parts that a body has divided into, if the image shows such where its curve is.
 
-    What shows others may show nothing of it.
+    What shows others may show nothing of it. Of a body of unknown width no gap is known.
     """
+    if not np.isfinite(body.half_width):
+        return None
     line = of_length(curve.points, BEYOND * curve.length)
     step = BEYOND * curve.length / (len(line) - 1)
     shows = binary_closing(seen(line), iterations=max(round(HOLE * body.half_width / step), 1))

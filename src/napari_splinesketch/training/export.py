@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 import tifffile
@@ -81,8 +81,10 @@ def export_training(
     Raises
     ------
     ValueError
-        Where there is nothing to train on.
+        Where there is nothing to train on, or a frame that is not there.
     """
+    if keep not in get_args(Keep):
+        raise ValueError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
     source = in_frames(labels if isinstance(labels, Labels) else open_labels(labels))
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
@@ -156,7 +158,10 @@ def _write_frames(
             if parts.get(frame, LEFT_OUT) == LEFT_OUT:
                 continue
             part, chosen = PARTS[parts[frame]], Chosen.of(curves, keep)
-            pixels, bodies = np.asarray(images[frame]), len(chosen.kept)
+            try:
+                pixels, bodies = np.asarray(images[frame]), len(chosen.kept)
+            except IndexError:
+                raise ValueError(f"the labels have a frame {frame}, and the images none") from None
             signs += _write(folder, frame, pixels, chosen)
             image = image or {"shape": list(pixels.shape), "dtype": str(pixels.dtype)}
             counts[part]["frames"] += 1
@@ -182,10 +187,11 @@ def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) 
         sd=np.stack([label.sd for label in chosen.kept]),
         curve=np.array([label.curve for label in chosen.kept]),
     )
-    inside, outside = image[mask > 0], image[(mask == 0) & ~ignored]
+    known = np.isfinite(image)
+    inside, outside = image[known & (mask > 0)], image[known & (mask == 0) & ~ignored]
     if not inside.size or not outside.size:
         return 0
-    return int(np.sign(float(np.nanmedian(inside)) - float(np.nanmedian(outside))))
+    return int(np.sign(float(np.median(inside)) - float(np.median(outside))))
 
 
 def file_name(frame: int) -> str:

@@ -18,7 +18,15 @@ from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
-from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
+from napari_splinesketch.plugin.model import (
+    Changes,
+    History,
+    Key,
+    Record,
+    State,
+    bytes_beside,
+    key_of,
+)
 from napari_splinesketch.plugin.sessions import Folder
 
 WORKS = "_splinesketch_works"
@@ -143,7 +151,7 @@ class Work:
     @property
     def selected(self) -> tuple[Record, ...]:
         """The curves that are selected."""
-        known = self.state.by_key
+        known = {key_of(record): record for record in self.records}
         return tuple(known[key] for key in self.selection if key in known)
 
     @property
@@ -246,6 +254,11 @@ class Work:
         prints = {self._suggested[one].tobytes() for one in suggestions if one in self._suggested}
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
+
+    def touched(self) -> list[model.Suggestion]:
+        """Say which of the suggested lines were drawn, and are there no longer as they were."""
+        data = {np.float32(shape).tobytes() for shape in self.sketches.data}
+        return [one for one, line in self._suggested.items() if line.tobytes() not in data]
 
     def _suggest(self) -> Iterator[object]:
         layer, wanted = self.sketches, self.state.suggestions
