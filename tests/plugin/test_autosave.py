@@ -229,7 +229,7 @@ def test_damaged_work_never_stops_the_dock(
     again = add_dock(other)
     until(lambda: again.offer.isVisible(), SOON)
     click(again.offer.resume)
-    until(lambda: "stays where it is" in again.notice.text(), SOON)
+    until(lambda: "kept on disk" in again.notice.text(), SOON)
     assert page.stat().st_size == 300
     head.write_text("{", encoding="utf-8")
     third = ViewerModel()

@@ -1,5 +1,7 @@
 """Cutting, joining, lengthening and turning curves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -116,3 +118,13 @@ def test_the_nearest_point() -> None:
 def test_the_width_of_a_body() -> None:
     curve = bent()
     assert shaping.body_width(curve) == pytest.approx(4, abs=0.2)
+
+
+def test_where_one_of_two_has_no_width_it_is_that_of_the_other() -> None:
+    one, two = shaping.split(bent(), 40)
+    unknown = replace(
+        one, half_width=np.full(100, np.nan), knots=one.knots * [1, 1, np.nan], status="failed"
+    )
+    whole = shaping.joined(unknown, two)
+    assert np.isfinite(whole.half_width).all()
+    assert np.isfinite(whole.knots).all()

@@ -170,6 +170,43 @@ def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
     assert np.round(gone, 2).tobytes() in {np.round(line, 2).tobytes() for line in drawn(layer)}
 
 
+def test_the_slider_never_brings_back_what_was_moved_or_deleted(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
+    usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
+    layer.data = [moved + 4, *drawn(layer)[2:]]
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    until(lambda: layer.nshapes < usual, 20)
+    until(lambda: not dock.controller.drawing.runs, 20)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > usual, 20)
+    until(lambda: not dock.controller.drawing.runs, 20)
+    lines = {np.round(line, 2).tobytes() for line in drawn(layer)}
+    assert not {np.round(line, 2).tobytes() for line in (gone, moved)} & lines
+    assert np.round(moved + 4, 2).tobytes() in lines
+
+
+def test_the_slider_is_no_part_of_a_step_in_another_frame(
+    viewer: Any, dock: SplinesketchDock, film: np.ndarray
+) -> None:
+    viewer.add_image(film, name="worms")
+    press_suggest(dock)
+    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
+    first = layer.nshapes
+    viewer.dims.set_point(0, 1)
+    press_suggest(dock)
+    click(dock.undo)
+    until(lambda: layer.nshapes == first, 20)
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    until(lambda: layer.nshapes > first, 20)
+    until(lambda: not dock.controller.drawing.runs, 20)
+    click(dock.undo)
+    until(lambda: layer.nshapes == first, 20)
+
+
 def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(
     viewer: Any, dock: SplinesketchDock, film: np.ndarray
 ) -> None:

@@ -39,6 +39,11 @@ def test_nothing_divides_where_something_lies_on_a_body() -> None:
     assert not any("divided" in why for r in tracked(made) for why in r.missing.values())
 
 
+def test_a_body_of_unknown_width_has_no_parts() -> None:
+    unknown = replace(curve(LINE), half_width=np.full(100, np.nan))
+    assert parts(Body(7, ((0, unknown),)), unknown, (), lambda line: np.ones(len(line))) is None
+
+
 def test_parts_are_longer_with_their_gap_and_show_nothing_in_between() -> None:
     body = Body(7, ((0, curve(LINE)),))
 
