@@ -81,11 +81,14 @@ def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
     style, place = line_style(space.size_of(image)), space.placement(image)
     if flat and image.ndim > 2:
-        place = {key: value[-2:] for key, value in place.items() if key in ALONG_AXES} | {
-            "rotate": image.rotate[-2:, -2:],
-            "shear": image.shear[-1:],  # of the upper triangle, row by row
-            "affine": image.affine.affine_matrix[-3:, -3:],
-        }
+        place = (
+            {key: value[-2:] for key, value in place.items() if key in ALONG_AXES}
+            | {
+                "rotate": image.rotate[-2:, -2:],
+                "shear": image.shear[-1:],  # of the upper triangle, row by row
+                "affine": image.affine.affine_matrix[-3:, -3:],
+            }
+        )
     layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place)
     layer.current_edge_color = style["edge_color"]
     layer.current_edge_width = style["edge_width"]
