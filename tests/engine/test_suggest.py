@@ -61,6 +61,7 @@ def test_transposed_images_give_transposed_lines(crowd: np.ndarray) -> None:
     assert len(on(turned, suggest(part), FOUND)) > 8
 
 
+@pytest.mark.slow
 def test_sensitivity_finds_what_is_faint(crowd: np.ndarray) -> None:
     part, inside = crowd[:256, :256], np.array([[3.0, 3], [252, 252]])
     clear = [

@@ -32,6 +32,7 @@ def draw(theta: np.ndarray) -> np.ndarray:
     return np.asarray(render(theta, PIXELS, *NOTHING, BASIS)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [LINE, BEND], ids=["straight", "bent"])
 def test_nearest_points_are_nearest(line, monkeypatch):
     """A body as bright as its distance from each pixel, and one as bright as the point is far."""

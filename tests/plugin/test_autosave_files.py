@@ -91,7 +91,7 @@ def test_everything_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert same(again.state, written.state)
     held = summary(tmp_path / "new" / "1")
     assert held is not None
-    assert (held.sketches, held.curves, held.frames) == (3, 2, 2)
+    assert (held.sketches, held.curves, held.frames) == (3, 2, 1)
     assert held.image["sha256"] == "ab"
 
 

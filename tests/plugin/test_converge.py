@@ -30,6 +30,7 @@ def walking(viewer: Any, dock: SplinesketchDock, fake: FakeEngine) -> Any:
     return layer
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_they_move_until_the_results_are_there(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, walking: Any

@@ -186,6 +186,7 @@ def test_splitting_joining_and_deleting(
     assert controller.work and controller.work.history.done == "Refine 2 curves"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_an_end_is_extended_and_refined(
     viewer: Any, dock: SplinesketchDock, hand: Hand, fake: FakeEngine

@@ -111,7 +111,7 @@ def test_refining_again_updates_in_place(viewer: Any, dock: SplinesketchDock) ->
     np.testing.assert_allclose(curves.data[1][[0, -1]], LINES[1][[0, -1]] + 3)
     layer.selected_data = {1}
     layer.remove_selected()
-    assert "kept until you delete: curve 1." in dock.hint.text()
+    assert "Kept without their line until you delete them: curve 1." in dock.hint.text()
     refine_all(dock)
     assert list(curves.features["id"]) == [1, 2, 3], "nothing is dropped silently"
     assert len(outlines(viewer.layers["cells outlines"])) == 3

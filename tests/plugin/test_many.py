@@ -19,6 +19,7 @@ from .hand import assert_drawn, click, refine, until
 VIEW = View(0, np.zeros(2), np.full(2, 200.0), np.full(2, 0.5))
 
 
+@pytest.mark.slow
 def test_many_curves_come_and_go_a_few_at_a_time(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

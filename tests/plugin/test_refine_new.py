@@ -55,6 +55,7 @@ def test_new_lines_join_the_finished_ones(
     assert [len(call["lines"]) for call in fake.calls] == [2, 1, 2, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_lines_are_refined_as_they_are_drawn(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
@@ -106,6 +107,7 @@ def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     assert len(dock.controller.records()) == 3, "a body beside it, not the same"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_a_path_that_is_given_up_leaves_nothing_behind(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

@@ -139,6 +139,7 @@ def test_one_hand_reviews_the_worst_first(
     assert "No curve is left to review" in dock.notice.text()
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_the_table_goes_elsewhere(
     viewer: Any,
@@ -213,6 +214,7 @@ def test_the_panel_closes_and_comes_back(
     assert not dock.review.isVisible()
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_a_row_of_another_frame_goes_there(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

@@ -76,6 +76,7 @@ def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
     until(lambda: layer.nshapes == count + 2, 20)
 
 
+@pytest.mark.slow
 def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_suggested(
     viewer: Any, dock: SplinesketchDock
 ) -> None:
@@ -144,6 +145,7 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
     assert not dock.undo.isEnabled(), "however far it was moved, it is one step"
 
 
+@pytest.mark.slow
 def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
     viewer: Any, dock: SplinesketchDock
 ) -> None:

@@ -186,6 +186,7 @@ def test_closing_the_window(
     QTest.qWait(100)
 
 
+@pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_closing_the_window_while_results_are_drawn(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any

@@ -25,6 +25,7 @@ def press(viewer: Any, key: Any, modifiers: Any = Qt.KeyboardModifier.NoModifier
     QTest.keyClick(canvas(viewer), key, modifiers)
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: SplinesketchDock) -> None:
     sketches = sketched(viewer)
@@ -82,6 +83,7 @@ def test_other_layers_keep_their_own_undo(viewer: Any, dock: SplinesketchDock) -
     assert viewer.layers["cells curves"].nshapes == 2, "a dock that is closed hears no keys"
 
 
+@pytest.mark.slow
 @pytest.mark.window
 def test_the_selection_is_the_same_everywhere(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine

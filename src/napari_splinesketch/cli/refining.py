@@ -1,6 +1,7 @@
 """Refining the frames of an image or film, without losing any."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,10 +34,16 @@ def run(job: RefineJob, report: Report) -> Outcome:
         work.count, work.alike = len(sketches.frames), bool(job.masks or job.reconstruction)
         options = {name: getattr(job, name) for name in OPTIONS}
         kept = job.reconstruction is not None
-        refiners = (Refiner(labels, options, kept) for labels in sketches.read())
-        work.shared(job, ((refiner.sketches[0].frame, refiner) for refiner in refiners))
+        said = Counter[bool]()
+
+        def refiners() -> Iterator[Refiner]:
+            for labels in sketches.read():
+                said.update(map(is_judged, labels))
+                yield Refiner(labels, options, kept)
+
+        work.shared(job, ((refiner.sketches[0].frame, refiner) for refiner in refiners()))
         nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
-        notes = *sketches.head.notes, *nothing, *judged(sketches.labels)
+        notes = *sketches.head.notes, *nothing, *judged(said[True])
         outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
             overwrite = job.overwrites(job.masks)
@@ -47,9 +54,13 @@ def run(job: RefineJob, report: Report) -> Outcome:
     return outcome
 
 
-def judged(lines: Iterable[Label]) -> Iterator[str]:
-    """Say what becomes of what somebody has said of the lines."""
-    number = sum(line.review != "open" or line.locked for line in lines)
+def is_judged(line: Label) -> bool:
+    """Tell whether somebody has reviewed or locked a line."""
+    return line.review != "open" or line.locked
+
+
+def judged(number: int) -> Iterator[str]:
+    """Say what becomes of lines that somebody has reviewed or locked."""
     if number:
         yield f"{number} of the lines were reviewed or locked; they are refined again, and open"
 

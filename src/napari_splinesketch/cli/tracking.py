@@ -11,7 +11,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import FrameDone
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
 from napari_splinesketch.cli.jobs import TrackJob
-from napari_splinesketch.cli.refining import judged
+from napari_splinesketch.cli.refining import is_judged, judged
 from napari_splinesketch.cli.run import Outcome, Run, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
@@ -46,7 +46,7 @@ def run(job: TrackJob, report: Report) -> Outcome:
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
-        return work.write(frames, (*sketches.notes, *judged(sketches.labels)))
+        return work.write(frames, (*sketches.notes, *judged(sum(map(is_judged, sketches.labels)))))
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
