@@ -44,7 +44,7 @@ def test_new_lines_join_the_finished_ones(
     layer.mode = "select"
     layer.selected_data = {0}
     assert not dock.refine.isEnabled()
-    assert "an accepted or locked curve. Reopen" in dock.hint.text()
+    assert "an accepted or locked curve. Reject or unlock" in dock.hint.text()
     layer.selected_data = set()
     choose(dock, "Refine all")
     until(lambda: not dock.controller.progress, 20)
