@@ -211,13 +211,14 @@ def test_frames_that_a_power_cut_has_damaged_are_done_again(
     assert len(read_labels("labels.csv").labels) == 4
 
 
+def full(*arguments: object, **options: object) -> None:
+    raise OSError(28, "No space left on device", "r.tif")
+
+
 def test_a_run_whose_second_output_failed_is_resumed(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outputs = ("--masks", "m.tif", "--reconstruction", "r.tif")
-
-    def full(*arguments: object, **options: object) -> None:
-        raise OSError(28, "No space left on device", "r.tif")
 
     with monkeypatch.context() as patched:
         patched.setattr(refining, "write_reconstruction", full)
@@ -240,9 +241,6 @@ def test_an_output_that_somebody_has_changed_meanwhile_is_kept(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def full(*arguments: object, **options: object) -> None:
-        raise OSError(28, "No space left on device", "r.tif")
-
     monkeypatch.setattr(refining, "write_reconstruction", full)
     assert refine("--reconstruction", "r.tif") == 2
     Path("labels.csv").write_text("mine")

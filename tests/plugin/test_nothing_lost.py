@@ -454,11 +454,8 @@ def test_a_folder_that_is_deleted_or_renamed_is_written_anew(
     home: Path, tmp_path: Path, renamed: bool
 ) -> None:
     path = tmp_path / "worms.tif"
-    tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))
     with bench() as first:
-        first.viewer.add_layer(from_file(path))
-        first.sketches()
-        first.refine()
+        begin_on(first, path)
         first.saver.flush()
         (beside,) = tmp_path.glob("*.splinesketch")
         if renamed:
@@ -492,11 +489,8 @@ def test_work_in_a_folder_that_is_read_only_by_now_goes_on_elsewhere(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "worms.tif"
-    tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))
     with bench() as first:
-        first.viewer.add_layer(from_file(path))
-        first.sketches()
-        first.refine()
+        begin_on(first, path)
     (beside,) = tmp_path.glob("*.splinesketch")
     before = {file: file.read_bytes() for file in saved_files(beside)}
     real, access = folder.owned, os.access
@@ -557,6 +551,14 @@ def test_an_image_whose_name_is_no_text_is_saved(home: Path, tmp_path: Path) -> 
         again.viewer.add_layer(from_file(path))
         again.resume()
         assert len(again.controller.records()) == 2
+
+
+def begin_on(made: Bench, path: Path) -> None:
+    """Write an image, open it, sketch two bodies and refine them."""
+    tifffile.imwrite(path, np.random.default_rng(0).random((96, 128), np.float32))
+    made.viewer.add_layer(from_file(path))
+    made.sketches()
+    made.refine()
 
 
 def from_file(path: Path) -> Image:

@@ -145,15 +145,25 @@ def test_the_slider_previews_as_it_moves_without_looking_at_the_image_again(
     assert not dock.undo.isEnabled(), "however far it was moved, it is one step"
 
 
+def deleted_and_moved(viewer: Any, dock: SplinesketchDock) -> tuple[Any, int, Any, Any]:
+    """Suggest lines, and delete the first and move the second; gives how many and which they were.
+
+    First comes their layer.
+    """
+    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
+    press_suggest(dock)
+    layer = viewer.layers["worms sketches"]
+    usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
+    layer.data = [moved + 4, *drawn(layer)[2:]]
+    return layer, usual, gone, moved
+
+
 @pytest.mark.slow
 def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
     viewer: Any, dock: SplinesketchDock
 ) -> None:
-    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
-    press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
-    usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
-    layer.data = [moved + 4, *drawn(layer)[2:]]
+    layer, usual, gone, moved = deleted_and_moved(viewer, dock)
+    slider = dock.sensitivity
     viewer.layers.selection.active, layer.mode, layer.selected_data = layer, "select", {2, 3}
     refine(dock)
     QTest.keyClick(slider, Qt.Key.Key_End)
@@ -175,11 +185,8 @@ def test_the_slider_leaves_alone_what_was_refined_moved_or_deleted(
 def test_the_slider_never_brings_back_what_was_moved_or_deleted(
     viewer: Any, dock: SplinesketchDock
 ) -> None:
-    viewer.add_image(load_sample("worms_swimming")[0][0], name="worms")
-    press_suggest(dock)
-    layer, slider = viewer.layers["worms sketches"], dock.sensitivity
-    usual, (gone, moved, *_) = layer.nshapes, drawn(layer)
-    layer.data = [moved + 4, *drawn(layer)[2:]]
+    layer, usual, gone, moved = deleted_and_moved(viewer, dock)
+    slider = dock.sensitivity
     QTest.keyClick(slider, Qt.Key.Key_Home)
     until(lambda: layer.nshapes < usual, 20)
     until(lambda: not dock.controller.drawing.runs, 20)

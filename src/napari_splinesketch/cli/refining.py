@@ -12,7 +12,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import Found
 from napari_splinesketch.batch.reports import CurveReport, Reports
 from napari_splinesketch.cli.jobs import RefineJob
-from napari_splinesketch.cli.run import Outcome, Run, open_run
+from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
@@ -52,17 +52,6 @@ def run(job: RefineJob, report: Report) -> Outcome:
         if outcome.labels.head.shape is not None:  # a frame could be refined
             _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
     return outcome
-
-
-def is_judged(line: Label) -> bool:
-    """Tell whether somebody has reviewed or locked a line."""
-    return line.review != "open" or line.locked
-
-
-def judged(number: int) -> Iterator[str]:
-    """Say what becomes of lines that somebody has reviewed or locked."""
-    if number:
-        yield f"{number} of the lines were reviewed or locked; they are refined again, and open"
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.files import checksum_of_file
 from napari_splinesketch.images.frames import Frames, checksum, open_frames
-from napari_splinesketch.labels import Labels, table
+from napari_splinesketch.labels import Label, Labels, table
 from napari_splinesketch.labels.formats import writer_of
 from napari_splinesketch.labels.types import ByFrame
 
@@ -168,6 +168,17 @@ class Run:
 
 def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
     return ((str(done.frame), done.sha256) for done in reports if done.sha256)
+
+
+def is_judged(line: Label) -> bool:
+    """Tell whether somebody has reviewed or locked a line."""
+    return line.review != "open" or line.locked
+
+
+def judged(number: int) -> Iterator[str]:
+    """Say what becomes of lines that somebody has reviewed or locked."""
+    if number:
+        yield f"{number} of the lines were reviewed or locked; they are refined again, and open"
 
 
 @contextmanager

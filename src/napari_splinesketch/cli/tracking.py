@@ -11,8 +11,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import FrameDone
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
 from napari_splinesketch.cli.jobs import TrackJob
-from napari_splinesketch.cli.refining import is_judged, judged
-from napari_splinesketch.cli.run import Outcome, Run, open_run
+from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.images.frames import Frames, ImageError, checksum

@@ -119,7 +119,6 @@ class Controller(Keeper):
             try:
                 done(outcome)
             except Exception as error:
-                _log.exception("What came of it could not be taken over")
                 self._on_not_shown(error)
 
         def failed(message: str) -> None:
@@ -271,6 +270,7 @@ class Controller(Keeper):
         self.changes.progress.emit()
 
     def _on_not_shown(self, error: Exception) -> None:
+        _log.error("The results could not be shown", exc_info=error)
         self.finish(f"The results could not be shown. {error}", "failed")
 
     def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:

@@ -15,7 +15,15 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.model import Key, Line, Record, State, by_frame, key_of, new_among
+from napari_splinesketch.plugin.model import (
+    Key,
+    Record,
+    State,
+    Suggestion,
+    by_frame,
+    key_of,
+    new_among,
+)
 from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
@@ -38,7 +46,7 @@ class Suggestions:
         self._controller = controller
         # Work and frame of the last lines, and what others are chosen from when the slider moves.
         self._last: Any = None
-        self._refused: list[Line] = []  # lines of the last that the user has moved or deleted
+        self._refused = set[Suggestion]()  # of the last, what the user has moved or deleted
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def suggest(self) -> None:
@@ -66,7 +74,7 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last, self._refused = (work, frame, found), []
+        self._last, self._refused = (work, frame, found), set()
         self._put(work.state.suggested(frame, ()), self._step, self._controller.finish)
 
     def _choose(self) -> None:
@@ -86,9 +94,9 @@ class Suggestions:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
         work, frame, found = self._last
         if work not in self._controller.drawing.runs:  # all that was suggested is drawn
-            self._refused += [one.line for one in work.touched() if one.frame == frame]
+            self._refused |= {one for one in work.touched() if one.frame == frame}
         chosen = found.choose(self.sensitivity)
-        new = new_among(chosen, self._refused)
+        new = new_among(chosen, [one.line for one in self._refused])
         chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
         state = before.suggested(frame, chosen)
         refined = before.suggested(frame, ()).suggestions

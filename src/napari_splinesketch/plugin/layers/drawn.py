@@ -25,7 +25,6 @@ CHUNK = 50  # shapes added at once: napari takes about as long for one of them a
 CLICK = 4.0  # px of the screen: a mouse that moves less while it is pressed has clicked
 FADED = 0.3  # how opaque a line is that has become a curve
 COLOUR = palette.SKETCH
-ALONG_AXES = ("scale", "translate", "units", "axis_labels")  # of a layer: a value for each axis
 SUFFIX = " sketches"  # what the name of a new layer ends with; layers of results drop it
 
 
@@ -81,14 +80,10 @@ def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
     style, place = line_style(space.size_of(image)), space.placement(image)
     if flat and image.ndim > 2:
-        place = (
-            {key: value[-2:] for key, value in place.items() if key in ALONG_AXES}
-            | {
-                "rotate": image.rotate[-2:, -2:],
-                "shear": image.shear[-1:],  # of the upper triangle, row by row
-                "affine": image.affine.affine_matrix[-3:, -3:],
-            }
-        )
+        place = {key: place[key][-2:] for key in ("scale", "translate", "units", "axis_labels")}
+        place["rotate"] = image.rotate[-2:, -2:]
+        place["shear"] = image.shear[-1:]  # of the upper triangle, row by row
+        place["affine"] = image.affine.affine_matrix[-3:, -3:]
     layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place)
     layer.current_edge_color = style["edge_color"]
     layer.current_edge_width = style["edge_width"]

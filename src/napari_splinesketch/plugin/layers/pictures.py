@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -39,7 +38,6 @@ STYLES: dict[type[Layer], dict[str, Any]] = {
 """How layers of a kind look unless something else is said: points are there for their text."""
 Film = Sequence[tuple[int, Patch]]  # by frame
 Pixels = Callable[[int, Patch], Picture]
-_log = logging.getLogger(__name__)
 DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995  # share of the residuals that the colours span
@@ -187,7 +185,6 @@ class Drawing:
             for last in self.runs.pop(key)[1]:
                 last()
         except Exception as error:
-            _log.exception("The results could not be shown")
             self.runs.pop(key, None)
             self._failed(error)
         else:

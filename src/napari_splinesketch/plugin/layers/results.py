@@ -18,15 +18,7 @@ from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
-from napari_splinesketch.plugin.model import (
-    Changes,
-    History,
-    Key,
-    Record,
-    State,
-    bytes_beside,
-    key_of,
-)
+from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
 from napari_splinesketch.plugin.sessions import Folder
 
 WORKS = "_splinesketch_works"
@@ -151,8 +143,8 @@ class Work:
     @property
     def selected(self) -> tuple[Record, ...]:
         """The curves that are selected."""
-        known = {key_of(record): record for record in self.records}
-        return tuple(known[key] for key in self.selection if key in known)
+        known, frames = self.state.by_key, space.frame_count(self.image)
+        return tuple(known[key] for key in self.selection if key in known and key[0] < frames)
 
     @property
     def unfit(self) -> list[Slot]:
