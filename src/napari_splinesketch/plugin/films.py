@@ -12,18 +12,10 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch import tracking
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin import engine, model, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.model import (
-    Key,
-    Record,
-    State,
-    Suggestion,
-    by_frame,
-    key_of,
-    new_among,
-)
+from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
 from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
@@ -46,7 +38,8 @@ class Suggestions:
         self._controller = controller
         # Work and frame of the last lines, and what others are chosen from when the slider moves.
         self._last: Any = None
-        self._refused = set[Suggestion]()  # of the last, what the user has moved or deleted
+        # Of the last, what the user has moved or deleted.
+        self._refused = dict[model.Marked, model.Line]()
         self._soon = qdebounced(self._choose, PREVIEW_AFTER_MS)
 
     def suggest(self) -> None:
@@ -59,7 +52,7 @@ class Suggestions:
         frame = c.frame
         # Drawn by hand or refined: these bodies need no suggestion.
         left = work.state.suggested(frame, ()).suggestions
-        old = work.positions(set(work.state.suggestions).difference(left))
+        old = work.positions(work.state.suggestions.keys() - left)
         pairs = zip(c.drawn.lines, c.drawn.numbers, strict=True)
         mine = [line for line, position in pairs if position not in old]
         corners = np.array([[0.0, 0.0], np.subtract(space.size_of(image), 1)])
@@ -74,7 +67,7 @@ class Suggestions:
             self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
-        self._last, self._refused = (work, frame, found), set()
+        self._last, self._refused = (work, frame, found), {}
         self._put(work.state.suggested(frame, ()), self._step, self._controller.finish)
 
     def _choose(self) -> None:
@@ -94,18 +87,19 @@ class Suggestions:
         """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
         work, frame, found = self._last
         if work not in self._controller.drawing.runs:  # all that was suggested is drawn
-            self._refused |= {one for one in work.touched() if one.frame == frame}
+            there, moved = work.state.suggestions.items(), work.touched()
+            self._refused |= {m: line for m, line in there if m in moved and m[0] == frame}
         chosen = found.choose(self.sensitivity)
-        new = new_among(chosen, [one.line for one in self._refused])
+        new = model.new_among(chosen, [*self._refused.values()])
         chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
         state = before.suggested(frame, chosen)
         refined = before.suggested(frame, ()).suggestions
 
         def over() -> None:
-            there = work.positions(set(state.suggestions).difference(refined))
+            there = work.positions(state.suggestions.keys() - refined)
             tell(words.suggested(len(there)))
 
-        if state.suggestions != work.state.suggestions:
+        if state.suggestions.keys() != work.state.suggestions.keys():
             self._controller.apply(what, state, over, work)
         else:
             over()

@@ -23,6 +23,7 @@ T = TypeVar("T")
 A = ParamSpec("A")
 Line = Float[np.ndarray, "N 2"]
 Key = tuple[int, int]  # (frame, id) of a record
+Marked = tuple[int, bytes]  # (frame, print) of a line
 
 SAME = 2  # decimals of a pixel to which a line is the same as before
 SAMPLES = 16  # points at which two lines are compared
@@ -76,14 +77,6 @@ class Record:
     def usable(self) -> bool:
         """Whether it says where a body is."""
         return self.curve.status != "failed" and self.review != "rejected"
-
-
-@dataclass(frozen=True, eq=False)
-class Suggestion:
-    """A sketch of a frame that nobody has drawn, px."""
-
-    frame: int
-    line: Line
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +202,7 @@ class State:
     """The curves of an image and what came with them: what the user may want to take back."""
 
     records: tuple[Record, ...] = ()
-    suggestions: tuple[Suggestion, ...] = ()
+    suggestions: Mapping[Marked, Line] = field(default_factory=dict)  # that nobody has drawn, px
     deleted: tuple[Record, ...] = ()  # the latest is last; their lines are not refined again
     patches: Mapping[int, Patch] = field(default_factory=dict)  # by frame, the latest is last
     notes: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
@@ -257,14 +250,11 @@ class State:
     def suggested(self, frame: int, lines: Sequence[Line]) -> "State":
         """Suggest lines in a frame, in the place of those that have not become curves."""
         there = [record for record in (*self.records, *self.deleted) if record.frame == frame]
-        refined = set(map(print_of_sketch, there))
-        prints = prints_of([one.line for one in self.suggestions])
-        known = {(one.frame, p): one for one, p in zip(self.suggestions, prints, strict=True)}
-        kept = {key: one for key, one in known.items() if key[0] != frame or key[1] in refined}
-        keys = [(frame, printed) for printed in prints_of(lines)]
-        pairs = zip(keys, lines, strict=True)
-        wanted = {key: known.get(key) or Suggestion(frame, line) for key, line in pairs}
-        return replace(self, suggestions=tuple((kept | wanted).values()))
+        refined = {(frame, print_of_sketch(record)) for record in there}
+        known = self.suggestions.items()
+        kept = {mark: line for mark, line in known if mark[0] != frame or mark in refined}
+        new = {(frame, p): line for p, line in zip(prints_of(lines), lines, strict=True)}
+        return replace(self, suggestions=kept | new)
 
     def refined(self, frame: int, fresh: Collection[Record], refined: Refined) -> "State":
         """Take in the refinement of some curves of a frame."""

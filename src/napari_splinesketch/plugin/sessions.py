@@ -344,7 +344,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
     records: Any = [record for page in pages.values() for record in page.records]
     deleted: Any = [record for page in pages.values() for record in page.deleted]
     notes = {frame: page.notes for frame, page in pages.items() if page.notes}
-    state = State(tuple(records), (), tuple(deleted), patches, notes)
+    state = State(tuple(records), {}, tuple(deleted), patches, notes)
     return Session(head.layer, head.image, drawn, state), tuple(problems)
 
 

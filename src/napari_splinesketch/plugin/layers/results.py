@@ -111,7 +111,7 @@ class Work:
         self.history: History[State] = History(State(), bytes_beside)
         self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
-        self._suggested: dict[model.Suggestion, np.ndarray] = {}
+        self._suggested: dict[model.Marked, np.ndarray] = {}
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self._busy = False
@@ -241,22 +241,22 @@ class Work:
                 slot.veiled, slot.layer.visible = False, True
                 yield
 
-    def positions(self, suggestions: Collection[model.Suggestion]) -> list[int]:
+    def positions(self, marked: Collection[model.Marked]) -> list[int]:
         """Say where among the sketches lines are that were suggested, and not touched."""
-        prints = {self._suggested[one].tobytes() for one in suggestions if one in self._suggested}
+        prints = {self._suggested[one].tobytes() for one in marked if one in self._suggested}
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
-    def touched(self) -> list[model.Suggestion]:
+    def touched(self) -> set[model.Marked]:
         """Say which of the suggested lines were drawn, and are there no longer as they were."""
         data = {np.float32(shape).tobytes() for shape in self.sketches.data}
-        return [one for one, line in self._suggested.items() if line.tobytes() not in data]
+        return {one for one, line in self._suggested.items() if line.tobytes() not in data}
 
     def _suggest(self) -> Iterator[object]:
         layer, wanted = self.sketches, self.state.suggestions
         if layer not in self.viewer.layers:
             return
-        gone = set(self._suggested).difference(wanted)
+        gone = self._suggested.keys() - wanted
         old = self.positions(gone)
         for one in gone:
             del self._suggested[one]
@@ -265,7 +265,7 @@ class Work:
             layer.remove(old)
             yield
         if fresh := [one for one in wanted if one not in self._suggested]:
-            places = [space.in_stack(self.image, one.frame, one.line) for one in fresh]
+            places = [space.in_stack(self.image, one[0], wanted[one]) for one in fresh]
             place = partial(space.to_pixels, self.viewer, self.image, layer)
             shapes = model.changed(places, lambda points: place(points).astype(np.float32))
             self._suggested |= dict(zip(fresh, shapes, strict=True))
