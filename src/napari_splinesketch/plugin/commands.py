@@ -12,9 +12,8 @@ from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
 from napari_splinesketch.plugin.layers.looks import severity
-from napari_splinesketch.plugin.layers.space import from_world, look_at
+from napari_splinesketch.plugin.layers.space import from_world, look_at, plane_problem
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
-from napari_splinesketch.plugin.plan import view_problem
 
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
@@ -205,7 +204,8 @@ COMMANDS = (
     Command("next", "Next", "N", judge, "Go on to the next curve to review", "review",
             problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
-            "Draw a line over each body that stands out in this frame", problem=view_problem),
+            "Draw a line over each body that stands out in this frame",
+            problem=lambda c: plane_problem(c.viewer, c.choices.image)),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),

@@ -22,12 +22,11 @@ from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_f
 from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.knots import KnotEditing
-from napari_splinesketch.plugin.layers import drawn
+from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import WORKS, Work
-from napari_splinesketch.plugin.layers.space import block_around, frame_count, go_to_frame
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
-from napari_splinesketch.plugin.plan import Plan, Scope, make_plan, request
+from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
 SAVING = "Saving"
 _log = logging.getLogger(__name__)
@@ -36,8 +35,6 @@ KNOWN_AFTER = 2.0  # seconds after which the time that is left is worth a guess
 
 class Controller(Keeper):
     """Does what the user asks for; widgets show what came of it."""
-
-    request = request
 
     def __init__(self, viewer: ViewerModel):
         self.drawing = Drawing(self._on_not_shown)
@@ -67,6 +64,27 @@ class Controller(Keeper):
         # Later: napari is still busy with the line.
         self.changes.drawn.connect(lambda: QTimer.singleShot(0, self._on_drawn))
 
+    def request(self, scope: Scope = "new") -> Plan:
+        """Say what Refine would do now; selected lines go before those that are new."""
+        image, layer, marked = self.choices.image, self.choices.sketches, frozenset[int]()
+        problem = space.plane_problem(self.viewer, image)
+        if problem or layer is None:
+            return Plan(problem=problem or words.BEGIN)
+        frame, lines = self.frame, self.drawn
+        about_curves = scope == "selected" and any(key[0] == frame for key in self.selection)
+        if layer is self.viewer.layers.selection.active and not about_curves and scope != "all":
+            marked = drawn.selected_in(layer)
+        chosen = frozenset([i for i, number in enumerate(lines.numbers) if number in marked])
+        if marked:
+            scope = "selected"
+            if not chosen:
+                return Plan(scope, drawn=lines, problem=words.NO_LINE)
+        asked = () if scope == "new" else self.selection
+        plan = self.plan(self.state, frame, lines, scope, chosen, asked)
+        if plan.targets:
+            return plan
+        return replace(plan, problem=words.nothing(plan, bool(self.records(frame)), layer.name))
+
     def refine(self, scope: Scope = "new") -> None:
         """Refine what `request` says, in a thread; the curve alone whose knots are shown."""
         if self.knots:
@@ -84,7 +102,7 @@ class Controller(Keeper):
             self._told.add(image)
             show_info(f"{image.name} is in colour: its luminance is used.")
         lines = tuple(target.start for target in wanted.targets)
-        block = block_around(image, wanted.frame, lines)
+        block = space.block_around(image, wanted.frame, lines)
         run = partial(engine.run, block, lines, wanted.fixed, self.how(image))
 
         def see(progress: Progress) -> None:
@@ -129,7 +147,7 @@ class Controller(Keeper):
         self.progress = Progress("starting", 0.0)
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
-        self._frames = frame_count(on.image) if on else 0
+        self._frames = space.frame_count(on.image) if on else 0
         self._job = engine.Job(work)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
@@ -186,18 +204,15 @@ class Controller(Keeper):
 
     def draw(self, *, or_select: bool = False) -> None:
         """Draw lines into the chosen layer, or a new one; or, while drawing, select curves."""
-        layer, curves = self.choices.sketches, self.work and self.work.layer("curves")
+        image, layer = self.choices.image, self.choices.sketches
+        curves = self.work and self.work.layer("curves")
         if layer is None:
-            self.new_sketches()
+            if image is not None:
+                drawn.new_sketch_layer(self.viewer, image)
         elif or_select and curves is not None and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
         else:
             drawn.begin_drawing(layer, self.viewer)
-
-    def new_sketches(self) -> None:
-        """Add a layer of sketches that lies on the image, ready for drawing."""
-        if self.choices.image is not None:
-            drawn.new_sketch_layer(self.viewer, self.choices.image)
 
     def export(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write the curves of all frames to a file, whose ending says the format, in a thread."""
@@ -237,16 +252,16 @@ class Controller(Keeper):
 
     def _on_inserted(self, event: Any) -> None:
         image, layer = self.choices.image, self.choices.sketches
-        if image is None or self.records() or frame_count(image) < 2:
+        if image is None or self.records() or space.frame_count(image) < 2:
             return
         if event.value is image and len(self.viewer.layers) == 1:
-            go_to_frame(self.viewer, image, 0)
+            space.go_to_frame(self.viewer, image, 0)
         elif event.value is layer and layer is not None and layer.nshapes:
             frames = [frame for frame, _ in drawn.shapes_in(self.viewer, layer, image)]
-            go_to_frame(self.viewer, image, min(frames))
+            space.go_to_frame(self.viewer, image, min(frames))
 
     def _on_edited(self) -> None:
-        if self._on and frame_count(self._on.image) != self._frames:
+        if self._on and space.frame_count(self._on.image) != self._frames:
             name = self._on.image.name
             self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
         if self.work and self.work.unfit:

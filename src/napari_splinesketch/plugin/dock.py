@@ -23,7 +23,7 @@ from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import open_tables
-from napari_splinesketch.plugin.layers.space import frame_count
+from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
 from napari_splinesketch.plugin.saver import Saver
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ class SplinesketchDock(qt.QWidget):
             each.setVisible(bool(records))
         self.eyes.show_state()
         self.review.setVisible(bool(records) or self.panel is not None)
-        look = controller.settings.colour_by, controller.ruler
+        look = controller.settings.colour_by, ruler_of(controller.choices.image)
         self.legend.say(words.legend(records, look) if records else "")
 
     def _show_running(self) -> None:

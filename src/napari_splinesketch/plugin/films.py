@@ -16,7 +16,6 @@ from napari_splinesketch.plugin import engine, model, words
 from napari_splinesketch.plugin.layers import drawn, space
 from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.model import Key, Record, State, by_frame, key_of
-from napari_splinesketch.plugin.plan import view_problem
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Given, Tracked, follow
 from napari_splinesketch.tracking.bodies import MEMORY
 from napari_splinesketch.tracking.follow import PATIENCE
@@ -107,8 +106,8 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    problem, image = view_problem(c), c.choices.image
-    if problem or image is None:
+    image = c.choices.image
+    if (problem := space.plane_problem(c.viewer, image)) or image is None:
         return problem
     if not 0 <= c.frame + way < space.frame_count(image):
         return "This is the last frame" if way > 0 else "This is the first frame"
@@ -138,7 +137,7 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
     known = corrected_at(c.state, c.frame, c.selection)
-    return view_problem(c) or ("" if known else NOT_CORRECTED)
+    return space.plane_problem(c.viewer, c.choices.image) or ("" if known else NOT_CORRECTED)
 
 
 def around(c: Controller) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, partialmethod
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from napari.components import ViewerModel
@@ -17,7 +17,7 @@ from napari_splinesketch.plugin.choices import Choices, Settings
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing
 from napari_splinesketch.plugin.layers.results import Work, works_in
-from napari_splinesketch.plugin.layers.space import Ruler, current_frame, ruler_of
+from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
 if TYPE_CHECKING:
@@ -154,37 +154,39 @@ class Keeper:
         self.changes.curves.emit()
         self.drawing.start(work, work.show(), last, self.changes.shown.emit)
 
-    def undo(self) -> None:
-        """Take back the last step."""
-        self._travel("Undone", History.undo)
+    def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
+        """Go to another step, if there is one."""
+        if self.work and not self.progress and (what := way(self.work.history)):
+            self.tell(f"{said}: {what[0].lower()}{what[1:]}.")
+            self.show(self.work)
 
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self._travel("Redone", History.redo)
+    undo = partialmethod(_travel, "Undone", History.undo)
+    redo = partialmethod(_travel, "Redone", History.redo)
+
+    def _change(
+        self, verb: str, change: Callable[[State, Collection[Key]], State], *keys: Key
+    ) -> None:
+        """Change some curves as a step, those selected if none are named."""
+        chosen = keys or self.selection
+        if self.work and chosen:
+            self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
+
+    delete = partialmethod(_change, "Delete", State.without)
 
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
         verb = {"accepted": "Accept", "rejected": "Reject", "open": "Reopen"}[review]
-        self._change(verb, keys, partial(State.marked, review=review))
+        self._change(verb, partial(State.marked, review=review), *keys)
 
     def lock(self, locked: bool, *keys: Key) -> None:
         """Lock or unlock curves, those selected if none are named."""
-        self._change("Lock" if locked else "Unlock", keys, partial(State.marked, locked=locked))
-
-    def delete(self, *keys: Key) -> None:
-        """Delete curves, those selected if none are named."""
-        self._change("Delete", keys, State.without)
+        self._change("Lock" if locked else "Unlock", partial(State.marked, locked=locked), *keys)
 
     def restore(self, *keys: Key) -> None:
         """Bring deleted curves back, the latest if none are named."""
         if chosen := keys or tuple(map(key_of, self.state.deleted[-1:])):
-            self._change("Restore", chosen, State.restored)
+            self._change("Restore", State.restored, *chosen)
             self.select(chosen)
-
-    @property
-    def ruler(self) -> Ruler:
-        """What lengths are given in."""
-        return ruler_of(self.choices.image)
 
     def how(self, image: Image) -> Asked:
         """Say how the user wants the bodies of an image to be found; its half-width in px."""
@@ -213,13 +215,6 @@ class Keeper:
             self._attend(work)
         self.changes.settings.emit()
 
-    def _change(
-        self, verb: str, keys: Collection[Key], change: Callable[[State, Collection[Key]], State]
-    ) -> None:
-        chosen = tuple(keys) or self.selection
-        if self.work and chosen:
-            self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
-
     def _attend(self, work: Work) -> None:
         work.changes = self.changes
         if work.colour((self.settings.colour_by, ruler_of(work.image))):
@@ -233,8 +228,3 @@ class Keeper:
                 work.history.apply("Remove the curves", State(suggestions=work.state.suggestions))
                 self.show(work)  # and put away its knots, which says nothing
                 self.tell("The curves are gone with their layer. Undo brings them back.")
-
-    def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
-        if self.work and not self.progress and (what := way(self.work.history)):
-            self.tell(f"{said}: {what[0].lower()}{what[1:]}.")
-            self.show(self.work)

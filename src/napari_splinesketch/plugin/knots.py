@@ -14,15 +14,9 @@ from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.commands import edited
+from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.space import (
-    frame_count,
-    go_to_frame,
-    in_stack,
-    look_at,
-    screen_pixel,
-)
 from napari_splinesketch.plugin.model import Record, key_of
 
 if TYPE_CHECKING:
@@ -52,10 +46,10 @@ class KnotEditing:
         next(self._slot.update())
         layer = self._slot.layer
         steps = np.linalg.norm(np.diff(record.curve.knots[:, :2], axis=0), axis=1)
-        apart = float(np.median(steps) / screen_pixel(viewer, work.image)[-1])
+        apart = float(np.median(steps) / space.screen_pixel(viewer, work.image)[-1])
         if apart < SIZE:  # nobody could take hold of one
             viewer.scene.camera.zoom *= 2 * SIZE / apart
-            look_at(viewer, work.image, record.frame, record.curve.points)
+            space.look_at(viewer, work.image, record.frame, record.curve.points)
         for key, run in (("Enter", self.refine), ("Escape", self.discard)):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         layers.selection.active = layer
@@ -88,7 +82,7 @@ class KnotEditing:
     def refine(self) -> None:
         """Refine the curve from where its knots are, and no other."""
         self.close()
-        go_to_frame(self._controller.viewer, self._work.image, self._key[0])
+        space.go_to_frame(self._controller.viewer, self._work.image, self._key[0])
         self._controller.selected = self._key
         self._controller.refine("selected")
 
@@ -111,10 +105,10 @@ class KnotEditing:
         record = self._record
         if record is None or record.locked or record.review != self._review:
             return None
-        if self._slot.unfit or record.frame >= frame_count(work.image):
+        if self._slot.unfit or record.frame >= space.frame_count(work.image):
             return None
-        places = in_stack(work.image, record.frame, record.curve.knots[:, :2])
-        size = SIZE * screen_pixel(work.viewer, work.image)[-1]
+        places = space.in_stack(work.image, record.frame, record.curve.knots[:, :2])
+        size = SIZE * space.screen_pixel(work.viewer, work.image)[-1]
         colours = [HEAD, *[COLOUR] * (len(places) - 1)]
         return Made(places, {"face_color": colours, "size": float(size)}, LOOK)
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from psygnal import Signal, SignalGroup
 from scipy.optimize import linear_sum_assignment
 
-from napari_splinesketch.engine.spline import apart, arc_length, resample
+from napari_splinesketch.engine.spline import apart, resample
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Patch, patched
 from napari_splinesketch.labels.types import Review
@@ -127,12 +127,9 @@ def prints_of(lines: Sequence[Line]) -> list[bytes]:
 
 
 def lengths_of(lines: Sequence[Line]) -> Float[np.ndarray, " N"]:
-    """Lengths of lines, all at once, px."""
-    points = np.concatenate(lines)
-    ends = np.cumsum([len(line) for line in lines])
-    steps = np.linalg.norm(np.diff(points, axis=0, append=points[-1:]), axis=1)
-    steps[ends - 1] = 0.0  # from one line to the next
-    return np.add.reduceat(steps, np.append(0, ends[:-1]))
+    """Lengths of lines, px."""
+    steps = changed(lines, lambda points: np.hypot(*np.diff(points, axis=0, append=np.nan).T))
+    return np.array([each[:-1].sum() for each in steps])
 
 
 @once
@@ -179,22 +176,17 @@ def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, 
     points = np.stack([record.curve.points for record in here])
     low, high = points.min(axis=1), points.max(axis=1)
     found = []
-    for line in lines:
+    for line, length in zip(lines, lengths_of(lines), strict=True):
         beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
-        near = [here[k] for k in np.flatnonzero(beside.all(axis=1)).tolist()]
-        away = {record.id: _apart(line, record) for record in near}
-        found.append({number: far for number, far in away.items() if far < WITHIN})
+        over = dict[int, float]()
+        for k in np.flatnonzero(beside.all(axis=1)).tolist():
+            curve, share = here[k].curve, length / max(here[k].curve.length, 1e-9)
+            far = apart(resample(line, SAMPLES), curve.points).mean()
+            far = float(far / np.fmax(curve.typical_half_width, LEAST))
+            if curve.status != "failed" and LIKE < share < 1 / LIKE and far < WITHIN:
+                over[here[k].id] = far
+        found.append(over)
     return found
-
-
-def _apart(line: Line, record: Record) -> float:
-    """How far a line lies from a curve, in half-widths; infinite if one is far longer."""
-    curve = record.curve
-    share = arc_length(line)[-1] / max(curve.length, 1e-9)
-    if curve.status == "failed" or not LIKE < share < 1 / LIKE:
-        return np.inf
-    far = apart(resample(line, SAMPLES), curve.points).mean()
-    return float(far / np.fmax(curve.typical_half_width, LEAST))
 
 
 @dataclass(frozen=True, eq=False)

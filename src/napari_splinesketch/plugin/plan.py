@@ -1,21 +1,16 @@
 """What Refine would take up now, with the layers as they are, and what it leaves alone."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.plugin import model, words
-from napari_splinesketch.plugin.layers.drawn import Drawn, selected_in
-from napari_splinesketch.plugin.layers.space import plane_problem
+from napari_splinesketch.plugin import model
+from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.model import Key, Line, Record, State
 from napari_splinesketch.tracking.drift import distance
 
-if TYPE_CHECKING:
-    from napari_splinesketch.plugin.controller import Controller
-
 Scope = Literal["new", "selected", "all"]
-BEGIN = "Press Draw lines, then draw a line over each body."
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,34 +128,3 @@ def _drawn_again(
         if apart:
             found[i] = apart[min(apart)]
     return found
-
-
-def view_problem(c: "Controller") -> str:
-    """Why nothing can be drawn or found in what is in view, or nothing."""
-    image = c.choices.image
-    if image is None:
-        return "Open an image: drop a file on the window, or File > Open Sample."
-    return plane_problem(c.viewer, image)
-
-
-def request(c: "Controller", scope: Scope = "new") -> Plan:
-    """Say what Refine would do now; selected lines go before those that are new."""
-    layer, selection = c.choices.sketches, c.selection
-    if problem := view_problem(c):
-        return Plan(problem=problem)
-    frame, drawn, marked = c.frame, c.drawn, frozenset[int]()
-    if layer is None:
-        return Plan(frame=frame, problem=BEGIN)
-    about_curves = scope == "selected" and any(key[0] == frame for key in selection)
-    if layer is c.viewer.layers.selection.active and not about_curves and scope != "all":
-        marked = selected_in(layer)
-    chosen = frozenset([i for i, number in enumerate(drawn.numbers) if number in marked])
-    if marked:
-        scope = "selected"
-        if not chosen:
-            return Plan(scope, frame=frame, drawn=drawn, problem=words.NO_LINE)
-    asked = () if scope == "new" else selection
-    plan = c.plan(c.state, frame, drawn, scope, chosen, asked)
-    if plan.targets:
-        return plan
-    return replace(plan, problem=words.nothing(plan, bool(c.records(frame)), layer.name))

@@ -20,7 +20,7 @@ from napari_splinesketch.plugin.columns import STATUS, CurveAt, alone, as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, ruler_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
@@ -270,4 +270,4 @@ class ReviewPanel(qt.QWidget):
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
-        self.model.show(c.records(), c.ruler, shown, c.frame)
+        self.model.show(c.records(), ruler_of(c.choices.image), shown, c.frame)

@@ -211,10 +211,10 @@ class LayerChoice(qt.QComboBox):
         self.setEnabled(bool(found))
 
     def _pick(self, index: int) -> None:
-        if (layer := self.choices[index]) is None:
-            self._controller.new_sketches()
-        else:
-            self._controller.choices.choose(self._kind, layer)
+        layer = self.choices[index]
+        self._controller.choices.choose(self._kind, layer)
+        if layer is None:
+            self._controller.draw()
 
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Shorten a long name in the middle: those of an image and its sketches end differently."""

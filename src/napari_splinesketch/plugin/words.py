@@ -33,6 +33,7 @@ EYES: dict[str, tuple[str, str]] = {
 SCOPES: dict["Scope", str] = {"selected": "Refine selected", "all": "Refine all unreviewed"}
 NUMBERS_SHOWN = 6  # most bodies or frames that are named
 ENDS = {LEFT: "Left the image", DIVIDED: "Divided"}  # how a reason begins
+BEGIN = "Press Draw lines, then draw a line over each body."
 NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 

@@ -94,8 +94,10 @@ def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, "
     return np.column_stack(columns), offset
 
 
-def plane_problem(viewer: ViewerModel, image: Image) -> str:
-    """Why the window does not show the image's own (row, col) plane, or nothing."""
+def plane_problem(viewer: ViewerModel, image: Image | None) -> str:
+    """Why the window does not show an image's own (row, col) plane, or nothing."""
+    if image is None:
+        return "Open an image: drop a file on the window, or File > Open Sample."
     if viewer.dims.ndisplay != 2:
         return "Sketches live in 2-D: switch the view from 3-D to 2-D."
     shown = {axis - viewer.dims.ndim for axis in viewer.dims.displayed}
