@@ -135,7 +135,7 @@ def suggested(hand: Hand, dock: SplinesketchDock, worms: list[Any]) -> list[Any]
     """Let lines be suggested, and delete the wrong ones; give the worms that have none."""
     hand.key("W")
     settle(dock)
-    layer = dock.controller.choices.sketches
+    layer = dock.controller.sketches
     assert isinstance(layer, Shapes)
     lines = [np.array(line)[:, -2:] for line in layer.data]
     wrong = [line for line in lines if not any(over(line, worm) for worm in worms)]

@@ -112,7 +112,7 @@ def label(path: Path, last: int | None) -> tuple[SplinesketchDock, Any, dict[str
     controller = dock.controller
     click(dock.suggest)
     live(lambda: controller.progress is None)
-    layer = controller.choices.sketches
+    layer = controller.sketches
     assert layer is not None
     counts = {"suggested": layer.nshapes}
     for point in WRONG:

@@ -62,7 +62,7 @@ def main() -> None:
     assert isinstance(dock, SplinesketchDock)
     assert "jax" not in sys.modules
     wait(0.2)
-    sketches = cast(Any, dock.controller.choices.sketches)
+    sketches = cast(Any, dock.controller.sketches)
     sketches.data = sketches.data[:LINES]
     phases = {"idle": wait(0.2), "import and warm-up": phase(lambda: bool(warm))}
     for name in ("first refinement", "from the cache"):

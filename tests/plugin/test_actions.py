@@ -73,7 +73,7 @@ def test_keys_are_heard_while_another_image_or_other_lines_are_active() -> None:
     with bench(viewer) as made:
         first, other = made.image(), made.image(seed=1)
         made.sketches()
-        made.controller.choices.image = first
+        made.controller.image = first
         for layer, meant in (
             (other, True),
             (viewer.add_shapes(ndim=2), True),

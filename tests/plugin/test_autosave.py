@@ -87,7 +87,7 @@ def test_a_killed_process_loses_nothing_older_than_two_seconds(
     click(dock.offer.resume)
     until(lambda: dock.controller.records() and not dock.controller.progress, SOON)
     until(lambda: "worms curves" in viewer.layers, SOON)
-    sketches = dock.controller.choices.sketches
+    sketches = dock.controller.sketches
     assert sketches is not None
     for found, line in zip(drawn(sketches), lines, strict=True):
         np.testing.assert_allclose(found, line, atol=2e-3)
@@ -103,7 +103,7 @@ def test_saved_work_goes_on_where_it_was(tmp_path: Path, viewer: Any, fake: Fake
     dock = add_dock(viewer)
     viewer.dims.set_point(0, 1)
     click(dock.draw)
-    first = cast(Any, dock.controller.choices.sketches)
+    first = cast(Any, dock.controller.sketches)
     add_lines(first, LINES)
     refine(dock)
     until(lambda: curves_in(tmp_path) == 2, SOON)
@@ -115,7 +115,7 @@ def test_saved_work_goes_on_where_it_was(tmp_path: Path, viewer: Any, fake: Fake
     until(lambda: again.offer.isVisible(), SOON)
     click(again.offer.resume)
     until(lambda: again.controller.records() and not again.controller.progress, SOON)
-    layer = cast(Any, again.controller.choices.sketches)
+    layer = cast(Any, again.controller.sketches)
     assert layer.name == "worms sketches"
     np.testing.assert_array_equal(layer.scale, image.scale)
     for found, line in zip(drawn(layer), wanted, strict=True):

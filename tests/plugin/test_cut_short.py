@@ -37,11 +37,11 @@ def knots_of(made: Bench) -> Points:
 
 
 def test_a_selected_curve_beyond_the_end_stops_nothing(film: Bench) -> None:
-    image: Any = film.controller.choices.image
+    image: Any = film.controller.image
     film.controller.selected = (2, 3)
     image.data = image.data[:2]
     assert film.controller.selection == ()
-    layer: Any = film.controller.choices.sketches
+    layer: Any = film.controller.sketches
     go_to_frame(film.viewer, image, 0)
     layer.add([np.array([[0, 70, 90.0], [0, 80, 120]])], shape_type="path")
     film.refine()
@@ -66,7 +66,7 @@ def test_an_error_where_results_come_in_lets_go_of_the_dock(
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_knots_go_with_the_frame_of_their_curve(film: Bench, flat: bool) -> None:
-    image: Any = film.controller.choices.image
+    image: Any = film.controller.image
     film.controller.selected = (2, 3)
     film.controller.toggle_knots()
     image.data = image.data[0] if flat else image.data[:2]
@@ -77,7 +77,7 @@ def test_knots_go_with_the_frame_of_their_curve(film: Bench, flat: bool) -> None
 
 
 def test_knots_are_refined_whatever_frame_is_in_view(film: Bench, fake: FakeEngine) -> None:
-    image: Any = film.controller.choices.image
+    image: Any = film.controller.image
     film.controller.selected = (2, 3)
     film.controller.toggle_knots()
     go_to_frame(film.viewer, image, 1)
@@ -113,7 +113,7 @@ def test_a_curve_of_two_knots_is_moved(film: Bench, fake: FakeEngine) -> None:
 
 @pytest.mark.parametrize("command", ["split", "extend"])
 def test_a_curve_of_another_frame_is_not_changed(film: Bench, command: str) -> None:
-    image: Any = film.controller.choices.image
+    image: Any = film.controller.image
     film.controller.selected = (2, 3)
     go_to_frame(film.viewer, image, 0)
     before = film.controller.state.records

@@ -392,12 +392,12 @@ def test_draw_lines_goes_on_in_the_same_layer_and_the_combo_adds_one(
     click(dock.draw)
     assert viewer.layers.selection.active is layer
     assert layer.mode == "add_line"
-    assert dock.controller.choices.sketches is layer
+    assert dock.controller.sketches is layer
     assert len(dock.controller.records()) == 2
     combo = dock.sketches.native
     combo.setCurrentIndex(combo.count() - 1)
     combo.activated.emit(combo.count() - 1)
-    assert dock.controller.choices.sketches is viewer.layers["cells sketches [1]"]
+    assert dock.controller.sketches is viewer.layers["cells sketches [1]"]
 
 
 def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock) -> None:

@@ -182,9 +182,9 @@ def test_an_image_that_is_open_is_not_exported_over(ready: Bench, tmp_path: Path
     image = Image(np.zeros((9, 9)), name="other")
     image._set_source(Source(path=str(path)))
     ready.viewer.add_layer(image)
-    first = ready.controller.choices.layers(Image)[-1]
+    first = ready.controller.layers(Image)[-1]
     assert first.name == "image 0"
-    ready.controller.choices.image = first
+    ready.controller.image = first
     ready.refine()
     for each in (path, link):
         ready.controller.export(each)

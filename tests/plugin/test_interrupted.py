@@ -165,7 +165,7 @@ def flat_pixels(running: Running) -> None:
 
 
 def another_choice(running: Running) -> None:
-    running.bench.controller.choices.sketches = running.bench.sketches([], name="others")
+    running.bench.controller.sketches = running.bench.sketches([], name="others")
 
 
 def undo(running: Running) -> None:

@@ -441,7 +441,7 @@ def test_flat_lines_over_a_turned_film_come_back_where_they_were(home: Path, tur
     with bench() as again:
         image = film(again)
         again.resume()
-        layer = again.controller.choices.sketches
+        layer = again.controller.sketches
         assert layer is not None and layer.ndim == 2
         after = [line for _, line in shapes_in(again.viewer, layer, image)]
         for one, other in zip(before, after, strict=True):
@@ -469,7 +469,7 @@ def test_a_folder_that_is_deleted_or_renamed_is_written_anew(
         again.viewer.add_layer(from_file(path))
         again.resume()
         assert [record.review for record in again.controller.records()] == ["accepted", "open"]
-        assert len(again.controller.choices.layers(Shapes)) == 1
+        assert len(again.controller.layers(Shapes)) == 1
 
 
 def test_a_file_that_is_deleted_is_written_again(home: Path) -> None:

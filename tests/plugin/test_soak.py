@@ -82,7 +82,7 @@ class Day:
 
     @property
     def layer(self) -> Shapes | None:
-        return self.bench.controller.choices.sketches
+        return self.bench.controller.sketches
 
     @property
     def shadow(self) -> Shadow:
@@ -158,17 +158,17 @@ class Day:
 
     def worth_saving(self, *names: str) -> dict[str, Shadow]:
         """Give what is offered again of some layers: those with lines or curves."""
-        counts = {one.name: one.nshapes for one in self.bench.controller.choices.layers(Shapes)}
+        counts = {one.name: one.nshapes for one in self.bench.controller.layers(Shapes)}
         chosen = {name: self.shadows[name] for name in names}
         return {name: s for name, s in chosen.items() if s.curves or counts[name]}
 
     def choose_layer(self) -> None:
-        choices = self.bench.controller.choices
-        if choices.layers(Shapes):
-            choices.sketches = self.chance.choice(choices.layers(Shapes))
+        controller = self.bench.controller
+        if controller.layers(Shapes):
+            controller.sketches = self.chance.choice(controller.layers(Shapes))
 
     def turn_page(self) -> None:
-        image = self.bench.controller.choices.image
+        image = self.bench.controller.image
         assert image is not None
         go_to_frame(self.bench.viewer, image, self.chance.randrange(SHAPE[0]))
 
@@ -401,7 +401,7 @@ class Day:
         self.bench.rest()
         until(lambda: not self.bench.controller.drawing.runs, SOON)
         assert not self.bench.saver.problem
-        for layer in self.bench.controller.choices.layers(Shapes):
+        for layer in self.bench.controller.layers(Shapes):
             shadow = self.shadows.setdefault(layer.name, Shadow())
             rest = list(layer.data)
             for line in shadow.lines:
@@ -410,14 +410,14 @@ class Day:
                 del rest[same[0]]
             for line in rest:
                 assert any(alike(line, other) for other in shadow.suggested), "nobody drew it"
-            image = self.bench.controller.choices.layers(Image)[0]
+            image = self.bench.controller.layers(Image)[0]
             work = self.bench.controller.work_on(image, layer)
             known = {key_of(record): held(record) for record in work.records} if work else {}
             assert known == shadow.curves
             if work and work.records:
                 there = work.layer("curves").features
                 assert set(zip(there["frame"], there["id"], strict=True)) == set(known)
-        names = {layer.name for layer in self.bench.controller.choices.layers(Shapes)}
+        names = {layer.name for layer in self.bench.controller.layers(Shapes)}
         assert names == set(self.shadows)
 
 

@@ -252,7 +252,7 @@ def test_lines_go_into_the_layer_that_they_were_suggested_for(
         go.set()
         made.rest()
         assert (mine.nshapes, other.nshapes) == (2, 0)
-        made.controller.choices.sketches = mine
+        made.controller.sketches = mine
         made.controller.undo()
         until(lambda: mine.nshapes == 0, SOON)
 

@@ -23,7 +23,7 @@ def main() -> None:
     dock = add_dock(viewer)
     fit_view(viewer)
     click(dock.draw)
-    sketches = dock.controller.choices.sketches
+    sketches = dock.controller.sketches
     assert sketches is not None
     for line in LINES[:2]:
         draw(viewer, sketches, line)

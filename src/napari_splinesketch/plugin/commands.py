@@ -139,7 +139,7 @@ def judge(controller: Controller, review: Review | None = None) -> None:
 
 def go_to(controller: Controller, key: Key) -> None:
     """Select a curve, and bring it to the middle of the canvas."""
-    record, image = controller.state.by_key.get(key), controller.choices.image
+    record, image = controller.state.by_key.get(key), controller.image
     if record is not None and image is not None:
         controller.selected = key
         look_at(controller.viewer, image, record.frame, record.curve.points)
@@ -152,7 +152,7 @@ def edited(record: Record, curve: Curve) -> Record:
 
 def _place(controller: Controller) -> np.ndarray:
     """(row, col) that the pointer is at, px of the image."""
-    viewer, image = controller.viewer, controller.choices.image
+    viewer, image = controller.viewer, controller.image
     if image is None:
         return np.full(2, np.nan)
     position = np.array(viewer.cursor.position)[None, -image.ndim :]
@@ -162,7 +162,7 @@ def _place(controller: Controller) -> np.ndarray:
 COMMANDS = (
     Command("draw", "Draw lines", "H", lambda c: c.draw(or_select=True),
             "Draw lines: press where a body begins, release where it ends",
-            problem=lambda c: "" if c.choices.image else "Open an image first", meanwhile=True),
+            problem=lambda c: "" if c.image else "Open an image first", meanwhile=True),
     Command("refine", "Refine", "G", lambda c: c.refine(),
             "Fit a smooth curve with width to the body under each line",
             problem=lambda c: "" if c.knots else c.request().problem,
@@ -205,7 +205,7 @@ COMMANDS = (
             problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
-            problem=lambda c: plane_problem(c.viewer, c.choices.image)),
+            problem=lambda c: plane_problem(c.viewer, c.image)),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),

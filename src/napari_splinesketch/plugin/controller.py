@@ -45,7 +45,7 @@ class Controller(Keeper):
         self.left: float | None = None  # s until what runs is done, about; None if unknown
         self._closed = False
         self.plan = lru_cache(2)(make_plan)  # the same question has the same answer
-        self._pair = self.choices.image, self.choices.sketches
+        self._pair = self.image, self.sketches
         self._job: engine.Job | None = None
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: Work | None = None
@@ -66,7 +66,7 @@ class Controller(Keeper):
 
     def request(self, scope: Scope = "new") -> Plan:
         """Say what Refine would do now; selected lines go before those that are new."""
-        image, layer, marked = self.choices.image, self.choices.sketches, frozenset[int]()
+        image, layer, marked = self.image, self.sketches, frozenset[int]()
         problem = space.plane_problem(self.viewer, image)
         if problem or layer is None:
             return Plan(problem=problem or words.BEGIN)
@@ -92,7 +92,7 @@ class Controller(Keeper):
             return
         self.forget()
         wanted = self.request(scope)
-        image, layer = self.choices.image, self.choices.sketches
+        image, layer = self.image, self.sketches
         if wanted.problem or self.progress or image is None or layer is None:
             if scope != "new":
                 self.say(wanted.problem or RUNNING)
@@ -204,14 +204,12 @@ class Controller(Keeper):
 
     def draw(self, *, or_select: bool = False) -> None:
         """Draw lines into the chosen layer, or a new one; or, while drawing, select curves."""
-        image, layer = self.choices.image, self.choices.sketches
-        curves = self.work and self.work.layer("curves")
-        if layer is None:
-            if image is not None:
-                drawn.new_sketch_layer(self.viewer, image)
-        elif or_select and curves is not None and drawn.drawing(self.viewer, layer):
+        layer, curves = self.sketches, self.work and self.work.layer("curves")
+        if layer is None and self.image is not None:
+            drawn.new_sketch_layer(self.viewer, self.image)
+        elif or_select and curves is not None and layer and drawn.drawing(self.viewer, layer):
             self.viewer.layers.selection.active = curves
-        else:
+        elif layer is not None:
             drawn.begin_drawing(layer, self.viewer)
 
     def export(self, path: str | Path, *, overwrite: bool = True) -> None:
@@ -251,7 +249,7 @@ class Controller(Keeper):
         self.actions.close()
 
     def _on_inserted(self, event: Any) -> None:
-        image, layer = self.choices.image, self.choices.sketches
+        image, layer = self.image, self.sketches
         if image is None or self.records() or space.frame_count(image) < 2:
             return
         if event.value is image and len(self.viewer.layers) == 1:
@@ -266,7 +264,7 @@ class Controller(Keeper):
             self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
         if self.work and self.work.unfit:
             self.show(self.work)
-        layer = self.choices.sketches
+        layer = self.sketches
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()
         elif not self.progress:  # at the end of what runs, all is looked at anyway
@@ -306,7 +304,7 @@ class Controller(Keeper):
 
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
-        image, layer = self.choices.image, self.choices.sketches
+        image, layer = self.image, self.sketches
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)
@@ -319,7 +317,7 @@ class Controller(Keeper):
 
     def _follow(self) -> None:
         """Forget what is known of layers that are gone, and what was said of others."""
-        pair = self.choices.image, self.choices.sketches
+        pair = self.image, self.sketches
         if pair != self._pair:
             self._pair = pair
             self.tell()

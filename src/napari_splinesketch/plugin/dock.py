@@ -209,7 +209,7 @@ class SplinesketchDock(qt.QWidget):
 
     def _show_commands(self) -> None:
         controller, records = self.controller, self.controller.records()
-        image, running, steps = controller.choices.image, controller.progress, controller.steps
+        image, running, steps = controller.image, controller.progress, controller.steps
         self.curve.setVisible(bool(records or controller.state.deleted))
         self.track.setVisible(image is not None and frame_count(image) > 1)
         self.steps.setVisible(bool(records or steps.done or steps.undone))
@@ -242,7 +242,7 @@ class SplinesketchDock(qt.QWidget):
             each.setVisible(bool(records))
         self.eyes.show_state()
         self.review.setVisible(bool(records) or self.panel is not None)
-        look = controller.settings.colour_by, ruler_of(controller.choices.image)
+        look = controller.settings.colour_by, ruler_of(controller.image)
         self.legend.say(words.legend(records, look) if records else "")
 
     def _show_running(self) -> None:
@@ -254,14 +254,14 @@ class SplinesketchDock(qt.QWidget):
         self.notice.say(words.notice(*controller.notice))
 
     def _show_saved(self) -> None:
-        place, image = self.saver.place, self.controller.choices.image
+        place, image = self.saver.place, self.controller.image
         source = image.source.path if image else None
         said = words.saved(place, source, self.controller.settings.save_work)
         self.saved.setText(said)
         self.saved.setToolTip(f"{place or said}\nChange it under Settings")
 
     def _ask_where(self) -> None:
-        image = self.controller.choices.image
+        image = self.controller.image
         if image is None:
             return
         folder = Path(image.source.path).parent if image.source.path else Path.home()

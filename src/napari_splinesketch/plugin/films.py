@@ -44,7 +44,7 @@ class Suggestions:
     def suggest(self) -> None:
         """Suggest lines in the frame in view, in the place of those that were not taken up."""
         c = self._controller
-        image, layer = c.choices.image, c.choices.sketches
+        image, layer = c.image, c.sketches
         if image is None:
             return
         work = c.work_on(image, layer or drawn.new_sketch_layer(c.viewer, image))
@@ -106,7 +106,7 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    image = c.choices.image
+    image = c.image
     if (problem := space.plane_problem(c.viewer, image)) or image is None:
         return problem
     if not 0 <= c.frame + way < space.frame_count(image):
@@ -137,7 +137,7 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
     known = corrected_at(c.state, c.frame, c.selection)
-    return space.plane_problem(c.viewer, c.choices.image) or ("" if known else NOT_CORRECTED)
+    return space.plane_problem(c.viewer, c.image) or ("" if known else NOT_CORRECTED)
 
 
 def around(c: Controller) -> None:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import cached_property, partial, partialmethod
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 from napari.components import ViewerModel
-from napari.layers import Image, Shapes
+from napari.layers import Image, Layer, Shapes
+from napari.layers.base import ActionType
 
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, words
-from napari_splinesketch.plugin.choices import Choices, Settings
+from napari_splinesketch.plugin.choices import PLACED, Settings, listen
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
-from napari_splinesketch.plugin.layers.pictures import Drawing
-from napari_splinesketch.plugin.layers.results import Work, works_in
+from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
+from napari_splinesketch.plugin.layers.results import WORKS, Work
 from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.knots import KnotEditing
 
 NOTHING = State()
+LOOKED = ("point", "order", "ndisplay")  # of the sliders: something else is in view
+L = TypeVar("L", bound=Layer)
 Kind = Literal["none", "done", "cancelled", "failed"]
 Last = Callable[[], None] | None
 
@@ -36,9 +40,20 @@ class Notice(NamedTuple):
     text: str = ""
 
 
-class Keeper:
-    """Keeps the curves of each image, as the user corrects and judges them."""
+def _choice(kind: type[Layer]) -> Any:
+    return property(lambda self: self.chosen(kind), lambda self, new: self.choose_layer(kind, new))
 
+
+class Keeper:
+    """Keeps the curves of each image, as the user corrects and judges them.
+
+    Image and sketches are the layers added last, or the topmost of those left; never results.
+    napari's own choice of layers would list these as well, and keep the first one where work goes
+    on in the latest.
+    """
+
+    image: Image | None = _choice(Image)
+    sketches: Shapes | None = _choice(Shapes)
     actions: Commands
     drawing: Drawing
     knots: KnotEditing | None = None
@@ -46,23 +61,57 @@ class Keeper:
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
         self.changes = Changes(instance=self)
-        self.choices = Choices(viewer, self.changes)
+        self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
+        self._ends: dict[type[Layer], Callable[[], None]] = {}
+        active = viewer.layers.selection.active
+        for layer in (*viewer.layers, *([active] if active else [])):
+            self._take_up(layer)
         self.settings = choices.load()
         self.progress: Progress | None = None  # of what runs
         self.notice = Notice()
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
-        self.works = works_in(viewer)
+        # What an earlier dock knew of the layers that are still there.
+        known: Any = (work for layer in viewer.layers for work in vars(layer).get(WORKS, ()))
+        self.works: list[Work] = [work for work in known if work.image in viewer.layers]
         for work in self.works:
             self._attend(work)
-        self._end = choices.on_change(lambda: self._take(choices.load()))
+        layers, groups = viewer.layers.events, choices.groups().values()
+        self._end = listen(
+            (layers.inserted, lambda event: self._take_up(event.value)),
+            (layers.removed, self._on_removed),
+            (layers.reordered, lambda event: self.changes.layers.emit()),
+            (layers.renamed, lambda event: self.changes.layers.emit()),
+            *[(getattr(viewer.dims.events, name), self._on_seen) for name in LOOKED],
+            *[(group.events, lambda event: self._take(choices.load())) for group in groups],
+        )
+
+    def chosen(self, kind: type[L]) -> L | None:
+        """Give the chosen layer of a kind."""
+        layer: Any = self._chosen[kind]  # napari tells late that one is gone
+        return layer if layer in self.viewer.layers else None
+
+    def layers(self, kind: type[L]) -> list[L]:
+        """Give the layers of a kind to choose from, topmost first."""
+        layers = reversed(self.viewer.layers)
+        return [layer for layer in layers if isinstance(layer, kind) and not is_result(layer)]
+
+    def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
+        """Choose a layer of a kind, or none."""
+        self._ends.pop(kind, lambda: None)()
+        self._chosen[kind] = new
+        if new is not None:
+            events = [getattr(new.events, name) for name in PLACED]
+            if isinstance(new, Shapes):
+                events += [new.events.mode, new.selected_data.events.items_changed]
+            self._ends[kind] = listen(*[(event, self._on_seen) for event in events])
+        self.changes.layers.emit()
 
     @property
     def work(self) -> Work | None:
         """What is known of the chosen image through the chosen sketches; None without both."""
-        image, sketches = self.choices.image, self.choices.sketches
-        return self.work_on(image, sketches) if image and sketches else None
+        return self.work_on(self.image, self.sketches) if self.image and self.sketches else None
 
     def work_on(self, image: Image, sketches: Shapes) -> Work:
         """Give what is known of an image through a layer of sketches."""
@@ -76,13 +125,12 @@ class Keeper:
     @cached_property
     def frame(self) -> int:
         """Index of the frame in view."""
-        image = self.choices.image
-        return current_frame(self.viewer, image) if image else 0
+        return current_frame(self.viewer, self.image) if self.image else 0
 
     @cached_property
     def drawn(self) -> Drawn:
         """The lines of the frame in view."""
-        image, layer = self.choices.image, self.choices.sketches
+        image, layer = self.image, self.sketches
         return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
 
     def forget(self) -> None:
@@ -205,7 +253,27 @@ class Keeper:
             work.changes = Changes()
         self.works.clear()
         self.changes.disconnect()
-        self.choices.close()
+        for kind in self._chosen:
+            self.choose_layer(kind, None)
+
+    def _take_up(self, layer: Layer) -> None:
+        for kind in self._chosen:
+            if isinstance(layer, kind) and not is_result(layer):
+                self.choose_layer(kind, layer)
+
+    def _on_removed(self, event: Any) -> None:
+        if not is_result(event.value):
+            gc.unfreeze()  # its pixels may be garbage among what the dock leaves out of the search
+        for kind in self._chosen:
+            if event.value is self._chosen[kind]:
+                self.choose_layer(kind, next(iter(self.layers(kind)), None))
+        self.changes.layers.emit()
+
+    def _on_seen(self, event: Any) -> None:
+        self.changes.edited.emit()
+        added = getattr(event, "action", None) == ActionType.ADDED
+        if added and event.source is self._chosen[Shapes]:
+            self.changes.drawn.emit()
 
     def _take(self, chosen: Settings) -> None:
         before, self.settings = self.settings, chosen

@@ -270,4 +270,4 @@ class ReviewPanel(qt.QWidget):
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
-        self.model.show(c.records(), ruler_of(c.choices.image), shown, c.frame)
+        self.model.show(c.records(), ruler_of(c.image), shown, c.frame)

@@ -130,7 +130,7 @@ class Saver(QObject):
 
     @property
     def _home(self) -> Home:
-        image = self._controller.choices.image
+        image = self._controller.image
         return self._homes.setdefault(image, Home()) if image else Home()
 
     @property
@@ -165,7 +165,7 @@ class Saver(QObject):
 
     def resume(self) -> None:
         """Bring back all that is offered for the chosen image: one layer of sketches for each."""
-        controller, image, offers = self._controller, self._controller.choices.image, self.offers()
+        controller, image, offers = self._controller, self._controller.image, self.offers()
         if image is None or not offers or controller.progress:
             return
         frames, size, problems = frame_count(image), size_of(image), list[str]()
@@ -199,7 +199,7 @@ class Saver(QObject):
             if image not in controller.viewer.layers:
                 raise ValueError("the image was removed")
             controller.viewer.layers.append(layer)
-            controller.choices.image, controller.choices.sketches = image, layer
+            controller.image, controller.sketches = image, layer
             if session.state.records or session.state.deleted:
                 controller.apply("", session.state)
         except Exception as error:
@@ -292,7 +292,7 @@ class Saver(QObject):
 
     def _save(self) -> None:
         images = {work.image for work in self._controller.works}
-        for image in {self._controller.choices.image, *images} - {None}:
+        for image in {self._controller.image, *images} - {None}:
             home = self._homes.setdefault(image, Home())
             if home.job:
                 self._soon()

@@ -201,8 +201,8 @@ class LayerChoice(qt.QComboBox):
 
     def show_state(self) -> None:
         """Offer the layers that there are now, and show the chosen one."""
-        choices = self._controller.choices
-        found, chosen = choices.layers(self._kind), choices.chosen(self._kind)
+        found = self._controller.layers(self._kind)
+        chosen = self._controller.chosen(self._kind)
         self.choices = [*found, *([None] if self._kind is Shapes and found else [])]
         self.clear()
         self.addItems([layer.name if layer else "New layer" for layer in self.choices])
@@ -212,7 +212,7 @@ class LayerChoice(qt.QComboBox):
 
     def _pick(self, index: int) -> None:
         layer = self.choices[index]
-        self._controller.choices.choose(self._kind, layer)
+        self._controller.choose_layer(self._kind, layer)
         if layer is None:
             self._controller.draw()
 
@@ -305,7 +305,7 @@ class SettingsForm(qt.QWidget):
 
     def show_state(self) -> None:
         """Show what is chosen, silently; lengths in the unit of the image."""
-        settings, ruler = self._controller.settings, ruler_of(self._controller.choices.image)
+        settings, ruler = self._controller.settings, ruler_of(self._controller.image)
         self.half_width.setSuffix(f" {ruler.unit}")
         width = round((settings.half_width_in(ruler) or 0.0) * ruler.pixel, DECIMALS)
         for name, made in self.widgets.items():
@@ -323,7 +323,7 @@ class SettingsForm(qt.QWidget):
     def _take(self, name: str, value: Any) -> None:
         chosen = {name: value}
         if name == "half_width":
-            chosen["half_width_unit"] = ruler_of(self._controller.choices.image).unit
+            chosen["half_width_unit"] = ruler_of(self._controller.image).unit
         self._controller.choose(**chosen)
 
     def _ask_for_folder(self) -> None:

@@ -328,10 +328,3 @@ class Work:
             yield
         if layer.mode == "pan_zoom" and far < drawn.CLICK:
             self.changes.clicked.emit(shift)
-
-
-def works_in(viewer: ViewerModel) -> list[Work]:
-    """Find what an earlier dock knew of the layers that are still there."""
-    there = viewer.layers
-    works = [work for layer in there for work in vars(layer).get(WORKS, ())]
-    return [work for work in works if work.image in there]
