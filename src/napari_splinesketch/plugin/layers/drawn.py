@@ -15,7 +15,6 @@ from napari.layers import Image, Shapes
 from napari_splinesketch import palette
 from napari_splinesketch.plugin import model
 from napari_splinesketch.plugin.layers import space
-from napari_splinesketch.plugin.layers.looks import line_width
 
 LINES = ("line", "path")
 SHORTEST = 2.0  # anything shorter is a stray click, px
@@ -116,7 +115,8 @@ def clicked(viewer: ViewerModel, layer: Shapes) -> bool:
 
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
     """Look of sketches on an image of (H, W) px."""
-    return {"edge_color": COLOUR, "edge_width": line_width(size), "face_color": "transparent"}
+    width = max(1.0, max(size) / 512)
+    return {"edge_color": COLOUR, "edge_width": width, "face_color": "transparent"}
 
 
 def add_shapes(

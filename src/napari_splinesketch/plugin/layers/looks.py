@@ -55,11 +55,6 @@ def stepped(size: float) -> float:
     return float(STEP ** np.round(np.log(size) / np.log(STEP)))
 
 
-def line_width(size: tuple[int, int]) -> float:
-    """Breadth of a sketch's line on an image of (H, W) px, px."""
-    return max(1.0, max(size) / 512)
-
-
 @once
 def outline(curve: Curve) -> Line:
     """Draw a closed line at a half-width to both sides of a curve, px."""

@@ -20,6 +20,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
+from napari_splinesketch.plugin.layers.drawn import line_style
 from napari_splinesketch.plugin.model import Line, Record, by_frame
 from napari_splinesketch.raster import label_image
 
@@ -292,8 +293,8 @@ def _marks(work: Work, marked: list[tuple[Record, tuple[float, ...]]]) -> Made:
 
 def _moving(work: Work, _: object) -> Made | None:
     """Lines that are not there yet; hidden at first, as to add a layer takes long enough."""
-    width = looks.line_width(space.size_of(work.image))
-    made = _lines(work, work.moving, palette.MOVING, width)
+    style = line_style(space.size_of(work.image))
+    made = _lines(work, work.moving, palette.MOVING, style["edge_width"])
     return Made(made.data, look={**made.look, "visible": True}) if work.moving else None
 
 

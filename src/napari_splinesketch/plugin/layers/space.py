@@ -66,15 +66,14 @@ def to_pixels(viewer: ViewerModel, layer: Layer, image: Layer, points: Points) -
 
 def to_world(viewer: ViewerModel, layer: Layer, points: Points) -> Points:
     """Take (N, D) points of a layer's data to the window's world."""
-    linear, offset = _affine(layer)
-    return (np.asarray(points) @ linear.T + offset) * unit_factors(viewer, layer)
+    linear, offset = _affine(viewer, layer)
+    return np.asarray(points) @ linear.T + offset
 
 
 def from_world(viewer: ViewerModel, layer: Layer, world: Points) -> Points:
     """Take (N, D) points of the window's world to a layer's data."""
-    linear, offset = _affine(layer)
-    own = world / unit_factors(viewer, layer) - offset
-    return np.linalg.solve(linear, own.T).T
+    linear, offset = _affine(viewer, layer)
+    return np.linalg.solve(linear, (world - offset).T).T
 
 
 def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
@@ -87,11 +86,13 @@ def unit_factors(viewer: ViewerModel, layer: Layer) -> Float[np.ndarray, " D"]:
     return np.array([convert(1.0, own, world) for own, world in pairs])
 
 
-def _affine(layer: Layer) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
-    """Matrix and offset of a layer's place, found by mapping the corner and the unit vectors."""
-    offset = np.array(layer.data_to_world(np.zeros(layer.ndim)))
-    columns = [np.array(layer.data_to_world(unit)) - offset for unit in np.eye(layer.ndim)]
-    return np.column_stack(columns), offset
+def _affine(
+    viewer: ViewerModel, layer: Layer
+) -> tuple[Float[np.ndarray, "D D"], Float[np.ndarray, " D"]]:
+    """Matrix and offset from a layer's data to the world, by its corner and the unit vectors."""
+    own = [layer.data_to_world(point) for point in np.eye(layer.ndim + 1, layer.ndim, -1)]
+    offset, *ends = np.array(own) * unit_factors(viewer, layer)
+    return np.column_stack(ends) - offset[:, None], offset
 
 
 def plane_problem(viewer: ViewerModel, image: Image | None) -> str:
