@@ -400,6 +400,17 @@ def test_draw_lines_goes_on_in_the_same_layer_and_the_combo_adds_one(
     assert dock.controller.sketches is viewer.layers["cells sketches [1]"]
 
 
+def test_without_an_image_the_combo_adds_no_layer_and_keeps_the_chosen_one(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    layer = viewer.add_shapes([np.array([[5.0, 5], [5, 40]])], shape_type="line")
+    combo = dock.sketches.native
+    combo.setCurrentIndex(combo.count() - 1)
+    combo.activated.emit(combo.count() - 1)
+    assert list(viewer.layers) == [layer]
+    assert dock.controller.sketches is layer
+
+
 def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock) -> None:
     sketched(viewer)
     dock.resize(250, 500)

@@ -211,10 +211,12 @@ class LayerChoice(qt.QComboBox):
         self.setEnabled(bool(found))
 
     def _pick(self, index: int) -> None:
-        layer = self.choices[index]
-        self._controller.choose_layer(self._kind, layer)
-        if layer is None:
-            self._controller.draw()
+        controller, layer = self._controller, self.choices[index]
+        if layer is not None:
+            controller.choose_layer(self._kind, layer)
+        elif controller.image is not None:
+            controller.choose_layer(self._kind, None)
+            controller.draw()
 
     def initStyleOption(self, option: qt.QStyleOptionComboBox | None) -> None:
         """Shorten a long name in the middle: those of an image and its sketches end differently."""
