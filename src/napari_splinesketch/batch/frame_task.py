@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from functools import partial as bind
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -85,16 +84,8 @@ class Found:
     """(H, W), where it was asked for."""
 
 
-class Finder(Protocol):
-    """Work on the image of a frame."""
-
-    def find(self, image: Real[np.ndarray, "H W"], progress: Progress) -> Found:
-        """Do it."""
-        ...
-
-    def instead(self) -> tuple[Label, ...]:
-        """Give the labels of a frame for which that fails."""
-        ...
+Find = Callable[[Real[np.ndarray, "H W"], Progress], Found]
+"""Works on the image of a frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +96,10 @@ class FrameTask:
     """Its number."""
     read: Callable[[], Real[np.ndarray, "H W"]]
     """Gives its pixels."""
-    finder: Finder
+    find: Find
     """What to do."""
+    instead: tuple[Label, ...]
+    """The labels of the frame where that fails."""
     scale: tuple[float, float] | None
     units: str | None
     """`scale` and `units`: size of a pixel, for the labels."""
@@ -143,7 +136,7 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     try:
         image = task.read()
         digest = checksum(image)
-        found = task.finder.find(image, progress)
+        found = task.find(image, progress)
     except UnreachableError as error:
         return failed(task, words(error), reached=False)
     except ConnectionError:  # where the image is: other frames would fail too
@@ -166,7 +159,7 @@ def failed(
 ) -> FrameDone:
     """Give the result of a frame for which that failed."""
     report = FrameReport(task.frame, (), why, round(seconds, 3), sha256)
-    return FrameDone(report, _table(task, task.finder.instead()), reached=reached)
+    return FrameDone(report, _table(task, task.instead), reached=reached)
 
 
 def _table(task: FrameTask, labels: tuple[Label, ...]) -> str:

@@ -5,11 +5,14 @@ import tempfile
 import weakref
 from collections.abc import Iterable, Iterator, Sized
 from dataclasses import asdict, dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve
+
+if TYPE_CHECKING:
+    from napari_splinesketch.labels import Label
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,11 @@ class CurveReport:
             curve.status,
             curve.reasons,
         )
+
+    @classmethod
+    def drawn(cls, label: "Label", status: str, *reasons: str) -> "CurveReport":
+        """Sum up a line that is not refined."""
+        return cls(label.curve, round(float(label.arc_length[-1]), 3), None, None, status, reasons)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,19 @@
 """Refining the frames of an image or film, without losing any."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
+from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.frame_task import Found
 from napari_splinesketch.batch.reports import CurveReport, Reports
 from napari_splinesketch.cli.jobs import RefineJob
-from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
+from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
@@ -36,12 +37,13 @@ def run(job: RefineJob, report: Report) -> Outcome:
         kept = job.reconstruction is not None
         said = Counter[bool]()
 
-        def refiners() -> Iterator[Refiner]:
+        def todo() -> Iterator[Todo]:
             for labels in sketches.read():
                 said.update(map(is_judged, labels))
-                yield Refiner(labels, options, kept)
+                drawn = tuple(label.failed() for label in labels)
+                yield labels[0].frame, partial(refined, labels, options, kept), drawn
 
-        work.shared(job, ((refiner.sketches[0].frame, refiner) for refiner in refiners()))
+        work.shared(job, todo())
         nothing = () if len(sketches.frames) else (f"{job.sketches} has no line to refine",)
         notes = *sketches.head.notes, *nothing, *judged(said[True])
         outcome = work.write(map(int, sketches.frames), notes)
@@ -54,35 +56,29 @@ def run(job: RefineJob, report: Report) -> Outcome:
     return outcome
 
 
-@dataclass(frozen=True, eq=False)
-class Refiner:
-    """Refines the sketches of one frame."""
+def refined(
+    sketches: Sequence[Label],
+    options: Mapping[str, Any],
+    reconstruction: bool,
+    image: Real[np.ndarray, "H W"],
+    progress: Progress,
+) -> Found:
+    """Refine the sketches of one frame, one at least, all together.
 
-    sketches: tuple[Label, ...]
-    """What was drawn on it; one at least."""
-    options: dict[str, Any]
-    """Of `napari_splinesketch.refine`."""
-    reconstruction: bool
-    """Whether the reconstruction is wanted, too."""
-
-    def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
-        """Refine them all together."""
-        result = napari_splinesketch.refine(
-            image,
-            [label.points for label in self.sketches],
-            on_progress=lambda stage: progress(stage.fraction),
-            **self.options,
-        )
-        frame, ids = self.sketches[0].frame, [label.curve for label in self.sketches]
-        return Found(
-            Labels.from_curves(result.curves, frame=frame, ids=ids).labels,
-            tuple(map(CurveReport.of, result.curves, ids)),
-            result.reconstruction if self.reconstruction else None,
-        )
-
-    def instead(self) -> tuple[Label, ...]:
-        """Give the sketches as drawn, as `refine` does with those that cannot be refined."""
-        return tuple(label.failed() for label in self.sketches)
+    `options` are those of `napari_splinesketch.refine`; with `reconstruction`, that is given too.
+    """
+    result = napari_splinesketch.refine(
+        image,
+        [label.points for label in sketches],
+        on_progress=lambda stage: progress(stage.fraction),
+        **options,
+    )
+    frame, ids = sketches[0].frame, [label.curve for label in sketches]
+    return Found(
+        Labels.from_curves(result.curves, frame=frame, ids=ids).labels,
+        tuple(map(CurveReport.of, result.curves, ids)),
+        result.reconstruction if reconstruction else None,
+    )
 
 
 def _write_pictures(job: RefineJob, work: Run, reports: Reports, shape: tuple[int, int]) -> None:

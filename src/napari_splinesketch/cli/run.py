@@ -1,7 +1,7 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial as bind
@@ -9,9 +9,9 @@ from functools import partial as bind
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.flow import DeadlyError, Here, through
+from napari_splinesketch.batch.flow import DeadlyError, Here, Workers, through
 from napari_splinesketch.batch.frame_task import (
-    Finder,
+    Find,
     FrameDone,
     FrameTask,
     Reading,
@@ -19,9 +19,9 @@ from napari_splinesketch.batch.frame_task import (
     do_frame,
     failed,
 )
+from napari_splinesketch.batch.local import Local
 from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.batch.reports import FrameReport, Reports, Spool
-from napari_splinesketch.batch.workers import workers_of
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.files import checksum_of_file
@@ -33,6 +33,8 @@ from napari_splinesketch.labels.types import ByFrame
 FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
 FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
 """Options that a frame's labels do not depend on, or that are compared in another way."""
+Todo = tuple[int, Find, tuple[Label, ...]]
+"""A frame, what to do with its image, and its labels where that fails."""
 
 
 @dataclass(frozen=True)
@@ -99,24 +101,31 @@ class Run:
         self.partial.save(done.report, done.table, done.reconstruction)
         self.add()
 
-    def shared(self, job: SharedJob, finders: Iterable[tuple[int, Finder]]) -> None:
+    def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
         """Work on independent frames, here or shared among workers."""
-        with workers_of(job.jobs, job.scheduler, self.part) as workers:
+        with self._workers(job) as workers:
             source = Source.of(job.image, job.channel, job.z, self.images)
             reading = Reading(self.images, source, here=isinstance(workers, Here))
-            tasks = self._tasks(finders, reading)
+            tasks = self._tasks(todo, reading)
             for task, done in through(workers, do_frame, tasks, retry=reading.again):
                 self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
 
-    def _tasks(
-        self, finders: Iterable[tuple[int, Finder]], reading: Reading
-    ) -> Iterator[FrameTask]:
+    def _workers(self, job: SharedJob) -> AbstractContextManager[Workers]:
+        """Give the cluster of the job's scheduler, other processes, or this one."""
+        if job.scheduler:
+            from napari_splinesketch.batch.cluster import Cluster
+
+            return Cluster(job.scheduler)
+        return Local(job.jobs) if job.jobs > 1 else nullcontext(Here(self.part))
+
+    def _tasks(self, todo: Iterable[Todo], reading: Reading) -> Iterator[FrameTask]:
         """Give the frames that are not finished; those of an earlier run count as done."""
-        for frame, finder in finders:
+        size = self.head.scale, self.head.units
+        for frame, find, instead in todo:
             if self.finished(frame):
                 self.add()
             else:
-                yield FrameTask(frame, reading.of(frame), finder, self.head.scale, self.head.units)
+                yield FrameTask(frame, reading.of(frame), find, instead, *size)
 
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image."""

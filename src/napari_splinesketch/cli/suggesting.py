@@ -1,12 +1,12 @@
 """Suggesting sketches on the frames of an image or film."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
+from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.frame_task import Found
 from napari_splinesketch.batch.reports import CurveReport
 from napari_splinesketch.cli.jobs import SuggestJob
@@ -30,27 +30,17 @@ def run(job: SuggestJob, report: Report) -> Outcome:
         frames = range(images.count) if job.frame is None else [job.frame]
         work.count = len(frames)
         options = (job.sensitivity, job.polarity, job.half_width)
-        work.shared(job, ((frame, Suggester(frame, options)) for frame in frames))
+        work.shared(job, ((frame, partial(suggested, frame, options), ()) for frame in frames))
         return work.write(frames)
 
 
-@dataclass(frozen=True)
-class Suggester:
-    """Suggests sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
-
-    frame: int
-    options: tuple[float, Polarity, float | None]
-
-    def find(self, image: Real[np.ndarray, "H W"], progress: Callable[[float], None]) -> Found:
-        """Suggest them."""
-        lines = napari_splinesketch.suggest(image, *self.options)
-        labels = tuple(
-            Label.from_sketch(line, frame=self.frame, identity=i) for i, line in enumerate(lines)
-        )
-        lengths = (round(float(label.arc_length[-1]), 3) for label in labels)
-        reports = (CurveReport(i, length, None, None, "sketch") for i, length in enumerate(lengths))
-        return Found(labels, tuple(reports))
-
-    def instead(self) -> tuple[Label, ...]:
-        """Suggest nothing."""
-        return ()
+def suggested(
+    frame: int,
+    options: tuple[float, Polarity, float | None],
+    image: Real[np.ndarray, "H W"],
+    progress: Progress,
+) -> Found:
+    """Suggest sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
+    lines = napari_splinesketch.suggest(image, *options)
+    labels = tuple(Label.from_sketch(line, frame=frame, identity=i) for i, line in enumerate(lines))
+    return Found(labels, tuple(CurveReport.drawn(label, "sketch") for label in labels))

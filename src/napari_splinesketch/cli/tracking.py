@@ -134,18 +134,14 @@ class _Film:
         curves = {**here.curves, **tracked.by_id}
         error = here.error or tracked.error or None
         left_out = [d.failed() for d in self.drawn.get(tracked.frame, ()) if d.curve not in curves]
-        told = *_reports(curves, tracked), *(_as_drawn(label, error or "") for label in left_out)
+        undone = (CurveReport.drawn(label, "failed", error or "") for label in left_out)
+        told = *_reports(curves, tracked), *undone
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
         report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256, notes)
         size = {"scale": self.run.head.scale, "units": self.run.head.units}
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves, **size)
         labels = replace(labels, labels=(*labels.labels, *left_out))
         return FrameDone(report, table.text(labels))
-
-
-def _as_drawn(label: Label, why: str) -> CurveReport:
-    length = round(float(label.arc_length[-1]), 3)
-    return CurveReport(label.curve, length, None, None, "failed", (why,))
 
 
 def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:
