@@ -1,6 +1,8 @@
 """Sub-pixel splines for slender bodies from a rough sketch, by differentiable rendering."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from napari_splinesketch.engine.find.suggest import suggest
@@ -23,22 +25,14 @@ __all__ = [
     "write_labels",
 ]
 
-_HOME = {
-    "Curve": "engine.types",
-    "Progress": "engine.types",
-    "Refinement": "engine.types",
-    "Settings": "engine.settings",
-    "read_labels": "labels",
-    "refine": "engine.refine",
-    "suggest": "engine.find.suggest",
-    "write_labels": "labels",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import public names when they are first used, so that importing the package is cheap."""
-    from importlib import import_module
-
-    if name in _HOME:
-        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# Imported when they are first used, so that importing the package is cheap.
+__getattr__, _, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "engine.find.suggest": ["suggest"],
+        "engine.refine": ["refine"],
+        "engine.settings": ["Settings"],
+        "engine.types": ["Curve", "Progress", "Refinement"],
+        "labels": ["read_labels", "write_labels"],
+    },
+)

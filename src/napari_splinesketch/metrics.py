@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 from skimage.graph import MCP
 
+from napari_splinesketch.engine.spline import neighbours
 from napari_splinesketch.engine.types import POINTS
 
 _OVERSAMPLING = 8
@@ -131,14 +132,14 @@ def match(
     tolerance
         Largest average DTW of a pair, px.
     """
-    # Pairs whose centroids are far apart cannot be within the tolerance: average DTW is at
-    # least the distance between some two points, so bounding boxes settle most pairs.
+    # Average DTW is at least the distance between some two points, so that bounding boxes settle
+    # most pairs.
     cost = np.full((len(curves), len(truths)), 2 * tolerance + 1.0)
-    low_c, high_c = _boxes(curves)
-    low_t, high_t = _boxes(truths)
-    gap = np.maximum(low_c[:, None] - high_t[None], low_t[None] - high_c[:, None]).max(axis=2)
-    for i, j in np.argwhere(gap <= tolerance):
-        cost[i, j] = min(average_dtw(curves[i], truths[j]), cost[i, j])
+    both = [np.asarray(line, dtype=float) for line in (*curves, *truths)]
+    for i, near in zip(range(len(curves)), neighbours(both, tolerance), strict=False):
+        for j in near:
+            if (k := j - len(curves)) >= 0:
+                cost[i, k] = min(average_dtw(curves[i], truths[k]), cost[i, k])
     rows, columns = linear_sum_assignment(cost)
     good = cost[rows, columns] <= tolerance
     pairs = np.stack([rows[good], columns[good]], axis=1)
@@ -148,14 +149,6 @@ def match(
         precision=len(pairs) / len(curves) if len(curves) else 1.0,
         recall=len(pairs) / len(truths) if len(truths) else 1.0,
     )
-
-
-def _boxes(
-    curves: Sequence[Real[np.ndarray, "N 2"]],
-) -> tuple[Float[np.ndarray, "C 2"], Float[np.ndarray, "C 2"]]:
-    low = np.array([np.min(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
-    high = np.array([np.max(c, axis=0) for c in curves], dtype=float).reshape(-1, 2)
-    return low, high
 
 
 @dataclass(frozen=True)

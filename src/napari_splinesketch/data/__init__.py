@@ -1,11 +1,10 @@
 """Images that come with the package, each with rough sketches over some of its bodies."""
 
-import csv
 from importlib.resources import as_file, files
-from itertools import groupby
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import skimage.io
 from jaxtyping import Float, UInt8
 
@@ -37,7 +36,6 @@ def load_sample(
         raise ValueError(f"There is no sample {name!r}; choose one of {', '.join(IMAGES)}.")
     with as_file(files(__name__) / IMAGES[name]) as path:
         image = skimage.io.imread(path)
-    text = (files(__name__) / f"{name}_sketches.csv").read_text(encoding="utf-8")
-    rows = csv.reader(text.splitlines()[1:])
-    lines = [list(group) for _, group in groupby(rows, key=lambda row: row[0])]
-    return image, [np.array([row[3:] for row in line], dtype=float) for line in lines]
+    with as_file(files(__name__) / f"{name}_sketches.csv") as path:
+        shapes = pd.read_csv(path).groupby("index")
+    return image, [shape.filter(like="axis-").to_numpy(float) for _, shape in shapes]

@@ -1,6 +1,8 @@
 """Training sets for detectors: images with the refined curves that somebody accepted."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from napari_splinesketch.training.export import export_training
@@ -9,19 +11,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Sample", "Split", "TrainingSet", "export_training", "read_training"]
 
-_HOME = {
-    "Sample": "load",
-    "Split": "split",
-    "TrainingSet": "load",
-    "export_training": "export",
-    "read_training": "load",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import public names when they are first used: the command line's help only needs `Split`."""
-    from importlib import import_module
-
-    if name in _HOME:
-        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# Imported when they are first used: the command line's help only needs `Split`.
+__getattr__, _, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "export": ["export_training"],
+        "load": ["Sample", "TrainingSet", "read_training"],
+        "split": ["Split"],
+    },
+)
