@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from glob import glob
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Real
@@ -124,26 +126,29 @@ def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextMana
         from napari_splinesketch.images.tiff import open_tiff
 
         return open_tiff(path, channel, z)
-    if suffix in FILMS:
-        from napari_splinesketch.images.film import open_film
-
-        return open_film(path)
-    if suffix in STILLS:
-        return _still(path)
+    if suffix in STILLS + FILMS:
+        return _still_or_film(path, suffix in FILMS)
     allowed = ", ".join((*TIFFS, *STILLS, *FILMS))
     raise ImageError(f"{path}: not an image; expected one of {allowed}, OME-Zarr or a folder")
 
 
 @contextmanager
-def _still(path: Path) -> Iterator[Frames]:
+def _still_or_film(path: Path, moves: bool) -> Iterator[Frames]:
     import imageio.v3
 
+    if moves and not find_spec("av"):  # imageio's own message does not say how to install it
+        raise ImageError(f"{path}: films need a library; pip install av")
+    plugin: Any = "pyav" if moves else None
     try:
-        pixels = imageio.v3.imread(path, index=0)
+        file = imageio.v3.imopen(path, "r", plugin=plugin)
+        count = (file.properties().n_images or 0) if moves else 1
+        first = None if moves else file.read(index=0)
     except Exception as error:  # image libraries raise anything on a broken file
-        kind = path.suffix[1:].upper()
+        kind = "a film" if moves else path.suffix[1:].upper()
         raise ImageError(f"{path}: cannot be read as {kind} ({error}); save it again") from error
-    yield Frames(path.name, 1, lambda index: pixels)
+    with file:
+        count = count or sum(1 for _ in imageio.v3.imiter(path, plugin=plugin))
+        yield Frames(path.name, count, lambda i: file.read(index=i) if first is None else first)
 
 
 @contextmanager
