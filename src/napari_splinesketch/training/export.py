@@ -3,7 +3,8 @@
 import csv
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, get_args
@@ -14,21 +15,18 @@ from jaxtyping import Int, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
-from napari_splinesketch.files import checksum_of_file
+from napari_splinesketch.files import atomic_folder, checksum_of_file, owned
 from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels.formats import open_labels
 from napari_splinesketch.labels.types import ByFrame, Labels, in_frames
 from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
-from napari_splinesketch.training.folder import (
-    FOLDERS,
-    FORMAT,
-    FRAMES,
-    MANIFEST,
-    VERSION,
-    whole_folder,
-)
 from napari_splinesketch.training.split import LEFT_OUT, PARTS, Split
 
+MANIFEST = "manifest.json"
+FRAMES = "frames.csv"
+FOLDERS = ("images", "splines", "masks", "ignore")
+FORMAT = "napari-splinesketch training set"
+VERSION = 1
 COLUMNS = ("frame", "split", "bodies", "ignored", "sha256")
 
 
@@ -89,7 +87,7 @@ def export_training(
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
     parts = split.parts(frames)
-    with whole_folder(folder, overwrite=overwrite) as temporary:
+    with _whole_folder(folder, overwrite=overwrite) as temporary:
         wanted = dict(zip(frames.tolist(), parts.tolist(), strict=True))
         image, counts = _write_frames(temporary, source, wanted, images, keep)
         head, path = source.head, None if isinstance(labels, Labels) else Path(labels)
@@ -197,3 +195,42 @@ def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) 
 def file_name(frame: int) -> str:
     """Name a frame's files, without their endings."""
     return f"frame-{frame:09d}"
+
+
+@contextmanager
+def _whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
+    """Give a temporary folder that becomes `path` when the block succeeds.
+
+    No other process makes it in the meantime. `overwrite` replaces a training set of this name; a
+    folder with anything else in it is never replaced.
+    """
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: no such folder; make it first")
+    if os.path.lexists(target):
+        if not overwrite:
+            raise FileExistsError(
+                f"{target} exists already; choose another name or add --overwrite"
+            )
+        if not _is_set(target):
+            raise FileExistsError(
+                f"{target} is no training set, or has other files in it, and is not replaced"
+            )
+    with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
+        yield temporary
+
+
+def _is_set(folder: Path) -> bool:
+    """Tell whether a folder is a training set, and nothing else."""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        foreign = {path.name for path in folder.iterdir()} - {MANIFEST, FRAMES, *FOLDERS}
+        foreign |= {
+            path.name
+            for part in FOLDERS
+            for path in (folder / part).iterdir()
+            if not path.name.startswith("frame-")
+        }
+    except (OSError, ValueError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("format") == FORMAT and not foreign

@@ -13,8 +13,7 @@ import tifffile
 from jaxtyping import Bool, Float, Int, Real, UInt16
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.training.export import file_name
-from napari_splinesketch.training.folder import FORMAT, FRAMES, MANIFEST, VERSION
+from napari_splinesketch.training.export import FORMAT, FRAMES, MANIFEST, VERSION, file_name
 from napari_splinesketch.training.split import PARTS, Part
 
 
