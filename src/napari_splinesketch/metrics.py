@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import KDTree
 from skimage.graph import MCP
 
 from napari_splinesketch.engine.spline import neighbours
@@ -67,16 +68,22 @@ def normal_distances(
     a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]
 ) -> Float[np.ndarray, "100"]:
     """Distance of each of `a`'s 100 points from curve `b`, px; NaN where the nearest is an end."""
-    p, q = resample(a), resample(b, 4 * POINTS)
-    start, step = q[:-1], np.diff(q, axis=0)
-    along = np.einsum("psd,sd->ps", p[:, None] - start, step) / np.sum(step**2, axis=1)
-    foot = start + np.clip(along, 0, 1)[..., None] * step
-    distance = np.linalg.norm(p[:, None] - foot, axis=2)
-    nearest = np.argmin(distance, axis=1)
-    rows = np.arange(len(p))
-    place = nearest + np.clip(along[rows, nearest], 0, 1)
-    inside = (place > 0) & (place < len(step))
-    return np.where(inside, distance[rows, nearest], np.nan)
+    distance, place = nearest(resample(a), resample(b, 4 * POINTS))
+    return np.where((place > 0) & (place < 1), distance, np.nan)
+
+
+def nearest(
+    samples: Float[np.ndarray, "N 2"], fine: Float[np.ndarray, "M 2"]
+) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """Distance of each sample from a finely sampled line, and where along it (0 to 1)."""
+    _, index = KDTree(fine).query(samples)
+    tangent = np.gradient(fine, axis=0)
+    step = np.linalg.norm(tangent, axis=1, keepdims=True)
+    away = samples - fine[index]
+    along = np.einsum("nd,nd->n", away, tangent[index] / step[index] ** 2)
+    place = np.clip(index + along, 0, len(fine) - 1)
+    foot = fine[index] + (place - index)[:, None] * tangent[index]
+    return np.linalg.norm(samples - foot, axis=1), place / (len(fine) - 1)
 
 
 def normal_distance(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:

@@ -2,8 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
+from napari_splinesketch.engine.spline import apart
 from napari_splinesketch.metrics import POINTS, resample
 
 _BEND_SD = (1.3, 2.1, 1.9, 1.1)
@@ -61,7 +61,7 @@ def place(
     `across` says whether it must cross one of them; no more than `shared` of its length may lie
     within two half-widths of another. The rest is as in `random_curve`.
     """
-    upper = np.array(shape) - 1 - margin
+    upper, reach = np.array(shape) - 1 - margin, 2 * half_width
     curve = random_curve(rng, length, half_width, bend)
     for attempt in range(1, _TRIES):
         if attempt % _TRIES_PER_SHAPE == 0:
@@ -77,10 +77,10 @@ def place(
             moved = curve + rng.uniform(low, high)
         if np.any(moved < margin) or np.any(moved > upper):
             continue
-        near = _near(moved, others, 2 * half_width)
+        near = _near(moved, others, reach)
         if across and others and not any(crosses(moved, other) for other in near):
             continue
-        if all(_share_on(moved, other, 2 * half_width) <= shared for other in near):
+        if all((apart(moved, other, reach) < reach).mean() <= shared for other in near):
             return moved
     raise ValueError(
         f"A body of length {length:g} px does not fit into a frame of {shape} px with margin "
@@ -94,11 +94,6 @@ def _near(curve: Points, others: tuple[Points, ...], reach: float) -> list[Point
     all_points = np.array(others).reshape(-1, POINTS, 2)
     touch = np.all((all_points.max(axis=1) >= low) & (all_points.min(axis=1) <= high), axis=1)
     return [others[i] for i in np.flatnonzero(touch)]
-
-
-def _share_on(curve: Points, other: Points, reach: float) -> float:
-    """Share of a curve's points within `reach` of another curve."""
-    return float(np.mean(KDTree(other).query(curve, distance_upper_bound=reach)[0] < reach))
 
 
 def crosses(a: Points, b: Points) -> bool:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import distance_transform_edt, gaussian_filter
-from scipy.spatial import KDTree
 
-from napari_splinesketch.metrics import POINTS, resample
+from napari_splinesketch.metrics import POINTS, nearest, resample
 from napari_splinesketch.synthetic.look import Look
 
 _SUPERSAMPLING = 4
@@ -64,7 +63,7 @@ def draw_body(
     pixels = _near(fine, half_width.max() + 1, shape)
     steps = (np.arange(_SUPERSAMPLING) + 0.5) / _SUPERSAMPLING - 0.5
     offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    distance, place = _nearest((pixels[:, None] + offsets).reshape(-1, 2), fine)
+    distance, place = nearest((pixels[:, None] + offsets).reshape(-1, 2), fine)
     width = np.interp(place, np.linspace(0, 1, len(half_width)), half_width)
     # A ramp one sample wide makes the area inside the outline exact to second order.
     inside = np.clip(0.5 + (width - distance) * _SUPERSAMPLING, 0, 1)
@@ -82,20 +81,6 @@ def _near(fine: Points, reach: float, shape: tuple[int, int]) -> Int[np.ndarray,
     off[tuple((anchors - low).T)] = False
     pixels = np.argwhere(np.asarray(distance_transform_edt(off)) <= reach + 1) + low
     return pixels[np.all((pixels >= 0) & (pixels < shape), axis=1)]
-
-
-def _nearest(
-    samples: Points, fine: Points
-) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """Distance of each sample from a finely sampled line, and where along it (0 to 1)."""
-    _, index = KDTree(fine).query(samples)
-    tangent = np.gradient(fine, axis=0)
-    step = np.linalg.norm(tangent, axis=1, keepdims=True)
-    away = samples - fine[index]
-    along = np.einsum("nd,nd->n", away, tangent[index] / step[index] ** 2)
-    place = np.clip(index + along, 0, len(fine) - 1)
-    foot = fine[index] + (place - index)[:, None] * tangent[index]
-    return np.linalg.norm(samples - foot, axis=1), place / (len(fine) - 1)
 
 
 def draw_bodies(
