@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from napari_splinesketch.batch.threads import limit_threads
+from napari_splinesketch.batch.local import limit_threads
 
 gc.disable()  # until all is imported: it is much, and none of it garbage
 

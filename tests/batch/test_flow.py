@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from napari_splinesketch.batch.flow import AHEAD, DeadlyError, Here, through
-from napari_splinesketch.batch.local import Local
-from napari_splinesketch.batch.threads import limit_threads, one_thread_each
+from napari_splinesketch.batch.local import Local, limit_threads, one_thread_each
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
+from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
-from napari_splinesketch.batch.threads import limit_threads
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label, Labels, table
 

@@ -1,18 +1,20 @@
-"""Workers on this machine: processes that die with the one that started them."""
+"""Workers on this machine: processes with a core each that die with the one that started them."""
 
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, MutableMapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from napari_splinesketch.batch.flow import AHEAD
-from napari_splinesketch.batch.threads import one_thread_each
+
+ONE_EACH = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+XLA, XLA_FLAG = "XLA_FLAGS", "--xla_cpu_multi_thread_eigen"
 
 
 class Local:
@@ -69,3 +71,30 @@ def _end_with(lifeline: Connection) -> None:
         lifeline.recv()
     except (EOFError, OSError):
         os._exit(1)
+
+
+def limit_threads(environment: MutableMapping[str, str]) -> None:
+    """Limit BLAS and XLA to one thread, unless the user has chosen; call before importing them.
+
+    The environment is changed in place.
+    """
+    for name in ONE_EACH:
+        environment.setdefault(name, "1")
+    chosen = environment.get(XLA, "")
+    if XLA_FLAG not in chosen:
+        environment[XLA] = f"{chosen} {XLA_FLAG}=false".strip()
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Let processes that are started inside inherit the limit; this one keeps its threads."""
+    before = {name: os.environ.get(name) for name in (*ONE_EACH, XLA)}
+    limit_threads(os.environ)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

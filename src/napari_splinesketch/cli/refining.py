@@ -48,9 +48,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
         notes = *sketches.head.notes, *nothing, *judged(said[True])
         outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
-            overwrite = job.overwrites(job.masks)
-            masks.FORMAT.write_whole(job.masks, outcome.labels, overwrite=overwrite)
-            work.partial.wrote(job.masks)
+            work.put(masks.FORMAT.write_whole, job.masks, outcome.labels)
         if outcome.labels.head.shape is not None:  # a frame could be refined
             _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
     return outcome
@@ -85,9 +83,7 @@ def _write_pictures(job: RefineJob, work: Run, reports: Reports, shape: tuple[in
     done = [report.frame for report in reports if report.error is None]
     if job.reconstruction:
         pages = map(work.partial.reconstruction, done)
-        overwrite = job.overwrites(job.reconstruction)
-        write_reconstruction(job.reconstruction, pages, shape, done, overwrite=overwrite)
-        work.partial.wrote(job.reconstruction)
+        work.put(write_reconstruction, job.reconstruction, pages, shape, done)
     if job.overlay:
-        drawn, overwrite = work.partial.labels(done[0]), job.overwrites(job.overlay)
-        write_overlay(job.overlay, work.images[done[0]], drawn, overwrite=overwrite)
+        drawn = work.partial.labels(done[0])
+        work.put(write_overlay, job.overlay, work.images[done[0]], drawn)

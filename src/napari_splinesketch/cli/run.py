@@ -1,10 +1,12 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial as bind
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,6 +35,7 @@ from napari_splinesketch.labels.types import ByFrame
 FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
 FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
 """Options that a frame's labels do not depend on, or that are compared in another way."""
+T = TypeVar("T")
 Todo = tuple[int, Find, tuple[Label, ...]]
 """A frame, what to do with its image, and its labels where that fails."""
 
@@ -144,16 +147,20 @@ class Run:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)
-        output, overwrite = self.job.output, self.job.overwrites(self.job.output)
-        writer = writer_of(output)
+        writer = writer_of(self.job.output)
         losses: tuple[str, ...] = ()
         if writer is table.FORMAT:  # as the frames are kept: there is nothing to be read
             numbers = (done.frame for done in reports)
-            self.partial.join(output, numbers, labels.head.scale, overwrite=overwrite)
+            self.put(self.partial.join, self.job.output, numbers, labels.head.scale)
         else:
-            losses = writer.write_whole(output, labels, overwrite=overwrite)
-        self.partial.wrote(output)
+            losses = self.put(writer.write_whole, self.job.output, labels)
         return Outcome(reports, (*notes, *losses), labels)
+
+    def put(self, write: Callable[..., T], path: Path, *content: Any) -> T:
+        """Write an output, in place of what it may replace, and note that it is written."""
+        told = write(path, *content, overwrite=self.job.overwrites(path))
+        self.partial.wrote(path)
+        return told
 
     def _labels(self, reports: Reports) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
