@@ -59,7 +59,7 @@ def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
     kept = Partial(tmp_path / "run.csv", {}, resume=False)
     for number, label in enumerate(FULL.labels):
         part = Labels((label,), FULL.scale, FULL.units)
-        kept.save(FrameReport(number, (), None, 0.0), table.text(part), None)
+        kept.save(FrameReport(number, (), None, 0.0), part, None)
     kept.join(tmp_path / "all.csv", range(3), FULL.scale, overwrite=False)
     assert (tmp_path / "all.csv").read_text() == table.text(FULL)
     kept.join(tmp_path / "none.csv", [], None, overwrite=False)

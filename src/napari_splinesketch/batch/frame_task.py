@@ -20,7 +20,7 @@ from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
-from napari_splinesketch.labels import Label, Labels, table
+from napari_splinesketch.labels import Label
 
 
 class UnreachableError(ImageError):
@@ -100,9 +100,6 @@ class FrameTask:
     """What to do."""
     instead: tuple[Label, ...]
     """The labels of the frame where that fails."""
-    scale: tuple[float, float] | None
-    units: str | None
-    """`scale` and `units`: size of a pixel, for the labels."""
     version: str = __version__
     """Of the package that sends the task; the worker's must be the same."""
 
@@ -113,8 +110,8 @@ class FrameDone:
 
     report: FrameReport
     """For the user."""
-    table: str
-    """The labels, as a table in CSV."""
+    labels: tuple[Label, ...]
+    """Its bodies."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
     """(H, W), where it was asked for."""
     reached: bool = True
@@ -146,7 +143,7 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     seconds = round(time.perf_counter() - began, 3)
     report = FrameReport(task.frame, found.reports, None, seconds, digest)
     shape = image.shape[0], image.shape[1]
-    return FrameDone(report, _table(task, found.labels), found.reconstruction, shape=shape)
+    return FrameDone(report, found.labels, found.reconstruction, shape=shape)
 
 
 def failed(
@@ -159,11 +156,7 @@ def failed(
 ) -> FrameDone:
     """Give the result of a frame for which that failed."""
     report = FrameReport(task.frame, (), why, round(seconds, 3), sha256)
-    return FrameDone(report, _table(task, task.instead), reached=reached)
-
-
-def _table(task: FrameTask, labels: tuple[Label, ...]) -> str:
-    return table.text(Labels(labels, task.scale, task.units))
+    return FrameDone(report, task.instead, reached=reached)
 
 
 class Reading:

@@ -77,14 +77,14 @@ class Partial:
         return done
 
     def save(
-        self, report: FrameReport, rows: str, reconstruction: Float[np.ndarray, "H W"] | None
+        self, report: FrameReport, labels: Labels, reconstruction: Float[np.ndarray, "H W"] | None
     ) -> None:
-        """Keep a finished frame, its labels as rows in CSV; its report is written last."""
+        """Keep a finished frame; its report is written last."""
         if not self._note.exists():
             self.folder.mkdir(exist_ok=True)
             _write(self._note, json.dumps(self._mine).encode())
         self._path(report.frame, "").parent.mkdir(exist_ok=True)
-        content = rows.encode()
+        content = table.text(labels).encode()
         _write(self.table(report.frame), content)
         if reconstruction is not None:
             path = self._path(report.frame, ".tif")

@@ -101,7 +101,8 @@ class Run:
                     f" {self._shape[0]} x {self._shape[1]}; masks and reconstructions are of one"
                     " size: leave them out, or refine frames of each size on their own"
                 )
-        self.partial.save(done.report, done.table, done.reconstruction)
+        labels = replace(self.head, labels=done.labels)
+        self.partial.save(done.report, labels, done.reconstruction)
         self.add()
 
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
@@ -123,12 +124,11 @@ class Run:
 
     def _tasks(self, todo: Iterable[Todo], reading: Reading) -> Iterator[FrameTask]:
         """Give the frames that are not finished; those of an earlier run count as done."""
-        size = self.head.scale, self.head.units
         for frame, find, instead in todo:
             if self.finished(frame):
                 self.add()
             else:
-                yield FrameTask(frame, reading.of(frame), find, instead, *size)
+                yield FrameTask(frame, reading.of(frame), find, instead)
 
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image."""

@@ -15,7 +15,7 @@ from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_ru
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
-from napari_splinesketch.labels import Label, Labels, read_labels, table
+from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
@@ -138,10 +138,8 @@ class _Film:
         told = *_reports(curves, tracked), *undone
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
         report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256, notes)
-        size = {"scale": self.run.head.scale, "units": self.run.head.units}
-        labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves, **size)
-        labels = replace(labels, labels=(*labels.labels, *left_out))
-        return FrameDone(report, table.text(labels))
+        labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
+        return FrameDone(report, (*labels.labels, *left_out))
 
 
 def _reports(curves: Mapping[int, Curve], tracked: Tracked) -> tuple[CurveReport, ...]:
@@ -167,7 +165,6 @@ def _after(
     tracked = Tracked(
         done.frame,
         placed,
-        {number: curve.points for number, curve in placed.items()},
         drifting=frozenset(n for n in placed if status[n].status == DRIFT),
         missing={n: "" for n, r in status.items() if r.status in (MISSING, LOST) and n in bodies},
         lost=frozenset(n for n, r in status.items() if r.status == LOST),
