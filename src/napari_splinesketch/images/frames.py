@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from glob import glob
 from importlib.util import find_spec
@@ -139,14 +139,15 @@ def _still_or_film(path: Path, moves: bool) -> Iterator[Frames]:
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
         raise ImageError(f"{path}: films need a library; pip install av")
     plugin: Any = "pyav" if moves else None
-    try:
-        file = imageio.v3.imopen(path, "r", plugin=plugin)
-        count = (file.properties().n_images or 0) if moves else 1
-        first = None if moves else file.read(index=0)
-    except Exception as error:  # image libraries raise anything on a broken file
-        kind = "a film" if moves else path.suffix[1:].upper()
-        raise ImageError(f"{path}: cannot be read as {kind} ({error}); save it again") from error
-    with file:
+    with ExitStack() as inside:
+        try:
+            file = inside.enter_context(imageio.v3.imopen(path, "r", plugin=plugin))
+            count = (file.properties().n_images or 0) if moves else 1
+            first = None if moves else file.read(index=0)
+        except Exception as error:  # image libraries raise anything on a broken file
+            kind = "a film" if moves else path.suffix[1:].upper()
+            why = f"{path}: cannot be read as {kind} ({error}); save it again"
+            raise ImageError(why) from error
         count = count or sum(1 for _ in imageio.v3.imiter(path, plugin=plugin))
         yield Frames(path.name, count, lambda i: file.read(index=i) if first is None else first)
 
