@@ -1,6 +1,7 @@
 """Labels in napari's own menus, and the manifest that puts them there."""
 
 import json
+import math
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,6 +30,7 @@ from napari_splinesketch.plugin.files import (
     read_with,
     write,
 )
+from napari_splinesketch.plugin.layers.drawn import shapes_in
 
 from .hand import assert_drawn, click, refine, rest, until
 
@@ -356,6 +358,74 @@ def test_labels_are_opened_without_a_question_and_gone_on_with(
     assert dock.offer.labels.isHidden()
     assert not dock.controller.request().targets
     assert dock.export.isEnabled()
+
+
+PLACES: dict[str, dict[str, Any]] = {
+    "pixel size": {"scale": (0.2, 0.3), "units": ("um", "um")},
+    "moved": {"translate": (100, 50)},
+    "turned": {"scale": (0.5, 2), "rotate": 25, "shear": [0.2], "affine": np.diag([1.1, 0.9, 1])},
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("name", ["a.csv", "a.zip", "table.csv"])
+@pytest.mark.parametrize("image_first", [True, False])
+@pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
+def test_labels_lie_on_the_image_in_its_pixels(
+    viewer: Any,
+    dock: SplinesketchDock,
+    tmp_path: Path,
+    npe2pm_installed: None,
+    labels: Labels,
+    place: str,
+    name: str,
+    image_first: bool,
+) -> None:
+    (one, *_) = labels.labels
+    known = Labels((replace(one, points=one.points * 0.4),), scale=(0.5, 2.0), units="µm")
+    points = known.labels[0].points
+    if name == "table.csv":
+        rows = "".join(f"3,{row},{col}\n" for row, col in points)
+        (tmp_path / name).write_text(f"curve,row,col\n{rows}")
+    else:
+        write_labels(tmp_path / name, known)
+
+    def image() -> None:
+        viewer.add_image(np.zeros((40, 60)), **PLACES[place])
+
+    steps = [image, lambda: viewer.open(tmp_path / name, plugin=PLUGIN)]
+    for step in steps if image_first else steps[::-1]:
+        step()
+    (line,) = dock.controller.drawn.lines
+    np.testing.assert_allclose(line, points, atol=1e-4)
+    if name != "table.csv":
+        viewer.layers[-1].scale = (7, 7)
+        dock.saver.take_up()
+        assert not dock.controller.request().targets, "the curve has its line"
+        (line,) = dock.controller.drawn.lines
+        np.testing.assert_allclose(line, points, atol=1e-4)
+
+
+@pytest.mark.parametrize("axes", [(), (3,), (2, 3)])
+def test_labels_lie_in_their_frames_of_the_image(
+    viewer: Any,
+    dock: SplinesketchDock,
+    tmp_path: Path,
+    npe2pm_installed: None,
+    labels: Labels,
+    axes: tuple[int, ...],
+) -> None:
+    write_labels(tmp_path / "a.csv", labels)
+    place = np.full(len(axes), 4.0)
+    viewer.add_image(np.zeros((*axes, 60, 60)), translate=(*place, 7, 9), scale=(*place, 1, 1))
+    viewer.open(tmp_path / "a.csv", plugin=PLUGIN)
+    work: Any = dock.controller.work
+    shapes = shapes_in(viewer, work.sketches, work.image)
+    last = max(math.prod(axes) - 1, 0)
+    assert [frame for frame, _ in shapes] == [min(label.frame, last) for label in labels.labels]
+    assert dock.controller.frame == 0
+    for (_, line), label in zip(shapes, labels.labels, strict=True):
+        np.testing.assert_allclose(line, label.points, atol=1e-4)
 
 
 def test_a_path_without_a_plugin_means_napari_s_own_reader(

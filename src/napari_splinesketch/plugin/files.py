@@ -14,7 +14,7 @@ import npe2
 import numpy as np
 import pint
 from jaxtyping import Float
-from napari.layers import Shapes
+from napari.layers import Image, Shapes
 from napari.plugins._npe2 import get_readers
 from napari.plugins.utils import get_preferred_reader
 from napari.settings import get_settings
@@ -32,7 +32,7 @@ from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS
 from napari_splinesketch.plugin.layers.pictures import OWNER, OWNERS, ROLE
-from napari_splinesketch.plugin.layers.space import pixel_size, size_of
+from napari_splinesketch.plugin.layers.space import in_stack, pixel_size, placement, size_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.synthetic import rotate, scene
 
@@ -199,6 +199,16 @@ def read_with(layer: Shapes) -> Labels:
         for name, value in _placed(labels, layer.ndim).items():
             setattr(layer, name, value)
     return layer.metadata.get(LABELS, Labels())
+
+
+def lay(layer: Shapes, image: Image) -> None:
+    """Lay lines that were read from a file on an image: labels are in its pixels."""
+    if read_with(layer).labels:
+        if 2 < layer.ndim < image.ndim:
+            lines = layer.data
+            layer.data = [in_stack(image, round(line[0, 0]), line[:, 1:]) for line in lines]
+        for name, value in placement(image, layer.ndim).items():
+            setattr(layer, name, value)
 
 
 def _placed(labels: Labels, ndim: int) -> dict[str, Any]:

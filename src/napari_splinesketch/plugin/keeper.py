@@ -14,7 +14,7 @@ from napari.layers.base import ActionType
 
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
-from napari_splinesketch.plugin import choices, words
+from napari_splinesketch.plugin import choices, files, words
 from napari_splinesketch.plugin.choices import PLACED, Settings, listen
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
@@ -118,8 +118,11 @@ class Keeper:
         for work in self.works:
             if work.image is image and work.sketches is sketches:
                 return work
+        known = [work.records for work in vars(sketches).get(WORKS, ())]
         self.works.append(Work(image, sketches, self.viewer))
         self._attend(self.works[-1])
+        if not any(known):
+            files.lay(sketches, image)
         return self.works[-1]
 
     @cached_property

@@ -26,7 +26,7 @@ from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.files import read_with, records_of
+from napari_splinesketch.plugin.files import lay, read_with, records_of
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.pictures import is_result
 from napari_splinesketch.plugin.layers.results import Work
@@ -233,6 +233,7 @@ class Saver(QObject):
         """Go on with the curves that the chosen layer brought; its lines are their sketches."""
         controller, work = self._controller, self._controller.work
         if work and self.brought and not controller.progress:
+            lay(work.sketches, work.image)
             records, beyond = records_of(read_with(work.sketches), frame_count(work.image))
             controller.apply("Continue with labels", State(records=records))
             if beyond:

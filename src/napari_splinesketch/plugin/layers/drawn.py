@@ -77,13 +77,8 @@ def new_sketch_layer(viewer: ViewerModel, image: Image) -> Shapes:
 
 def empty_layer(image: Image, name: str, *, flat: bool = False) -> Shapes:
     """Make an empty layer of sketches that lies on the image; a flat one is in all frames."""
-    style, place = line_style(space.size_of(image)), space.placement(image)
-    if flat and image.ndim > 2:
-        place = {key: place[key][-2:] for key in ("scale", "translate", "units", "axis_labels")}
-        place["rotate"] = image.rotate[-2:, -2:]
-        place["shear"] = image.shear[-1:]  # of the upper triangle, row by row
-        place["affine"] = image.affine.affine_matrix[-3:, -3:]
-    layer = Shapes(ndim=2 if flat else image.ndim, name=name, **style, **place)
+    style, axes = line_style(space.size_of(image)), 2 if flat else image.ndim
+    layer = Shapes(ndim=axes, name=name, **style, **space.placement(image, axes))
     layer.current_edge_color = style["edge_color"]
     layer.current_edge_width = style["edge_width"]
     return layer

@@ -24,7 +24,6 @@ from napari_splinesketch.plugin.model import Line, lengths_of
 Points = Float[np.ndarray, "N D"]
 Pair = Float[np.ndarray, "2"]  # (row, col)
 Corner = Int[np.ndarray, "2"]
-PLACE = ("scale", "translate", "rotate", "shear", "affine", "units", "axis_labels")  # of a layer
 WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
 LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
 MARGIN = 64  # kept around the sketches beside the length of the longest, px
@@ -186,9 +185,29 @@ def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
     return np.hstack([np.broadcast_to(index, (len(points), len(shape))), points])
 
 
-def placement(image: Image) -> dict[str, Any]:
-    """Give the keywords that make a new layer lie on the image."""
-    return {name: getattr(image, name) for name in PLACE}
+def placement(image: Image, ndim: int | None = None) -> dict[str, Any]:
+    """Give the keywords that make a new layer, of as many axes or `ndim`, lie on the image."""
+    count = ndim or image.ndim
+
+    def last(values: Any, fill: Any, number: int = count) -> tuple[Any, ...]:
+        kept = tuple(values)[-number:]
+        return (*[fill] * (number - len(kept)), *kept)
+
+    def corner(matrix: Any, size: int) -> Float[np.ndarray, "N N"]:
+        made, kept = np.eye(size), min(size, len(matrix))
+        made[-kept:, -kept:] = matrix[-kept:, -kept:]
+        return made
+
+    return {
+        "scale": last(image.scale, 1.0),
+        "translate": last(image.translate, 0.0),
+        "rotate": corner(image.rotate, count),
+        # Of the upper triangle, row by row.
+        "shear": last(image.shear, 0.0, count * (count - 1) // 2),
+        "affine": corner(image.affine.affine_matrix, count + 1),
+        "units": last(image.units, "pixel"),
+        "axis_labels": last(image.axis_labels, "frame"),
+    }
 
 
 def placement_on(image: Image, grid: Grid) -> dict[str, Any]:
