@@ -160,6 +160,22 @@ def fit_knots(points: Float[Array, "N D"], knots: int) -> Float[Array, "K D"]:
     return _fitter(knots) @ dense
 
 
+def knots_needed(line: Float[Array, "N 2"], half_width: float, allowed: tuple[int, ...]) -> int:
+    """The fewest knots whose spline follows a traced path within a trace's own accuracy."""
+    loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
+    length = arc_length(line)[-1]
+    points = max(64, int(length / 4))
+    allowed = tuple(
+        n for n in allowed if n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n
+    )
+    dense = resample(line, points)
+    for count in allowed:
+        fitted = sample(fit_knots(line, count), points)
+        if np.sqrt(((fitted - dense) ** 2).sum(1).mean()) < loose:
+            return count
+    return allowed[-1]
+
+
 @cache
 def _fitter(knots: int) -> Float[Array, "K N"]:
     """Least squares with the first and last point held (weight 1e3)."""

@@ -23,6 +23,7 @@ from napari.utils.notifications import show_info
 from napari_splinesketch import palette
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 PLUGIN = "napari-splinesketch"
-KNOTS = 10  # of a curve that was read from a file: as many as the engine gives most bodies
 READ = "the file does not say why"
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
 LayerData = tuple[Any, dict[str, Any], str]
@@ -225,8 +225,10 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
     made = []
     for label in here:
         even, status = label.resampled(POINTS), cast(Status, label.status)
-        width = np.interp(np.linspace(0, 1, KNOTS), np.linspace(0, 1, POINTS), even.half_width)
-        knots = np.column_stack([spline.fit_knots(even.points, KNOTS), width])
+        half_width = float(np.median(np.nan_to_num(even.half_width)))
+        count = spline.knots_needed(even.points, half_width, Settings.knots)
+        width = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, POINTS), even.half_width)
+        knots = np.column_stack([spline.fit_knots(even.points, count), width])
         reasons = () if status == "good" else (READ,)
         # How well it explained the image is in no file.
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
