@@ -40,6 +40,18 @@ def test_bodies_of_different_sampling_are_resampled_and_it_is_said(tmp_path: Pat
     assert {len(i.numpy()) for frame in read for i in frame.instances} == {100}
 
 
+@pytest.mark.parametrize("points", [400, 401, 550])
+def test_more_points_than_a_file_holds_are_refused_in_words(tmp_path: Path, points: int) -> None:
+    path, labels = tmp_path / "a.slp", Labels((bent(0, 3, points=points),))
+    if points == 400:
+        write_labels(path, labels)
+        assert len(sleap_io.load_slp(str(path), open_videos=False).skeleton.nodes) == points
+        return
+    with pytest.raises(ValueError, match=f"at most 400 points a curve, and these have {points}"):
+        write_labels(path, labels)
+    assert not path.exists()
+
+
 def test_no_curves(tmp_path: Path) -> None:
     write_labels(tmp_path / "a.slp", Labels())
     assert len(sleap_io.load_slp(str(tmp_path / "a.slp"), open_videos=False)) == 0

@@ -13,6 +13,8 @@ from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.json_tree import head_of, held
 from napari_splinesketch.labels.types import AnyLabels, evenly_sampled
 
+MOST = 400  # points of a curve: HDF5 keeps their names in one attribute, of 64 KiB at most
+
 
 def write(path: Path, labels: AnyLabels) -> None:
     """Write user instances on a video of the image's name; frames count from 0."""
@@ -21,6 +23,11 @@ def write(path: Path, labels: AnyLabels) -> None:
     except ImportError:
         raise ValueError("SLEAP files need sleap-io; pip install sleap-io") from None
     size, bodies = evenly_sampled(labels)
+    if size > MOST:
+        raise ValueError(
+            f"a SLEAP file holds at most {MOST} points a curve, and these have {size}; "
+            "resample them, or choose another format"
+        )
     nodes = [f"p{i}" for i in range(size)]
     skeleton = sleap_io.Skeleton(nodes=nodes, edges=list(pairwise(nodes)))
     video = sleap_io.Video(image_name(labels), open_backend=False)
