@@ -102,3 +102,13 @@ def test_every_real_type(viewer: Any, dock: SplinesketchDock, fake: FakeEngine, 
     image = viewer.add_image(np.eye(150, 160).astype(dtype), name="x", contrast_limits=(0, 1))
     refined(viewer, dock, image)
     assert fake.calls[0]["image"].dtype == dtype
+
+
+def test_channels_in_the_last_axis_are_columns_like_others(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    viewer.add_image(np.zeros((40, 60, 4)), rgb=False)
+    viewer.add_shapes([[[3, 10, 1], [3, 50, 2]]], shape_type="line", name="channels sketches")
+    refine(dock)
+    assert "could not be shown" not in dock.controller.notice.text
+    assert viewer.layers["channels reconstruction"].data.shape[-1] == 4

@@ -118,6 +118,8 @@ class Slot:
         """Make the layer; without data, an empty one to be filled by `update`."""
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
         size = {} if data else {"ndim": image.ndim}
+        if kind is Image:  # napari takes a picture three or four columns broad for colours
+            how |= {"rgb": False}
         layer = kind(*data, **size, **space.placement(image) | self._named | how)
         # Pictures over the image, all else over everything.
         at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
