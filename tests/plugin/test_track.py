@@ -315,7 +315,7 @@ def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:
         apply=lambda *step, work: None,
         show=lambda work, last: last(),
     )
-    going = Tracking(elsewhere, cast(Any, SimpleNamespace(state=State())), range(1, 4))
+    going = Tracking(elsewhere, cast(Any, SimpleNamespace(state=State())), range(4), range(1, 4))
     going.results += results
     pictures = [weakref.ref(one.view) for one in results]
     results.clear()
@@ -353,3 +353,31 @@ def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:
     viewer.dims.set_point(0, 2)
     assert "last frame" in dock.track.buttons["next_frame"].toolTip()
     assert not dock.track.buttons["track"].isEnabled()
+
+
+@pytest.mark.parametrize(
+    ("labels", "there"), [(("t", "z", "y", "x"), [1, 4, 7]), (("z", "t", "y", "x"), [0, 1, 2])]
+)
+def test_curves_are_carried_along_time_in_the_plane_in_view(
+    viewer: Any, film: SplinesketchDock, labels: tuple[str, ...], there: list[int]
+) -> None:
+    viewer.layers.clear()
+    viewer.add_image(np.zeros((3, 3, 96, 128), np.float32), name="film", axis_labels=labels)
+    lines = [np.insert(line, 0, 0, axis=1) for line in LINES]
+    if labels[0] == "z":
+        lines = [line[:, [1, 0, 2, 3]] - [1, 0, 0, 0] for line in lines]
+    viewer.add_shapes(lines, shape_type="line", name="film sketches")
+    refine(film)
+    click(film.track.buttons["next_frame"])
+    over(film)
+    assert film.controller.frame == there[1]
+    assert {frame for frame, _ in keys(film)} == set(there[:2])
+    click(film.track.buttons["track"])
+    over(film)
+    assert {frame for frame, _ in keys(film)} == set(there)
+    click(film.track.buttons["next_frame"])
+    over(film)
+    assert film.controller.actions.problem("next_frame") == "This is the last frame"
+    click(film.track.buttons["previous_frame"])
+    over(film)
+    assert film.controller.frame == there[1]

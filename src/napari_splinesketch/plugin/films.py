@@ -109,7 +109,7 @@ def tracking_problem(c: Controller, way: int) -> str:
     image = c.image
     if (problem := space.plane_problem(c.viewer, image)) or image is None:
         return problem
-    if not 0 <= c.frame + way < space.frame_count(image):
+    if c.frame == space.frames_over_time(image, c.frame)[min(-way, 0)]:
         return "This is the last frame" if way > 0 else "This is the first frame"
     known = any(record.usable for record in c.records(c.frame))
     return "" if known else "There are no curves in this frame: refine it first"
@@ -118,11 +118,24 @@ def tracking_problem(c: Controller, way: int) -> str:
 def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
     if c.work is not None:
-        begin = c.frame if most else confirmed(c.state, c.frame, way)
-        frames = range(begin + way, space.frame_count(c.work.image) if way > 0 else -1, way)
-        going = Tracking(c, c.work, frames[:most])
+        times = space.frames_over_time(c.work.image, c.frame)
+        state, now = at_times(c.state, times), times.index(c.frame)
+        begin = now if most else confirmed(state, now, way)
+        frames = range(begin + way, len(times) if way > 0 else -1, way)
+        going = Tracking(c, c.work, times, frames[:most])
         carry = partial(follow, early=going.results.append)
-        going.start(carry, bodies_at(c.state, begin, way))
+        going.start(carry, bodies_at(state, begin, way))
+
+
+def at_times(state: State, times: range) -> State:
+    """Number the curves of some frames by their times, and leave out all others."""
+
+    def numbered(records: Sequence[Record]) -> tuple[Record, ...]:
+        there = [(r, times.index(r.frame)) for r in records if r.frame in times]
+        # To copy all curves of a film takes too long.
+        return tuple([r if r.frame == time else replace(r, frame=time) for r, time in there])
+
+    return replace(state, records=numbered(state.records), deleted=numbered(state.deleted))
 
 
 def confirmed(state: State, frame: int, way: int = 1) -> int:
@@ -136,19 +149,27 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
 
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
-    known = corrected_at(c.state, c.frame, c.selection)
-    return space.plane_problem(c.viewer, c.image) or ("" if known else NOT_CORRECTED)
+    problem = space.plane_problem(c.viewer, c.image)
+    return problem or ("" if _corrected(c)[-1] else NOT_CORRECTED)
+
+
+def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
+    """Give all times, the state at them, the one in view, and the bodies corrected there."""
+    times = space.frames_over_time(c.image, c.frame) if c.image else range(c.frame + 1)
+    state, now = at_times(c.state, times), times.index(c.frame)
+    chosen = [(now, number) for frame, number in c.selection if frame == c.frame]
+    return times, state, now, corrected_at(state, now, chosen)
 
 
 def around(c: Controller) -> None:
     """Carry corrected curves of the frame in view both ways, until nothing changes."""
     if c.work is not None:
-        at, last = c.frame, space.frame_count(c.work.image)
-        known = by_frame(c.work.records)
+        times, state, at, bodies = _corrected(c)
+        known = by_frame(state.records)
         curves = {t: {r.id: r.curve for r in known[t] if r.usable} for t in known}
         carry = partial(tracking.around, there=lambda frame: curves.get(frame, {}))
-        going = Tracking(c, c.work, (range(at + 1, last), range(at - 1, -1, -1)), corrected=at)
-        going.start(carry, corrected_at(c.state, at, c.selection))
+        ways = range(at + 1, len(times)), range(at - 1, -1, -1)
+        Tracking(c, c.work, times, ways, corrected=c.frame).start(carry, bodies)
 
 
 @dataclass(eq=False)
@@ -157,7 +178,8 @@ class Tracking:
 
     controller: Controller
     work: Work
-    frames: Sequence[Any]  # those of both ways around a frame that was `corrected`
+    times: range  # frames of the image, as tracking counts them
+    frames: Sequence[Any]  # their numbers; those of both ways around a frame that was `corrected`
     corrected: int | None = None
     results: list[Tracked] = field(default_factory=list)  # still to be taken over
     _taken: dict[int, Tracked] = field(default_factory=dict)  # the last of each frame
@@ -165,7 +187,7 @@ class Tracking:
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
         """Begin, by one of the ways of `tracking`."""
         c, image = self.controller, self.work.image
-        known = by_frame(self.work.records)
+        known = by_frame(at_times(self.work.state, self.times).records)
 
         def given(frame: int) -> Given:
             here = known.get(frame)
@@ -173,7 +195,10 @@ class Tracking:
             return Given(mine, whole=all(r.decided for r in here)) if here else NOTHING_GIVEN
 
         run = partial(carry, self.frames, bodies, given=given)
-        block = partial(space.block_around, image)
+
+        def block(time: int, lines: Sequence[model.Line]) -> space.Block:
+            return space.block_around(image, self.times[time], lines)
+
         run = partial(engine.track, run, block, c.how(image), self.results.append)
         c.start(run, self.over, "Tracking", self.take, self.cancelled, on=self.work)
 
@@ -181,10 +206,11 @@ class Tracking:
         """Take over the frames that are done by now."""
         controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
+        done = [replace(one, frame=self.times[one.frame]) for one in done]
         if done:
             what = f"Refit around frame {self.corrected}"
             if self.corrected is None:
-                what = f"Track to frame {self.frames[-1]}"
+                what = f"Track to frame {self.times[self.frames[-1]]}"
             again = bool(self._taken) and work.history.done == what  # nothing done in between
             state = work.state
             for one in done:
@@ -200,8 +226,9 @@ class Tracking:
         controller, work = self.controller, self.work
         if work is controller.work and len(self.frames) == 1 and self.corrected is None:
             numbers = {number for _, number in controller.selection}
-            space.go_to_frame(controller.viewer, work.image, self.frames[0])
-            there = [key for key in work.state.by_key if key[0] == self.frames[0]]
+            frame = self.times[self.frames[0]]
+            space.go_to_frame(controller.viewer, work.image, frame)
+            there = [key for key in work.state.by_key if key[0] == frame]
             controller.select(key for key in there if key[1] in numbers)
         said = words.tracked([*self._taken.values()], self.corrected)
         controller.show(work, partial(controller.finish, said))

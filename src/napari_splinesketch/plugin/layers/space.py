@@ -124,6 +124,21 @@ def frame_count(image: Image) -> int:
     return int(np.prod(frame_shape(image), dtype=int))
 
 
+def frames_over_time(image: Image, frame: int) -> range:
+    """Give the frames at all times that share a frame's place on the other axes.
+
+    Time is the axis called "t" or "time", or the first.
+    """
+    shape = frame_shape(image)
+    if not shape:
+        return range(1)
+    names = [name.lower() for name in image.axis_labels[: len(shape)]]
+    axis = next((i for i, name in enumerate(names) if name in ("t", "time")), 0)
+    step = int(np.prod(shape[axis + 1 :], dtype=int))
+    first = frame - int(np.unravel_index(frame, shape)[axis]) * step
+    return range(first, first + shape[axis] * step, step)
+
+
 def size_of(image: Image) -> tuple[int, int]:
     """(H, W) of an image at full resolution, px."""
     height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
