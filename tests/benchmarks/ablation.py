@@ -104,8 +104,8 @@ def _everybody_alike() -> None:
     rungs = scene._rungs
 
     def without(around: Any, told: float | None):
-        own, contradicted = rungs(around, told)
-        return (int(np.median(own)),) * len(own), contradicted
+        own, _, contradicted = rungs(around, told)
+        return (int(np.median(own)),) * len(own), ((),) * len(own), contradicted
 
     scene._rungs = without
 

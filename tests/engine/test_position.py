@@ -23,7 +23,7 @@ U = np.linspace(0, 1, 100)
 def seen(noise: float, half_width: float = 3.0) -> Scene:
     blank = np.zeros(SHAPE)
     return Scene(
-        blank, blank == 0, "constant", 1.0, noise, 0.9, half_width, Ridges(blank, noise), ()
+        blank, blank == 0, "constant", 1.0, noise, 0.9, half_width, Ridges(blank, noise), (), ()
     )
 
 

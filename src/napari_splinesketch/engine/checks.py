@@ -1,6 +1,7 @@
 """What `refine` and `suggest` are given: refused with a ValueError where it makes no sense."""
 
 from collections.abc import Sequence
+from numbers import Number
 from typing import get_args
 
 import numpy as np
@@ -13,7 +14,8 @@ from napari_splinesketch.engine.types import Array, Polarity, Sketches
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
     """The image as an array, if it is one 2-D grey image with data in it."""
-    image = np.asarray(image)
+    masked = np.ma.isMaskedArray(image) and np.ma.is_masked(image)
+    image = np.ma.filled(image.astype(np.float64), np.nan) if masked else np.asarray(image)
     if image.ndim != 2 or not image.size:
         raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
     if image.dtype.kind not in "biuf":
@@ -29,9 +31,11 @@ def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float 
         raise ValueError(f"polarity is {polarity!r}; choose one of {get_args(Polarity)}.")
     widest = max(*shape, 4) / 2
     thinnest = const.THINNEST_GIVEN_PX
-    if half_width is not None and not thinnest <= half_width <= widest:
+    if half_width is not None and not (
+        isinstance(half_width, Number) and thinnest <= half_width <= widest
+    ):
         raise ValueError(
-            f"half_width is {half_width}; give {thinnest} to {widest:g} px in an image of"
+            f"half_width is {half_width!r}; give {thinnest} to {widest:g} px in an image of"
             f" {shape[0]} x {shape[1]} px, or None to have it measured."
         )
 

@@ -44,7 +44,8 @@ RIDGE_CHUNK = 2**14
 RIDGE_FLOOR = 0.03  # ridges below this share of the bodies' count as nothing where all is smooth
 
 # === Look: background, contrast and what surrounds a sketch
-BACKGROUND_BLOCK_PX = 32  # side of the blocks whose medians are the background
+BACKGROUND_BLOCK_PX = 32  # side of the blocks whose medians are the background ...
+BACKGROUND_BLOCK_HW = 6.0  # ... and its least value: less than half of a block is body (geometry)
 BACKGROUND_TOLERANCE = 0.3  # share of the noise by which a simple background may miss the medians
 BACKGROUND_STEP = 2  # every this many rows and columns are read for the background (speed)
 MISSING_BLUR_PX = 1.5  # missing pixels are filled from those nearby with a Gaussian of this width
@@ -114,6 +115,7 @@ NARROW_PX = 1.0  # ... plus this; where nothing is clearly better than the sketc
 # by no more than this share of what is a hit (rms):
 MOVED_HITS = 0.67
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
+UNWOUND_HW = 1.5  # a path that runs over its own first half within this ends there (geometry)
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
 # a hollow body's path is within this of its clicked sketch, or a rim is nearer (geometry):
 HOLLOW_MIDDLE_HW = 0.5
@@ -234,6 +236,8 @@ MARGIN_PX = 3.5  # ... and its least value
 # knots may miss a path by this (rms): more knots follow neighbours and texture,
 KNOT_MISS_HW = 0.15
 KNOT_MISS_PX = (0.2, 1.0)  # but by no less and no more than these
+# a curve whose knots would miss its path by more than this (rms) cuts corners:
+CORNERS_HW = 0.75
 KNOTS_MANY = 24  # more knots than this only where they are far apart,
 KNOTS_APART_PX = 15.0  # namely by this: closer ones follow noise
 # fixed curves are drawn with at least this half-width (geometry: one pixel):

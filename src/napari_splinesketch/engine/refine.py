@@ -27,6 +27,7 @@ from napari_splinesketch.engine.types import (
     Progress,
     Refinement,
     Sketches,
+    says_stop,
 )
 
 
@@ -79,7 +80,7 @@ def refine(
     """
     began = time.perf_counter()
     image, drawn = checks.checked_image(image), checks.checked_sketches(sketches)
-    if isinstance(preset, str) and preset not in PRESETS:
+    if not isinstance(preset, Settings) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_options(image.shape, polarity, half_width)
     faults = [checks.fault(line, image.shape) for line in drawn]
@@ -147,10 +148,10 @@ class _Progress:
         with self._lock:
             if self._over:
                 raise self._over
-            self._fraction = max(self._fraction, min(fraction, 1.0))
+            self._fraction = max(self._fraction, min(float(fraction), 1.0))
             now = Progress(stage, self._fraction, tuple(lines) if lines else None)
             try:
-                if self._call(now) is False:
+                if says_stop(self._call(now)):
                     raise fitting.Stopped
             except BaseException as error:
                 self._over = error

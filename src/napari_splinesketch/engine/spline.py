@@ -138,6 +138,16 @@ def smoothed(lines: Sequence[Float[Array, "N 2"]], sigma: float) -> list[Float[A
     return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
 
 
+def unwound(line: Float[Array, "N 2"], near: float) -> Float[Array, "M 2"]:
+    """A polyline without its last part, if that runs over its first half again within `near` px."""
+    first, last = np.array_split(line, 2)
+    if np.linalg.norm(first - line[-1], axis=1).min() > near:
+        return line
+    alone = apart(last, first, near) > near
+    kept = line[: len(line) - (int(alone[::-1].argmax()) if alone.any() else 0)]
+    return kept if arc_length(line[len(kept) - 1 :])[-1] > 3 * near else line
+
+
 def _mirrored(line: Float[Array, "N 2"], reach: int) -> Float[Array, "M 2"]:
     """A line with `reach` points more at either end, mirrored through the end point."""
     if len(line) <= reach:
@@ -160,20 +170,11 @@ def fit_knots(points: Float[Array, "N D"], knots: int) -> Float[Array, "K D"]:
     return _fitter(knots) @ dense
 
 
-def knots_needed(line: Float[Array, "N 2"], half_width: float, allowed: tuple[int, ...]) -> int:
-    """The fewest knots whose spline follows a traced path within a trace's own accuracy."""
-    loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
-    length = arc_length(line)[-1]
-    points = max(64, int(length / 4))
-    allowed = tuple(
-        n for n in allowed if n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n
-    )
-    dense = resample(line, points)
-    for count in allowed:
-        fitted = sample(fit_knots(line, count), points)
-        if np.sqrt(((fitted - dense) ** 2).sum(1).mean()) < loose:
-            return count
-    return allowed[-1]
+def knot_miss(points: Float[Array, "N 2"], knots: int) -> float:
+    """Root mean square distance, px, of a polyline from the spline that is nearest to it."""
+    count = max(64, int(arc_length(points)[-1] / 4))
+    off = sample(fit_knots(points, knots), count) - resample(points, count)
+    return float(np.sqrt((off**2).sum(1).mean()))
 
 
 @cache

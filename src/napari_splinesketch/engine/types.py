@@ -175,4 +175,11 @@ class Progress:
 
 
 OnProgress = Callable[[Progress], bool | None]
+
+
+def says_stop(answer: bool | None) -> bool:
+    """Whether a callback returned False, Python's or NumPy's."""
+    return isinstance(answer, bool | np.bool_) and not answer
+
+
 Sketches = Sequence[Real[Array, "N 2"]]

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from napari_splinesketch.engine.settings import PresetName
-from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement
+from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, says_stop
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
 from napari_splinesketch.tracking.events import Entering, Parts
@@ -109,7 +109,7 @@ def _report(
     if on_progress is None:
         return True
     fraction = (done + progress.fraction) / count
-    if on_progress(Progress(f"frame {frame}: {progress.stage}", fraction)) is False:
+    if says_stop(on_progress(Progress(f"frame {frame}: {progress.stage}", fraction))):
         raise Cancelled
     return True
 

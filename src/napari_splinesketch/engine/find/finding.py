@@ -73,6 +73,7 @@ def find(
 
     `tick` is called with the share of the sketches whose paths are known; it may raise `Stopped`.
     """
+    seen = sized(seen, sketches)
     graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
@@ -85,6 +86,30 @@ def find(
             starts[i] = replace(start, margin=margin)
     seen.ridges.keep(evidence={start.rung for start in starts})
     return _rescaled(Found(seen, starts))
+
+
+def sized(seen: Scene, sketches: list[Line]) -> Scene:
+    """The scene with bodies of quite another half-width than is usual, where they clearly are.
+
+    What is highest around a sketch may be another body, and a wide one is hit by more sketches: a
+    path of the other half-width has to cost little, and much less than one of the usual.
+    """
+    rungs = list(seen.rungs)
+    for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
+        far = [rung for rung in dict.fromkeys(seen.others[i]) if abs(rung - usual) > 1]
+        costs = {rung: _cheapest(seen, sketch, rung) for rung in (usual, *far) if far}
+        for rung in far:
+            if costs[rung] < min(const.CLEAR_MARGIN, costs[rungs[i]] - const.CLEAR_MARGIN):
+                rungs[i] = rung
+    return replace(seen, rungs=tuple(rungs))
+
+
+def _cheapest(seen: Scene, sketch: Line, rung: int) -> float:
+    """What a path along a sketch costs, for a body of the half-width WIDTHS[rung]."""
+    evidence, half_width = seen.evidence(rung), WIDTHS[rung]
+    lines = strip.paths_along(evidence, sketch, half_width, reach_of(sketch, half_width))
+    lines += [sketch] * scoring.clicked(sketch)
+    return float(scoring.cost(_known(lines, sketch, half_width, evidence)).min())
 
 
 def usual_length(sketches: list[Line]) -> float:
@@ -151,7 +176,8 @@ def _candidates(
     own = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
     own += [sketch] * clicked
     smooth = const.PATH_SMOOTH_HW * half_width
-    lines = spline.smoothed([*traced, *own], smooth)
+    over = const.UNWOUND_HW * half_width
+    lines = [spline.unwound(line, over) for line in spline.smoothed([*traced, *own], smooth)]
     known = _known(lines, sketch, half_width, evidence)
     if clicked and scoring.cost(known).min() > const.KEPT_SKETCH - const.CLEAR_MARGIN:
         far = spline.smoothed(strip.paths_along(evidence, sketch, half_width, reach), smooth)
@@ -263,7 +289,9 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     half_width = min(widest, half_width_across(seen.normal, line, widest))
     sampled = spline.resample(line, const.SCORE_SAMPLES)
     at = sampled.T[:, :, None]
-    first, last = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0].tolist()
+    goes_on = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0]
+    goes_on &= np.linalg.norm(line[0] - line[-1]) > 2 * WIDTHS[rung]  # a ring ends where it begins
+    first, last = goes_on.tolist()
     return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last))
 
 

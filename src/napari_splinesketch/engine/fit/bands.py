@@ -42,9 +42,9 @@ class Priors(NamedTuple):
     high: Float[Array, " G"]
 
 
-def default_priors(count: int, half_width: float) -> Priors:
+def default_priors(count: int, widest: float) -> Priors:
     """Priors of `count` curves before anything is known, in units of a normalised scene."""
-    w = np.log(half_width)
+    w = np.log(widest)
     table = {
         "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
         **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, const.WIDTH_MODES)},
@@ -80,7 +80,7 @@ def begin(
 
     Lines that are `whole` are known to reach from tip to tip.
     """
-    priors = default_priors(len(bodies), seen.half_width)
+    priors = default_priors(len(bodies), max(width for _, width, _ in bodies))
     if seen.background_kind != "textured":
         priors.sd[[INDEX[name] for name in const.FLAT_BACKGROUND]] = list(
             const.FLAT_BACKGROUND.values()

@@ -69,7 +69,7 @@ def fit_scene(
     else:
         found = finding.believed(seen, sketches)
     seen, starts = found.seen, found.starts
-    needs = [spline.knots_needed(s.line, seen.half_width, settings.knots) for s in starts]
+    needs = [knots_needed(s.line, s.half_width, settings.knots) for s in starts]
     bodies, others, held = _fit_batches(seen, found, given, needs, settings, report)
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
@@ -127,6 +127,16 @@ def _fit_batches(
         others |= looks
         held |= kept
     return [done[i] for i in range(len(starts))], [others[k] for k in range(len(fixed))], held
+
+
+def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
+    """The fewest knots whose spline follows a traced path within a trace's own accuracy."""
+    loose = np.clip(const.KNOT_MISS_HW * half_width, *const.KNOT_MISS_PX)
+    length = spline.arc_length(line)[-1]
+    allowed = tuple(
+        n for n in allowed if n <= const.KNOTS_MANY or length > const.KNOTS_APART_PX * n
+    )
+    return next((n for n in allowed if spline.knot_miss(line, n) < loose), allowed[-1])
 
 
 def _fit_group(

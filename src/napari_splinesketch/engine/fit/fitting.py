@@ -106,7 +106,6 @@ def fit_curves(
     hold = np.zeros((n, 2 * knots, 2 * knots)) if hold is None else hold.copy()
     hold[pinned] = const.PIN_PX**-2.0 * np.eye(2 * knots)
     widths = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
-    widths = np.clip(widths, 0.5 * seen.half_width, 2 * seen.half_width)
     pixels = [around(seen, *one) for one in zip(lines_of(theta), widths, strict=True)]
     meets = pad.touching(pixels)
     every = [*pixels, *(body.pixels for body in beside)]

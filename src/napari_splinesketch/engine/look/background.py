@@ -13,16 +13,18 @@ Kind = Literal["constant", "linear", "textured"]
 
 
 def estimate_background(
-    image: Float[Array, "H W"], noise: float, kind: Kind | None = None
+    image: Float[Array, "H W"], noise: float, kind: Kind | None = None, *, widest: float = 0.0
 ) -> tuple[Float[Array, "H W"], Kind]:
     """Background from medians of blocks, cleaned by their neighbours.
 
     A constant, a plane and the interpolated medians themselves are compared by the Bayesian
     information criterion, for the standard deviation of the pixel noise; or one `kind` is used.
+    `widest` is the largest half-width of the bodies, px: a block is not to lie inside one.
     """
+    block = max(const.BACKGROUND_BLOCK_PX, const.BACKGROUND_BLOCK_HW * widest)
     medians, sides = block_medians(
         image[:: const.BACKGROUND_STEP, :: const.BACKGROUND_STEP],
-        const.BACKGROUND_BLOCK_PX / const.BACKGROUND_STEP,
+        block / const.BACKGROUND_STEP,
     )
     places = [np.arange(n) for n in medians.shape]
     # Where the image's pixels are, counted in blocks.
@@ -34,9 +36,7 @@ def estimate_background(
     # What is cleaned is the difference from a plane, so that a slope survives at the border.
     medians = plane + ndimage.median_filter(medians - plane, 3, mode="nearest")
     constant, plane = np.median(medians), _plane(medians, places, places)
-    error = (
-        noise * np.hypot(const.BACKGROUND_TOLERANCE, 1.25 / (const.BACKGROUND_BLOCK_PX / 2)) + 1e-12
-    )
+    error = noise * np.hypot(const.BACKGROUND_TOLERANCE, 1.25 / (block / 2)) + 1e-12
     price = np.log(max(medians.size, 3))
     costs: dict[Kind, float] = {
         "constant": (((medians - constant) / error) ** 2).sum() + price,

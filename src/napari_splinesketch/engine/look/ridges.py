@@ -11,8 +11,8 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import block_medians
 from napari_splinesketch.engine.types import Array
 
-WIDTHS = tuple((0.8 * const.WIDTH_RATIO ** np.arange(14)).tolist())
-"""Half-widths that are tried, px: 0.8 to 40."""
+WIDTHS = tuple((0.8 * const.WIDTH_RATIO ** np.arange(16)).tolist())
+"""Half-widths that are tried, px: 0.8 to 72."""
 
 
 def rung_of(half_width: float) -> int:

@@ -37,6 +37,8 @@ class Scene:
     """Of the image."""
     rungs: tuple[int, ...]
     """For each sketch, the index of its body's half-width in WIDTHS."""
+    others: tuple[tuple[int, ...], ...]
+    """The same for what else may be its body, of quite another half-width."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
 
@@ -65,7 +67,12 @@ def read_scenes(
 
     Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`.
     """
-    valid, above, kind, ridges, faintest = _measured(image)
+    image = np.asarray(image, dtype=np.float64)
+    valid = np.isfinite(image)
+    whole = image if valid.all() else filled(image, valid)
+    ridges = Ridges(whole, pixel_noise(whole))
+    rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
+    faintest = max(const.FAINTEST_CONTRAST * ridges.noise, rounding)
     around = [look_around(ridges, line) for line in sketches]
     signs = _signs([bright.vote for bright, _ in around], polarity)
     scenes = []
@@ -74,11 +81,13 @@ def read_scenes(
         if not members:
             continue
         mine = [around[i][0 if sign > 0 else 1] for i in members]
-        rungs, contradicted = _rungs(mine, half_width)
+        rungs, others, contradicted = _rungs(mine, half_width)
         height = float(np.median([a.height for a in mine])) / const.CREST
         contrast = sign * max(height, faintest)
+        widest = WIDTHS[max(*rungs, *(max(some, default=0) for some in others))]
+        background, kind = estimate_background(whole, ridges.noise, widest=widest)
         scene = Scene(
-            above / contrast,
+            (whole - background).astype(np.float32) / contrast,
             valid,
             kind,
             contrast,
@@ -87,33 +96,13 @@ def read_scenes(
             float(np.median([WIDTHS[r] for r in rungs])),
             ridges,
             rungs,
+            others,
             contradicted,
         )
         scenes.append((members, scene))
     # Finding asks for these, and for none of narrower bodies.
     ridges.keep({(k, s.sign) for _, s in scenes for k in range(min(s.rungs) - 1, len(WIDTHS))})
     return scenes
-
-
-def _measured(
-    image: Real[Array, "H W"],
-) -> tuple[Bool[Array, "H W"], Float[Array, "H W"], Kind, Ridges, float]:
-    """What does not depend on sketches, so that nothing else of the image's size stays.
-
-    Returns
-    -------
-    Where the image is finite; its height above its background, and the background's kind; its
-    ridges; and the least contrast that bodies may have.
-    """
-    image = np.asarray(image, dtype=np.float64)
-    valid = np.isfinite(image)
-    whole = image if valid.all() else filled(image, valid)
-    noise = pixel_noise(whole)
-    background, kind = estimate_background(whole, noise)
-    above = (whole - background).astype(np.float32)
-    rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
-    faintest = max(const.FAINTEST_CONTRAST * noise, rounding)
-    return valid, above, kind, Ridges(whole, noise), faintest
 
 
 def _signs(votes: list[float], polarity: Polarity) -> list[int]:
@@ -124,17 +113,25 @@ def _signs(votes: list[float], polarity: Polarity) -> list[int]:
     return [(1 if v > 0 else -1) if abs(v) > const.CLEAR_VOTE else most for v in votes]
 
 
-def _rungs(around: list[Around], given: float | None) -> tuple[tuple[int, ...], float | None]:
-    """Each body's half-width, near the usual one; and the given one, if it fits no body."""
+def _rungs(
+    around: list[Around], given: float | None
+) -> tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float | None]:
+    """Each body's half-width, near the usual one, or the given one if it fits any body.
+
+    Returns
+    -------
+    Their indices in WIDTHS; those that each may have instead; and the given one if it fits none.
+    """
+    others = tuple((a.rung, a.nearby) for a in around)
     usual = round(float(np.median([a.rung for a in around])))
-    own = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
+    near = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
     if given is None:
-        return own, None
+        return near, others, None
     rung = rung_of(given)
     shares = [a.profile[rung] / max(a.profile) for a in around if rung < len(a.profile)]
     if shares and np.median(shares) > const.GIVEN_WIDTH_RIDGE:
-        return (rung,) * len(around), None
-    return own, given
+        return (rung,) * len(around), ((),) * len(around), None
+    return near, others, given
 
 
 def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:

@@ -18,7 +18,9 @@ class Around:
     vote: float
     """From -1 (surely not) to 1."""
     rung: int
-    """Index of the half-width in WIDTHS."""
+    """Index of the half-width in WIDTHS whose ridges are highest."""
+    nearby: int
+    """The same, with ridges the higher the nearer they are."""
     height: float
     """Of the body's ridge above its sides, in the image's units."""
     profile: tuple[float, ...]
@@ -61,9 +63,11 @@ def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     best = np.maximum(votes.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
-    for sign, profile in zip((1, -1), np.median(heights, axis=2), strict=True):
+    usual = np.median(heights, axis=2), np.median(votes, axis=2)
+    for sign, profile, nearby in zip((1, -1), *usual, strict=True):
         k = first_high(profile)
-        found.append(Around(sign * vote, k, float(max(profile[k], 0.0)), tuple(profile.tolist())))
+        height = float(max(profile[k], 0.0))
+        found.append(Around(sign * vote, k, first_high(nearby), height, tuple(profile.tolist())))
     return found[0], found[1]
 
 

@@ -112,7 +112,7 @@ def _curves(
     rests: list[Float[Array, " m"]],
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
-    lines = [spline.sample(b.knots, 100) for b in bodies]
+    lines = [spline.sample(b.knots, 100) for b in (*bodies, *fit.fixed)]
     twins = spline.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
     for i, (body, sketch, start) in enumerate(
         zip(bodies, island.sketches, fit.starts, strict=True)
@@ -123,7 +123,10 @@ def _curves(
         if all(start.goes_on):
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
-            reasons.append(f"it lies on the same body as curve {island.members[twins[i]]}")
+            twin = twins[i] < len(bodies) and f"curve {island.members[twins[i]]}"
+            reasons.append(f"it lies on the same body as {twin or 'a fixed curve'}")
+        if spline.knot_miss(start.line, len(body.knots)) > const.CORNERS_HW * body.half_width:
+            reasons.append("it has too few knots to follow all bends of its body")
         tips = start.found & ~(start.whole | np.array(start.goes_on))
         outline = assess.outline(body, sketch, tips, seen)
         # Normals of the fit: clicks may turn the curve, but not what is unknown along it.
