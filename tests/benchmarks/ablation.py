@@ -32,7 +32,7 @@ from stability_cases import CASES
 from stability_rows import FAR
 
 from napari_splinesketch import refine
-from napari_splinesketch.engine import constants, spline
+from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.find import hollow, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
@@ -130,7 +130,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "shapes of lines that were moved": _set(constants, SHAPE_COST=0.0),
     "sketches without a body are kept": _set(constants, UNSEEN_MOST=2.0),
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
-    "knots by the path": _set(spline, knots_needed=lambda *_: 12),
+    "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
     "clicked vertices are believed": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),

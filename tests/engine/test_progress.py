@@ -36,6 +36,12 @@ def test_fractions_never_fall_and_stages_are_named():
     assert all(stages)
 
 
+def test_numpys_false_cancels_too():
+    made = frame(2, 2)
+    found = refine(made.image, sketches_of(made), on_progress=lambda _: np.bool_(False))  # pyright: ignore[reportArgumentType]
+    assert all(curve.reasons == (CANCELLED,) for curve in found.curves)
+
+
 def test_a_fraction_below_the_last_or_above_one_is_not_passed_on():
     seen = []
     report = _Progress(lambda progress: seen.append(progress.fraction), [], 1)

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.spatial import KDTree
 
 from napari_splinesketch import Curve, Refinement, refine, suggest, synthetic
 from napari_splinesketch.data import load_sample
@@ -292,6 +293,7 @@ SENSELESS = {
     "no points": ((IMAGE, [np.zeros((0, 2))]), r"sketch 0 has shape \(0, 2\)"),
     "flat sketch": ((IMAGE, [np.zeros(4)]), r"sketch 0 has shape \(4,\)"),
     "preset": ((IMAGE, [SKETCH], "best"), "preset is 'best'; choose one of fast, balanced"),
+    "no preset": ((IMAGE, [SKETCH], None), "preset is None; choose one of fast, balanced"),
 }
 
 
@@ -310,6 +312,7 @@ OPTIONS = {
     "thinner than pixels": ({"half_width": 1e-6}, "half_width is 1e-06.*measured"),
     "wider than the image": ({"half_width": 1e9}, "half_width is 1000000000.0.*30 x 40 px"),
     "endless": ({"half_width": np.inf}, "half_width is inf"),
+    "text": ({"half_width": "3"}, "half_width is '3'"),
 }
 
 
@@ -339,6 +342,12 @@ def test_a_fixed_curve_keeps_a_sketch_off_its_body():
     between = 0.55 * synthetic.resample(first, 30) + 0.45 * synthetic.resample(second, 30)
     found = refine(made.image, [between], fixed=[fixed]).curves[0]
     assert miss(found, first) > 4
+
+
+def test_a_body_that_a_fixed_curve_has_already_is_said_to_be_its():
+    made, found = frame(4), refined(4)
+    again = refine(made.image, sketches_of(made), fixed=found.curves).curves[0]
+    assert "it lies on the same body as a fixed curve" in again.reasons
 
 
 @pytest.mark.slow
@@ -474,3 +483,68 @@ def test_a_blunt_body_is_followed_to_its_tips_whoever_draws_it(points: int) -> N
     curve = refine(goes_on, [sketch]).curves[0]
     assert curve.points[0, 1] > 29 - 3 - 3, "an end is not followed where the body goes on"
     assert curve.points[-1, 1] == pytest.approx(93, abs=0.7)
+
+
+def drawn(
+    shape: tuple[int, int], lines: list[np.ndarray], half_widths: list[float], noise: float = 0.1
+) -> np.ndarray:
+    """Bright bodies with round ends around some lines."""
+    places = np.moveaxis(np.indices(shape), 0, -1)
+    edges = [
+        half_width - KDTree(line).query(places)[0] + 0.5
+        for line, half_width in zip(lines, half_widths, strict=True)
+    ]
+    return np.clip(edges, 0, 1).max(0) + np.random.default_rng(0).normal(0, noise, shape)
+
+
+def bow(row: float, length: float = 220.0, height: float = 6.0) -> np.ndarray:
+    """A line that bows, from left to right."""
+    along = np.linspace(0, 1, 400)
+    return np.column_stack([row + height * np.sin(np.pi * along), 20 + length * along])
+
+
+@pytest.mark.parametrize("vertices", [2, 4, 80])
+def test_a_wide_body_among_thin_ones_has_its_own_half_width(vertices):
+    half_widths = [2.0, 10.0, 2.0, 2.0, 2.0]
+    lines = [bow(row) for row in (20, 60, 105, 140, 175)]
+    image = drawn((200, 260), lines, half_widths)
+    few = np.linspace(0, 399, vertices).astype(int)
+    sketches = [line[few] + [1.0, 0.0] for line in lines]
+    for curve, line, own in zip(refine(image, sketches).curves, lines, half_widths, strict=True):
+        assert curve.status == "good"
+        assert KDTree(line).query(curve.points)[0].mean() < 1.0
+        assert curve.typical_half_width == pytest.approx(own, rel=0.25)
+
+
+def test_a_very_wide_body_is_not_taken_for_the_background():
+    line = bow(110, 300, 20)
+    curve = refine(drawn((240, 340), [line], [25.0]), [line[::80]]).curves[0]
+    assert curve.status == "good"
+    assert KDTree(line).query(curve.points)[0].mean() < 1.0
+    assert curve.typical_half_width == pytest.approx(25, rel=0.1)
+
+
+@pytest.mark.parametrize("vertices", [25, 120])
+def test_a_ring_ends_where_it_begins(vertices):
+    turn = np.linspace(0, 2 * np.pi, 1000)
+    ring = 70 + 45 * np.column_stack([np.sin(turn), np.cos(turn)])
+    sketch = ring[np.linspace(0, 999, vertices).astype(int)]
+    curve = refine(drawn((140, 140), [ring], [3.0]), [sketch]).curves[0]
+    assert curve.status == "good"
+    assert curve.length == pytest.approx(2 * np.pi * 45, rel=0.04)
+
+
+def test_a_curve_that_cannot_follow_all_bends_says_so():
+    along = np.linspace(0, 1, 4000)
+    line = np.column_stack([30 + 8 * np.sin(2 * np.pi * 30 * along), 10 + 700 * along])
+    curve = refine(drawn((60, 720), [line], [2.0]), [line[::32]]).curves[0]
+    assert "it has too few knots to follow all bends of its body" in curve.reasons
+
+
+def test_the_mask_of_a_masked_array_is_missing_pixels():
+    made = frame(0)
+    spoilt, hidden = made.image.copy(), np.zeros(SHAPE, dtype=bool)
+    hidden[40:60, 50:70], spoilt[40:60, 50:70] = True, 1e4
+    masked = refine(np.ma.masked_array(spoilt, hidden), sketches_of(made))
+    missing = refine(np.where(hidden, np.nan, made.image), sketches_of(made))
+    np.testing.assert_array_equal(masked.curves[0].points, missing.curves[0].points)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 PLUGIN = "napari-splinesketch"
 READ = "the file does not say why"
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
+KNOT_MISS = 0.2  # most that knots of curves from a file may miss their points by, px (rms)
 LayerData = tuple[Any, dict[str, Any], str]
 SEED = 4
 SIZE = (192, 192)
@@ -225,8 +226,8 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
     made = []
     for label in here:
         even, status = label.resampled(POINTS), cast(Status, label.status)
-        half_width = float(np.median(np.nan_to_num(even.half_width)))
-        count = spline.knots_needed(even.points, half_width, Settings.knots)
+        few = (n for n in Settings.knots if spline.knot_miss(even.points, n) < KNOT_MISS)
+        count = next(few, Settings.knots[-1])
         width = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, POINTS), even.half_width)
         knots = np.column_stack([spline.fit_knots(even.points, count), width])
         reasons = () if status == "good" else (READ,)
