@@ -1,4 +1,4 @@
-"""Measurements of one thing each: crowd, order, ends, sizes, contrast, hollow and suggest.
+"""Measurements of one thing each: crowd, order, ends, sizes, widths, contrast, hollow, suggest.
 
 python tests/benchmarks/real_modes.py [modes...] [--preset balanced] [--frames N]
 
@@ -23,6 +23,7 @@ from frames import spoil
 from real_cases import FOLDERS, ROOT, Case, Line, freehand, in_folders, straightened
 from real_foreign import LOOKS, NAME, SET, TAPERS, pair, scene, single
 from real_judge import MOST, shares, verdict
+from scipy.spatial import KDTree
 
 from napari_splinesketch import Curve, refine, suggest, synthetic
 from napari_splinesketch.metrics import average_dtw
@@ -45,6 +46,10 @@ SIZES = (
     (36.0, 500),
 )
 """Half-widths and lengths, px."""
+WIDE, THIN = (8.0, 13.0), (1.5, 2.8)
+"""Ranges of the half-widths of bodies in one image, px."""
+LEAST_RIGHT = 1.4
+"""A half-width that is wrong by more than this factor is wrong."""
 RIMS = (3.5, 4.5, 6.0)
 """Half-widths of hollow bodies, px."""
 SCENES = 20
@@ -187,6 +192,41 @@ def sizes(run: Refine, frames: int) -> Figures:
     return {"good": sum(figures.values()), "of": len(figures), **figures}
 
 
+def widths(run: Refine, frames: int) -> Figures:
+    """One or two wide bodies among thin ones, from ends alone, four points, or a stroke."""
+    figures: Figures = {}
+    for kind, vertices in (("straight", 2), ("clicked", 4), ("freehand", 100)):
+        found: list[tuple[bool, bool, bool]] = []
+        for number in range(max(1, frames // 6)):
+            rng = np.random.default_rng(SEED + number)
+            wide = rng.integers(1, 3)
+            own = [rng.uniform(*(WIDE if i < wide else THIN)) for i in range(6)]
+            rows = np.concatenate([35 + 42 * np.arange(wide), np.linspace(125, 265, 6 - wide)])
+            truths = [_bow(rng, row) for row in rows]
+            places = np.moveaxis(np.indices((300, 300)), 0, -1)
+            edges = [w - KDTree(t).query(places)[0] + 0.5 for w, t in zip(own, truths, strict=True)]
+            image = np.clip(edges, 0, 1).max(0) + rng.normal(0, 0.15, (300, 300))
+            at = np.linspace(0, 399, vertices).astype(int)
+            sketches = [t[at] + rng.normal(0, 1, (vertices, 2)) for t in truths]
+            for curve, truth, width in zip(run(image, sketches), truths, own, strict=True):
+                if width > WIDE[0]:
+                    off = KDTree(truth).query(curve.points)[0].mean() > LOST
+                    ratio = abs(np.log(np.median(curve.half_width) / width))
+                    wrong = ratio > np.log(LEAST_RIGHT)
+                    found.append((bool(off), bool(wrong), curve.status != "good"))
+        lost, wrong, marked = (_percent(flags) for flags in zip(*found, strict=True))
+        figures |= {f"{kind}: wide bodies": len(found), f"{kind}: lost, %": lost}
+        figures |= {f"{kind}: wrong half-width, %": wrong, f"{kind}: marked, %": marked}
+    return figures
+
+
+def _bow(rng: np.random.Generator, row: float) -> Line:
+    """A body that bows, from left to right."""
+    along, high = np.linspace(0, 1, 400), rng.uniform(4, 9)
+    down = high * (np.sin(np.pi * along) + 0.4 * np.sin(2 * np.pi * along))
+    return np.column_stack([row + down + along * rng.uniform(-8, 8), 25 + 250 * along])
+
+
 def hollow(run: Refine, frames: int) -> Figures:
     """Lines over hollow bodies, and over one of two bodies that run side by side.
 
@@ -257,6 +297,7 @@ MODES = {
     "order": order,
     "ends": ends,
     "sizes": sizes,
+    "widths": widths,
     "contrast": contrast,
     "hollow": hollow,
     "suggest": suggested,
