@@ -403,7 +403,6 @@ def test_no_curve_folds_over_itself(name):
         assert turns(spline.resample(curve.points, count))[2:-2].max() < np.pi / 2
 
 
-@pytest.mark.xfail(reason="two short bodies, much wider than most, get curves with a kink")
 def test_no_curve_kinks_where_its_knots_crowd():
     """As in bodies that are wide beside the distance of their knots, and not smoothly bright."""
     good = [curve for curve in refined("bacteria") if curve.status == "good"]

@@ -128,6 +128,15 @@ def test_a_click_says_where_an_unseen_end_is():
     assert knots[-1, 1] == pytest.approx(122, abs=3)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_knots_do_not_slide_along_the_curve(seed):
+    """Where they are along the curve is hardly known, and may hang together with what is across."""
+    rng = np.random.default_rng(seed)
+    loose = rng.normal(0, 20, (2 * len(KNOTS), 2 * len(KNOTS)))
+    knots, _ = position.with_sketch(KNOTS, loose @ loose.T / 16, CLICKS, 3.0)
+    assert np.diff(knots[:, 1]).min() > 0.9 * np.diff(KNOTS[:, 1]).mean()
+
+
 def test_a_body_that_a_click_moves_is_drawn_there():
     made = synthetic.scene(3, bodies=1, shape=SHAPE, length=80)
     scene = read_scenes(made.image, [made.centrelines[0][::20]], "auto", None)[0][1]

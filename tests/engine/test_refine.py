@@ -517,11 +517,11 @@ def test_a_wide_body_among_thin_ones_has_its_own_half_width(vertices):
 
 
 def test_a_very_wide_body_is_not_taken_for_the_background():
-    line = bow(110, 300, 20)
-    curve = refine(drawn((240, 340), [line], [25.0]), [line[::80]]).curves[0]
+    line = bow(140, 480, 20)
+    curve = refine(drawn((300, 520), [line], [36.0]), [line[::80]]).curves[0]
     assert curve.status == "good"
     assert KDTree(line).query(curve.points)[0].mean() < 1.0
-    assert curve.typical_half_width == pytest.approx(25, rel=0.1)
+    assert curve.typical_half_width == pytest.approx(36, rel=0.1)
 
 
 @pytest.mark.parametrize("vertices", [25, 120])

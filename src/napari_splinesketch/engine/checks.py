@@ -1,7 +1,7 @@
 """What `refine` and `suggest` are given: refused with a ValueError where it makes no sense."""
 
 from collections.abc import Sequence
-from numbers import Number
+from numbers import Real as RealNumber
 from typing import get_args
 
 import numpy as np
@@ -14,12 +14,14 @@ from napari_splinesketch.engine.types import Array, Polarity, Sketches
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
     """The image as an array, if it is one 2-D grey image with data in it."""
-    masked = np.ma.isMaskedArray(image) and np.ma.is_masked(image)
-    image = np.ma.filled(image.astype(np.float64), np.nan) if masked else np.asarray(image)
+    image = np.asanyarray(image)
     if image.ndim != 2 or not image.size:
         raise ValueError(f"image has shape {image.shape}; give one 2-D grey image (H, W).")
     if image.dtype.kind not in "biuf":
         raise ValueError(f"image has dtype {image.dtype}; give real numbers.")
+    if np.ma.is_masked(image):
+        image = np.ma.filled(image.astype(np.result_type(image, np.float32)), np.nan)
+    image = np.asarray(image)
     if image.dtype.kind == "f" and not any(np.isfinite(row).any() for row in image):
         raise ValueError("image has no finite pixel; give an image with data in it.")
     return image
@@ -32,7 +34,7 @@ def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float 
     widest = max(*shape, 4) / 2
     thinnest = const.THINNEST_GIVEN_PX
     if half_width is not None and not (
-        isinstance(half_width, Number) and thinnest <= half_width <= widest
+        isinstance(half_width, RealNumber) and thinnest <= half_width <= widest
     ):
         raise ValueError(
             f"half_width is {half_width!r}; give {thinnest} to {widest:g} px in an image of"

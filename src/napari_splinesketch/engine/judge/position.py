@@ -76,7 +76,12 @@ def with_sketch(
     sd[-2:] += const.CLICKED_END * length
     known = rows @ covariance
     gain = np.linalg.solve(known @ rows.T + np.diag(sd**2), known).T
-    return knots + (gain @ off).reshape(2, -1).T, covariance - gain @ known
+    move, u = (gain @ off).reshape(2, -1).T, np.linspace(0, 1, count)
+    # How far knots slide along the curve is hardly known, and may fold it: as far as its ends do.
+    tangents = _tangents(knots, u)
+    along = (move * tangents).sum(1)
+    move += (np.interp(u, [0, 1], along[[0, -1]]) - along)[:, None] * tangents
+    return knots + move, covariance - gain @ known
 
 
 def end_directions(line: Float[Array, "N 2"]) -> Float[Array, "2 2"]:

@@ -84,7 +84,7 @@ def read_scenes(
         rungs, others, contradicted = _rungs(mine, half_width)
         height = float(np.median([a.height for a in mine])) / const.CREST
         contrast = sign * max(height, faintest)
-        widest = WIDTHS[max(*rungs, *(max(some, default=0) for some in others))]
+        widest = WIDTHS[max(a.rung for a in mine)]
         background, kind = estimate_background(whole, ridges.noise, widest=widest)
         scene = Scene(
             (whole - background).astype(np.float32) / contrast,

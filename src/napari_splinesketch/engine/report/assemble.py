@@ -125,7 +125,8 @@ def _curves(
         if i in twins:
             twin = twins[i] < len(bodies) and f"curve {island.members[twins[i]]}"
             reasons.append(f"it lies on the same body as {twin or 'a fixed curve'}")
-        if spline.knot_miss(start.line, len(body.knots)) > const.CORNERS_HW * body.half_width:
+        cuts = spline.knot_miss(start.line, len(body.knots)) > const.CORNERS_HW * body.half_width
+        if start.found and cuts:
             reasons.append("it has too few knots to follow all bends of its body")
         tips = start.found & ~(start.whole | np.array(start.goes_on))
         outline = assess.outline(body, sketch, tips, seen)
