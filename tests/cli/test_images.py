@@ -124,6 +124,15 @@ def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
             assert all(np.array_equal(frames[i], FRAMES[i]) for i in range(4))
 
 
+def test_a_glob_over_folders_goes_folder_by_folder(tmp_path: Path) -> None:
+    for number, frame in enumerate(FRAMES):
+        folder = tmp_path / f"day-{10 - number // 2}"
+        folder.mkdir(exist_ok=True)
+        imageio.v3.imwrite(folder / f"f{number % 2}.png", frame)
+    with open_frames(f"{tmp_path}{os.sep}day-*{os.sep}*.png") as frames:
+        assert all(np.array_equal(frames[i], FRAMES[(i + 2) % 4]) for i in range(4))
+
+
 def test_hidden_files_and_a_bad_first_one_do_not_stop_a_folder(tmp_path: Path) -> None:
     for number, frame in enumerate(FRAMES):
         imageio.v3.imwrite(tmp_path / f"f{number}.png", frame)

@@ -2,6 +2,7 @@ import csv
 import os
 import stat
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -137,14 +138,32 @@ def test_a_byte_order_mark_and_other_line_ends_are_read(tmp_path: Path, end: str
         ("curve,row,col\n5,1,2\n5,3,4.5\n", 0),
         ("frame,curve,row,col\n7,5,1,2\n7,5,3,4.5\n", 7),
         ("curve,col,row,half_width,sd\n5,2,1,,\n5,4.5,3,,\n", 0),
+        (f"{UNITS_HEADER},locked\n" + ",5,,1,2,,,,,,,,,\n,5,,3,4.5,,,,,,,,,\n", 0),
+        ("curve, row, col\n5, 1, 2\n5, 3, 4.5\n", 0),
+        ("curve,row,col\n5,1,2\n5,3,4.5\n\n,,\n", 0),
     ],
-    ids=["no frame", "frame", "empty fields"],
+    ids=["no frame", "frame", "empty fields", "all empty", "spaces", "empty rows below"],
 )
 def test_a_sketch_needs_places_only(tmp_path: Path, text: str, frame: int) -> None:
     (tmp_path / "a.csv").write_text(text)
     points = np.array([[1, 2], [3, 4.5]])
     sketch = Label.from_sketch(points, frame=frame, identity=5)
     assert_same(read_labels(tmp_path / "a.csv"), Labels((sketch,)))
+
+
+def test_sketches_are_added_to_a_table_in_a_spreadsheet(tmp_path: Path) -> None:
+    judged = replace(LINE, review="accepted", locked=True)
+    write_labels(tmp_path / "a.csv", Labels((judged,), (0.5, 0.25), "µm"))
+    new = pd.DataFrame({"frame": 3, "curve": 8, "row": [1.0, 5.0], "col": [2.0, 9.0]})
+    pd.concat([pd.read_csv(tmp_path / "a.csv"), new]).to_csv(tmp_path / "b.csv", index=False)
+    back = read_labels(tmp_path / "b.csv")
+    sketch = Label.from_sketch(new[["row", "col"]].to_numpy(), frame=3, identity=8)
+    assert_same(back, Labels((judged, sketch)))
+    assert [(label.review, label.locked) for label in back.labels] == [
+        ("accepted", True),
+        ("open", False),
+    ]
+    assert (back.scale, back.units) == ((0.5, 0.25), "µm")
 
 
 ROW0, ROW1 = "0,0,0,1.0,2.0,1.0,0.1,0.0,good", "0,0,1,4.0,6.0,1.0,0.1,5.0,good"

@@ -180,10 +180,10 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
     yield Frames(folder.name, len(paths), read, scale, units)
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort frame_2 before frame_10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
+    """Sort frame_2 before frame_10, folder by folder; the same wherever disks list them."""
+    names = (re.split(r"(\d+)", name) for name in path.parts)
+    return [[(int(n), "") if n.isdecimal() else (-1, n) for n in name] for name in names], path
 
 
 def choose_planes(

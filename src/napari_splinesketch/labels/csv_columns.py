@@ -39,7 +39,8 @@ def read_curves(
 ) -> Iterator[Rows]:
     """Read a table curve by curve; the rows of one follow one another.
 
-    Columns may be in any order, and there may be others. No more than one curve is held.
+    Columns may be in any order, and there may be others. A field that is empty is as good as no
+    column, unless it is required. No more than one curve is held.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def read_curves(
         places = {name: header.index(name) for name in kinds if name in header}
         keys = [places[name] for name in by if name in places]
         for _, rows in groupby(table, lambda row: [row[1][i] for i in keys]):
-            yield _curve(source, rows, kinds, places, by, count)
+            yield _curve(source, rows, kinds, places, required, by, count)
 
 
 def _curve(
@@ -73,6 +74,7 @@ def _curve(
     rows: Iterator[tuple[int, Sequence[str]]],
     kinds: Kinds,
     places: dict[str, int],
+    required: Sequence[str],
     by: Sequence[str],
     count: str,
 ) -> Rows:
@@ -85,14 +87,15 @@ def _curve(
         row = {name: fields[place] for name, place in places.items()}
         if not said:
             said = {name: row[name] for name in fixed}
-            known = {name: _value(source, name, said[name], kinds[name]) for name in fixed}
+            given = (n for n in fixed if said[n] or n in required or kinds[n] is str)
+            known = {name: _value(source, name, said[name], kinds[name]) for name in given}
             source.refuse_again(*(known.get(name, 0) for name in by))
         for name, text in said.items():
             if row[name] != text:
-                raise ValueError(f"{name} differs from {known[name]!r} on line {lines[0]}")
+                raise ValueError(f"{name} differs from {text!r} on line {lines[0]}")
         for name, values in lists.items():
             values.append(_value(source, name, row[name], kinds[name]))
-        found = _value(source, count, row[count], int) if count in row else number
+        found = _value(source, count, row[count], int) if row.get(count) else number
         if found != number:
             raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
         lines.append(line)
@@ -102,13 +105,18 @@ def _curve(
 
 def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
     """Give the rows of a table, all of the same length, with the numbers of their lines."""
-    table, size = csv.reader(_lines(source, file), strict=True), 0
+    table, size = csv.reader(_lines(source, file), strict=True, skipinitialspace=True), 0
+    empty = 0  # the first row with nothing in it: spreadsheets keep some below a table
     try:
         for fields in table:
+            if not any(fields):
+                empty = empty or table.line_num
+                continue
             size = size or len(fields)
-            if len(fields) != size:
-                source.place = f"line {table.line_num}"
-                raise source.error(f"{len(fields)} fields; the header has {size}")
+            if empty or len(fields) != size:
+                source.place = f"line {empty or table.line_num}"
+                found = 0 if empty else len(fields)
+                raise source.error(f"{found} fields; the header has {size}")
             yield table.line_num, fields
     except csv.Error as error:
         source.place = f"line {table.line_num}"
@@ -127,7 +135,8 @@ def _lines(source: Source, file: TextIO) -> Iterator[str]:
             yield text
     except UnicodeDecodeError as error:
         source.place = f"line {line + 1} or below"
-        raise source.error(f"not a text file in UTF-8 ({error.reason})") from None
+        reason = f"not a text file in UTF-8 ({error.reason}); save it as CSV UTF-8"
+        raise source.error(reason) from None
 
 
 def _check_header(source: Source, header: Sequence[str], required: Sequence[str]) -> None:
@@ -158,7 +167,8 @@ def _parser(kind: type | float) -> Callable[[str], Any]:
 
 
 def whole(text: str) -> int:
-    """Read a whole number as we write them."""
+    """Read a whole number as we write them, or as Pandas does in a column with empty fields."""
+    text = text.removesuffix(".0")
     if text.isascii() and text.isdigit() and len(text) < 20 and int(text) <= MAX_INTEGER:
         return int(text)
     raise ValueError(f"{text[:40]!r} is not {WHOLE}")

@@ -27,8 +27,8 @@ KINDS: dict[str, type | float] = {
     "status": str,
     "review": str,
     "locked": int,
-    "y": float,
-    "x": float,
+    "y": np.nan,
+    "x": np.nan,
     "units": str,
 }
 """Columns that are read; `arc_length` and `half_width_units` are for people."""
@@ -100,7 +100,7 @@ def read(source: Source) -> Iterator[Label]:
 def _label(columns: dict[str, Any]) -> Label:
     unknown = {name: np.full(len(columns["row"]), KINDS[name]) for name in ("half_width", "sd")}
     known = {"frame": 0, "status": "sketch", "review": "open", "locked": 0, **unknown}
-    known |= columns
+    known |= {name: it for name, it in columns.items() if not isinstance(it, str) or it}
     if known["locked"] > 1:
         where = f"curve {known['curve']} of frame {known['frame']}"
         raise ValueError(f"{where}: locked is {known['locked']}; expected 1 or 0")
@@ -120,7 +120,7 @@ class _Scale:
 
     def add(self, lines: Sequence[int], columns: dict[str, Any]) -> None:
         """Take the scale from a curve, or compare it with that of earlier ones."""
-        if not {"y", "x", "units"} <= columns.keys():
+        if not {"y", "x", "units"} <= columns.keys() or np.isnan(columns["y"]).all():
             return
         if self._units is None:
             self._units = columns["units"]
