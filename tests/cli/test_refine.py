@@ -264,6 +264,17 @@ def test_a_run_is_not_resumed_on_another_film(
     assert not Path("labels.csv").exists()
 
 
+@pytest.mark.parametrize("ending", [".coco.json", ".masks.tif"])
+def test_frames_of_two_sizes_have_no_common_size(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], ending: str
+) -> None:
+    Path("frames").mkdir()
+    for i, shape in enumerate([(40, 60), (30, 50), (40, 60), (40, 60)]):
+        tifffile.imwrite(f"frames/{i}.tif", film(1, shape)[0], photometric="minisblack")
+    assert main(["refine", "frames", "sketches.csv", "-o", f"labels{ending}"]) == 0
+    assert "the size of the image is not known" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("output", ["--masks", "--reconstruction"])
 def test_frames_of_two_sizes_have_no_masks_and_no_reconstruction(
     folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], output: str

@@ -77,6 +77,16 @@ def test_bodies_are_carried_and_newcomers_join(
     assert not Path("labels.csv.partial").exists()
 
 
+def test_lines_after_the_last_frame_are_counted(
+    folder: Path, engine: list, capsys: pytest.CaptureFixture[str]
+) -> None:
+    late = Label.from_sketch(LINE, frame=9, identity=4)
+    write_labels("lines.csv", Labels((*read_labels("lines.csv").labels, late)), overwrite=True)
+    assert track() == 0
+    said = "1 of the lines are in frames after 5, the last one, and left out"
+    assert said in capsys.readouterr().err
+
+
 def test_options_reach_the_engine_and_the_last_frame_ends_it(folder: Path, engine: list) -> None:
     options = ("--preset", "fast", "--polarity", "dark", "--half-width", "1.5", "--last", "2")
     assert track(*options, "--pixel-size", "0.5", "--units", "µm") == 0

@@ -116,8 +116,6 @@ class FrameDone:
     """(H, W), where it was asked for."""
     reached: bool = True
     """Whether the worker could open the image."""
-    shape: tuple[int, int] | None = None
-    """(H, W) of its pixels, px, if they could be read."""
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
@@ -141,9 +139,8 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     except Exception as error:  # one bad frame must not stop the others
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
-    report = FrameReport(task.frame, found.reports, None, seconds, digest)
-    shape = image.shape[0], image.shape[1]
-    return FrameDone(report, found.labels, found.reconstruction, shape=shape)
+    report = FrameReport(task.frame, found.reports, None, seconds, digest, shape=image.shape)
+    return FrameDone(report, found.labels, found.reconstruction)
 
 
 def failed(

@@ -68,6 +68,8 @@ class FrameReport:
     """Checksum of the pixels, or None where they could not be read."""
     notes: tuple[str, ...] = ()
     """What else there is to say, one sentence each: what came into view."""
+    shape: tuple[int, ...] | None = None
+    """(H, W) of the pixels, px, or None where they could not be refined."""
 
     @classmethod
     def from_json(cls, values: dict) -> "FrameReport":
@@ -76,7 +78,9 @@ class FrameReport:
             CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
             for curve in values["curves"]
         )
-        return cls(**{**values, "curves": curves, "notes": tuple(values.get("notes", ()))})
+        shape = tuple(values["shape"]) if values.get("shape") else None
+        more = {"curves": curves, "notes": tuple(values.get("notes", ())), "shape": shape}
+        return cls(**{**values, **more})
 
 
 def words(error: Exception) -> str:

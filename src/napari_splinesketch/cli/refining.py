@@ -11,7 +11,7 @@ from jaxtyping import Real
 import napari_splinesketch
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.frame_task import Found
-from napari_splinesketch.batch.reports import CurveReport, Reports
+from napari_splinesketch.batch.reports import CurveReport
 from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
@@ -49,8 +49,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
         outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
             work.put(masks.FORMAT.write_whole, job.masks, outcome.labels)
-        if outcome.labels.head.shape is not None:  # a frame could be refined
-            _write_pictures(job, work, outcome.frames, outcome.labels.head.shape)
+        _write_pictures(job, work, outcome)
     return outcome
 
 
@@ -79,11 +78,11 @@ def refined(
     )
 
 
-def _write_pictures(job: RefineJob, work: Run, reports: Reports, shape: tuple[int, int]) -> None:
-    done = [report.frame for report in reports if report.error is None]
-    if job.reconstruction:
+def _write_pictures(job: RefineJob, work: Run, outcome: Outcome) -> None:
+    done = [report.frame for report in outcome.frames if report.error is None]
+    if job.reconstruction and (shape := outcome.labels.head.shape):
         pages = map(work.partial.reconstruction, done)
         work.put(write_reconstruction, job.reconstruction, pages, shape, done)
-    if job.overlay:
+    if job.overlay and done:
         drawn = work.partial.labels(done[0])
         work.put(write_overlay, job.overlay, work.images[done[0]], drawn)

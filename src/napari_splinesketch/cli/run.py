@@ -92,10 +92,10 @@ class Run:
         """Keep a finished frame; what a library returns after Ctrl-C is not a result."""
         if was_interrupted():
             raise KeyboardInterrupt
-        if self.alike and done.shape:
-            self._shape = self._shape or done.shape
-            if done.shape != self._shape:
-                height, width = done.shape
+        if self.alike and (shape := done.report.shape):
+            self._shape = self._shape or shape
+            if shape != self._shape:
+                height, width = shape
                 raise ValueError(
                     f"frame {done.report.frame} has {height} x {width} px, and others have"
                     f" {self._shape[0]} x {self._shape[1]}; masks and reconstructions are of one"
@@ -134,13 +134,12 @@ class Run:
         """Give the report of a frame that an earlier run has finished, of the same image."""
         done = self.partial.done(frame)
         if done and done.sha256 and not self._same:
-            pixels = self.images[frame]
-            if checksum(pixels) != done.sha256:
+            if checksum(self.images[frame]) != done.sha256:
                 raise ValueError(
                     f"frame {frame} of {self.images.name} is not the one that the interrupted run"
                     f" in {self.partial.folder} has finished; delete that folder and start again"
                 )
-            self._same, self._shape = True, pixels.shape
+            self._same, self._shape = True, done.shape
         return done
 
     def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
@@ -176,7 +175,9 @@ class Run:
                 "options": {key: self.settings[key] for key in self.settings if key != "preset"},
                 "image": image,
             }
-            head = replace(head, shape=first.shape, provenance=source)
+            shapes = {done.shape for done in reports if done.shape}
+            shape: Any = shapes.pop() if len(shapes) == 1 else None
+            head = replace(head, shape=shape, provenance=source)
         kept = (done.frame for done in reports if self.partial.has_labels(done.frame))
         frames = np.fromiter(kept, dtype=np.int64)
         return ByFrame(frames, head, lambda: (self.partial.labels(int(f)) for f in frames))

@@ -45,7 +45,8 @@ def run(job: TrackJob, report: Report) -> Outcome:
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
-        return work.write(frames, (*sketches.notes, *judged(sum(map(is_judged, sketches.labels)))))
+        notes = *_beyond(frames[-1], sketches), *judged(sum(map(is_judged, sketches.labels)))
+        return work.write(frames, (*sketches.notes, *notes))
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -58,12 +59,19 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     return range(first, last + 1)
 
 
+def _beyond(last: int, sketches: Labels) -> Iterator[str]:
+    """Say which lines are left out, as no frame of theirs is tracked."""
+    if number := sum(label.frame > last for label in sketches.labels):
+        yield f"{number} of the lines are in frames after {last}, the last one, and left out"
+
+
 @dataclass(eq=False)
 class _Frame:
     """A frame's pixels until they are read, and the curves of what is drawn on it."""
 
     image: np.ndarray | None = None
     sha256: str | None = None
+    shape: tuple[int, ...] | None = None
     curves: Mapping[int, Curve] = field(default_factory=dict)
     error: str = ""
 
@@ -101,7 +109,7 @@ class _Film:
         here = self._here[frame] = _Frame()
         try:
             here.image = self.run.images[frame]
-            here.sha256 = checksum(here.image)
+            here.sha256, here.shape = checksum(here.image), here.image.shape
             if drawn := self.drawn.get(frame):
                 result = self._refine(
                     here.image,
@@ -137,7 +145,8 @@ class _Film:
         undone = (CurveReport.drawn(label, "failed", error or "") for label in left_out)
         told = *_reports(curves, tracked), *undone
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
-        report = FrameReport(tracked.frame, told, error, round(seconds, 3), here.sha256, notes)
+        seen = here.sha256, notes, here.shape
+        report = FrameReport(tracked.frame, told, error, round(seconds, 3), *seen)
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
         return FrameDone(report, (*labels.labels, *left_out))
 
