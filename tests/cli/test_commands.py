@@ -51,6 +51,20 @@ def test_convert_gives_a_pixel_size_and_json(capsys: pytest.CaptureFixture[str])
     assert (read_labels("b.csv").scale, read_labels("b.csv").units) == ((0.5, 0.5), "µm")
 
 
+def test_lines_in_units_become_pixels(capsys: pytest.CaptureFixture[str]) -> None:
+    record = {"id": "a", "t": 0.5, "x": [1, 2], "y": [10, 11]}
+    root = {"units": {"t": "s", "x": "mm", "y": "mm"}, "data": [record]}
+    Path("a.wcon").write_text(json.dumps(root))
+    convert = ["convert", "a.wcon", "b.csv", "--pixel-size"]
+    assert main([*convert, "100", "--units", "µm"]) == 2
+    assert "the lines are in mm" in capsys.readouterr().err
+    assert main([*convert, "0.5", "0.25"]) == 0
+    assert "taken as 1 pixel" not in capsys.readouterr().err
+    labels = read_labels("b.csv")
+    assert np.array_equal(labels.labels[0].points, [[20, 4], [22, 8]])
+    assert (labels.scale, labels.units) == ((0.5, 0.25), "mm")
+
+
 def test_convert_holds_a_frame_at_a_time_and_keeps_the_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

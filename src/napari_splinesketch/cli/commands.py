@@ -118,7 +118,7 @@ def _convert(job: jobs.ConvertJob) -> int:
     with job.owning():
         labels = open_labels(job.source)
         if job.scale:
-            head = replace(labels.head, scale=job.scale, units=job.units)
+            head = labels.head.with_pixel_size(job.scale, job.units)
             labels = replace(labels, head=head) if isinstance(labels, ByFrame) else head
         losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.head.notes, *losses]

@@ -20,6 +20,7 @@ REVIEWS: tuple[Review, ...] = get_args(Review)
 MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
+NO_PIXEL_SIZE = "the file has no pixel size: 1 {} is taken as 1 pixel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +124,8 @@ class Labels:
         Where the labels come from: values that JSON can hold.
     notes
         What a reader left out of the file, one sentence each, for the user; not written.
+    in_units
+        Whether coordinates are in `units`, as the file has no size of a pixel; not written.
     """
 
     labels: tuple[Label, ...] = ()
@@ -131,6 +134,7 @@ class Labels:
     shape: tuple[int, int] | None = None
     provenance: Mapping[str, object] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    in_units: bool = False
 
     def __post_init__(self) -> None:
         """Freeze the values and check that they fit together."""
@@ -185,6 +189,18 @@ class Labels:
             for curve, identity in zip(curves, identities, strict=True)
         )
         return cls(labels, **known)
+
+    def with_pixel_size(self, scale: tuple[float, float], units: str | None) -> "Labels":
+        """Give the (y, x) size of a pixel; coordinates in units become pixels."""
+        if not self.in_units:
+            return replace(self, scale=scale, units=units)
+        if units not in (None, self.units):
+            raise ValueError(
+                f"the lines are in {self.units}; give the size of a pixel in that unit"
+            )
+        labels = tuple(replace(label, points=label.points / scale) for label in self.labels)
+        notes = tuple(note for note in self.notes if note != NO_PIXEL_SIZE.format(self.units))
+        return replace(self, labels=labels, scale=scale, notes=notes, in_units=False)
 
     @property
     def head(self) -> "Labels":

@@ -13,7 +13,7 @@ from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.csv_columns import whole
 from napari_splinesketch.labels.format import Format, Source, blamed
-from napari_splinesketch.labels.types import AnyLabels, Label, Labels
+from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
@@ -90,9 +90,9 @@ def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
     if x in ("", "1"):
         return Labels()
     units = MICROMETRE.get(x, x)
-    source.notes.append(f"the file has no pixel size: 1 {units} is taken as 1 pixel")
+    source.notes.append(NO_PIXEL_SIZE.format(units))
     with blamed(root["units"].error):
-        return Labels((), (1.0, 1.0), units)
+        return Labels((), (1.0, 1.0), units, in_units=True)
 
 
 def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Float[Array, "N 2"]]]:
