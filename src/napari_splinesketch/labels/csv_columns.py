@@ -92,7 +92,7 @@ def _curve(
             source.refuse_again(*(known.get(name, 0) for name in by))
         for name, text in said.items():
             if row[name] != text:
-                raise ValueError(f"{name} differs from {text!r} on line {lines[0]}")
+                raise ValueError(f"{name} differs from {known.get(name, '')!r} on line {lines[0]}")
         for name, values in lists.items():
             values.append(_value(source, name, row[name], kinds[name]))
         found = _value(source, count, row[count], int) if row.get(count) else number
