@@ -1,9 +1,11 @@
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import roifile
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.labels.format import Format
@@ -105,6 +107,25 @@ def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:
     path.write_text(text.replace("accepted", "open", 1), encoding="utf-8")
     with pytest.raises(LabelsError, match="line 3: review differs from 'open' on line 2"):
         read_labels(path)
+
+
+@pytest.mark.parametrize("ending", [".zip", ".geojson"])
+def test_lines_added_elsewhere_get_new_numbers(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"a{ending}"
+    ours = [replace(FULL.labels[0], curve=number) for number in (1, 3)]
+    write_labels(path, Labels(tuple(ours)))
+    points = [[1.0, 2], [3, 4.5]]
+    if ending == ".zip":
+        roi = roifile.ImagejRoi.frompoints(points)
+        roi.roitype = roifile.ROI_TYPE.POLYLINE
+        written: Any = roifile.roiread(path)
+        roifile.roiwrite(path, [roi, *written], mode="w")
+    else:
+        root = json.loads(path.read_text(encoding="utf-8"))
+        root["features"].insert(0, {"type": "LineString", "coordinates": points})
+        path.write_text(json.dumps(root))
+    numbers = [(label.curve, label.status) for label in read_labels(path).labels]
+    assert numbers == [(1, ours[0].status), (3, ours[1].status), (4, "sketch")]
 
 
 def test_a_table_says_where_a_lock_is_wrong(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import os
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -127,6 +127,19 @@ class Source:
             left_out = f"left out {counts}: only lines of two or more points can be sketches"
             notes = [left_out, *notes]
         return replace(self.head, labels=labels, notes=tuple(map(printable, notes)))
+
+
+def numbered(lines: Iterable[tuple[Label, bool]]) -> Iterator[Label]:
+    """Give labels with a number of their own, then the others, numbered on from the highest."""
+    others, first = list[Label](), 0
+    for label, ours in lines:
+        if ours:
+            first = max(first, label.curve + 1)
+            yield label
+        else:
+            others.append(label)
+    for number, label in enumerate(others, first):
+        yield replace(label, curve=number)
 
 
 Read = Callable[[Source], Iterator[Label]]

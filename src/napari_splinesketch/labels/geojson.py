@@ -1,6 +1,5 @@
 """GeoJSON as QuPath reads and writes it: one line per body, (x, y) from the image's corner."""
 
-import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 
 from napari_splinesketch import palette
 from napari_splinesketch.labels import json_tree
-from napari_splinesketch.labels.format import Format, Source
+from napari_splinesketch.labels.format import Format, Source, numbered
 from napari_splinesketch.labels.types import AnyLabels, Label
 
 CORNER = 0.5
@@ -54,22 +53,26 @@ def read(source: Source) -> Iterator[Label]:
     """Read lines of a collection, a feature, or an array of features.
 
     Coordinates are (x, y) in pixels from the corner of the image's first pixel. Lines that were
-    not written by us are sketches, numbered in the order of the file.
+    not written by us are sketches, numbered on in the order of the file.
     """
+    yield from numbered(_lines(source))
+
+
+def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
+    """Give each line, and whether it has a number."""
     kept: dict[str, Any] = {}
-    count = itertools.count()
     for feature in json_tree.read_values(source.path, ARRAY, kept):
-        yield from _labels(source, feature, count)
+        yield from _labels(source, feature)
     root = json_tree.Node(source.path, "", kept)
     if ARRAY not in root and root["type"].expected(str) != "FeatureCollection":
-        yield from _labels(source, root, count)
+        yield from _labels(source, root)
     elif root[ARRAY].value != []:
         raise root[ARRAY].error("expected an array")
     if OURS in root:
         source.head = json_tree.read_head(root[OURS])
 
 
-def _labels(source: Source, feature: json_tree.Node, count: Iterator[int]) -> Iterator[Label]:
+def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, bool]]:
     geometry = feature["geometry"] if "geometry" in feature else feature
     kind = geometry["type"].expected(str)
     if kind in OTHERS:
@@ -81,7 +84,7 @@ def _labels(source: Source, feature: json_tree.Node, count: Iterator[int]) -> It
     properties = feature["properties"] if "properties" in feature else feature
     own = properties[OURS] if OURS in properties else None
     for line in [lines] if kind == "LineString" else lines:
-        points, number = line.places()[:, ::-1] - CORNER, next(count)
+        points = line.places()[:, ::-1] - CORNER
         if own:
             source.place = own.place
             label = json_tree.read_own(own, own["frame"].integer(), own["curve"].integer(), points)
@@ -89,9 +92,9 @@ def _labels(source: Source, feature: json_tree.Node, count: Iterator[int]) -> It
             plane = geometry.member("plane", dict, {})
             frame = geometry["plane"]["t"].integer() if plane.get("t") is not None else 0
             source.place = line.place
-            label = Label.from_sketch(points, frame=frame, identity=number)
+            label = Label.from_sketch(points, frame=frame)
         source.place = line.place
-        yield label
+        yield label, own is not None
 
 
 def claims(ending: str, head: bytes) -> bool:

@@ -10,7 +10,7 @@ from typing import IO, cast
 import numpy as np
 from roifile import ROI_TYPE, ImagejRoi
 
-from napari_splinesketch.labels.format import Format, Source, blamed, open_regular
+from napari_splinesketch.labels.format import Format, Source, blamed, numbered, open_regular
 from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
@@ -51,15 +51,18 @@ def _roi(label: Label) -> ImagejRoi:
 
 
 def read(source: Source) -> Iterator[Label]:
-    """Read lines from a zip of ROIs or from a single one, numbered in the order of the file."""
-    number = 0
+    """Read lines from a zip of ROIs or from a single one; others than ours are numbered on."""
+    yield from numbered(_lines(source))
+
+
+def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
+    """Give each line, and whether it has a number."""
     for content in _entries(source):
         with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
             _require_whole(content)
             roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
         if roi.roitype in LINES:
-            yield _label(roi, number)
-            number += 1
+            yield _label(roi)
         else:
             source.left_out[roi.roitype.name.lower()] += 1
 
@@ -105,12 +108,12 @@ def _require_whole(content: bytes) -> None:
             raise ValueError(f"cut off after {len(content)} bytes")
 
 
-def _label(roi: ImagejRoi, number: int) -> Label:
+def _label(roi: ImagejRoi) -> tuple[Label, bool]:
     points = np.asarray(roi.coordinates(), dtype=np.float64)[:, ::-1]
     frame = max(roi.t_position or roi.position, 1) - 1
     own = dict(line.split(": ", 1) for line in roi.props.splitlines() if line.startswith(OURS))
     if not own:
-        return Label.from_sketch(points, frame=frame, identity=number)
+        return Label.from_sketch(points, frame=frame), False
     try:
         curve = int(own[f"{OURS}curve"])
         texts = own[f"{OURS}half_width"], own[f"{OURS}sd"]
@@ -118,7 +121,7 @@ def _label(roi: ImagejRoi, number: int) -> Label:
         status = own[f"{OURS}status"]
     except (KeyError, ValueError) as error:
         raise ValueError(f"its properties {OURS}... are damaged ({error})") from None
-    return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status))
+    return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status)), True
 
 
 def claims(ending: str, head: bytes) -> bool:
