@@ -145,25 +145,27 @@ def test_two_processes_give_the_labels_of_one(folder: Path) -> None:
 
 
 @needs_proc
-def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_else(
-    folder: Path, engine: FakeEngine, elsewhere: dict[str, str]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_is_stopped_keeps_what_is_done_and_leaves_nothing_else(
+    folder: Path, engine: FakeEngine, elsewhere: dict[str, str], number: signal.Signals
 ) -> None:
-    with started("-o", "stopped.csv", "--jobs", "2", env=elsewhere) as run:
-        wait_for_frames("stopped.csv", 1)
+    output = f"{number.name}.csv"
+    with started("-o", output, "--jobs", "2", env=elsewhere) as run:
+        wait_for_frames(output, 1)
         workers = workers_of(run.pid)
-        os.killpg(run.pid, signal.SIGINT)
+        os.killpg(run.pid, number)
         _, told = run.communicate()
     assert run.returncode == 130
     assert told == "interrupted; finished frames are kept; add --resume to continue\n"
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
-    assert not Path("stopped.csv").exists()
+    assert not Path(output).exists()
     assert not list(folder.rglob("*.part*"))[1:]  # but the folder of what is finished
-    kept = len(list(Path("stopped.csv.partial").glob("*/frame-*.json")))
+    kept = len(list(Path(f"{output}.partial").glob("*/frame-*.json")))
     assert 1 <= kept < FRAMES
-    assert main([*COMMAND, "-o", "stopped.csv", "--resume"]) == 0
+    assert main([*COMMAND, "-o", output, "--resume"]) == 0
     assert len(engine.calls) == FRAMES - kept
-    assert main([*COMMAND, "-o", "whole.csv"]) == 0
-    assert same("stopped.csv", "whole.csv")
+    assert main([*COMMAND, "-o", f"whole-{output}"]) == 0
+    assert same(output, f"whole-{output}")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -84,6 +85,7 @@ def _demo(job: jobs.DemoJob) -> int:
     if job.output is None and reason is None:
         from napari_splinesketch.plugin.files import open_demo
 
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # Qt does not hear of it while it waits
         open_demo()
         return report.DONE
     folder = job.output or demo.free_folder()

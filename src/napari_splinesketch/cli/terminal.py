@@ -60,7 +60,7 @@ def progress() -> Iterator[Callable[[float, int], None]]:
 
 
 def take_over() -> None:
-    """Print warnings of libraries like our own messages, and remember whether Ctrl-C was pressed.
+    """Print warnings of libraries like our own messages, and remember Ctrl-C or SIGTERM.
 
     Only for a process that is the command: signals and warnings belong to the whole process.
     """
@@ -68,12 +68,13 @@ def take_over() -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(_Plain())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
+            signal.signal(number, _interrupt)
 
 
 def was_interrupted() -> bool:
-    """Tell whether Ctrl-C was pressed: a library that it interrupts may raise anything."""
+    """Tell whether somebody has ended the command: libraries may raise anything then."""
     return _interrupted
 
 
