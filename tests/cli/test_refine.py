@@ -264,6 +264,26 @@ def test_a_run_is_not_resumed_on_another_film(
     assert not Path("labels.csv").exists()
 
 
+def test_a_frame_that_was_replaced_is_not_taken_for_finished(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("frames").mkdir()
+    for i, image in enumerate(film(4)):
+        tifffile.imwrite(f"frames/{i}.tif", image, photometric="minisblack")
+    command = ["refine", "frames", "sketches.csv", "-o", "labels.csv"]
+    interrupt_after_two(engine, monkeypatch)
+    assert main(command) == 130
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    tifffile.imwrite("frames/1.tif", film(4)[1] + 1, photometric="minisblack")
+    later = time.time() + 10
+    os.utime("frames/1.tif", (later, later))
+    assert main([*command, "--resume"]) == 2
+    assert "frame 1 of frames is not the one that the interrupted run" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("ending", [".coco.json", ".masks.tif"])
 def test_frames_of_two_sizes_have_no_common_size(
     folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], ending: str

@@ -131,9 +131,12 @@ class Run:
                 yield FrameTask(frame, reading.of(frame), find, instead)
 
     def finished(self, frame: int) -> FrameReport | None:
-        """Give the report of a frame that an earlier run has finished, of the same image."""
+        """Give the report of a frame that an earlier run has finished, of the same image.
+
+        Pixels are compared for the first such frame, and where a file has been written since.
+        """
         done = self.partial.done(frame)
-        if done and done.sha256 and not self._same:
+        if done and done.sha256 and (not self._same or self._is_newer(frame)):
             if checksum(self.images[frame]) != done.sha256:
                 raise ValueError(
                     f"frame {frame} of {self.images.name} is not the one that the interrupted run"
@@ -141,6 +144,11 @@ class Run:
                 )
             self._same, self._shape = True, done.shape
         return done
+
+    def _is_newer(self, frame: int) -> bool:
+        files, kept = self.images.files, self.partial.table(frame).stat()
+        file = files[frame] if files else Path(self.job.image)
+        return file.exists() and file.stat().st_mtime > kept.st_mtime
 
     def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""

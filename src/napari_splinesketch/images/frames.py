@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from glob import glob
@@ -43,6 +43,8 @@ class Frames:
     """(y, x) size of a pixel in `units`, or None."""
     units: str | None = None
     """Physical unit, or None."""
+    files: Sequence[Path] = ()
+    """The file of each frame, where each has one of its own."""
 
     def __getitem__(self, index: int) -> Real[np.ndarray, "H W"]:
         """Read a frame; colour becomes luminance (Rec. 709)."""
@@ -177,7 +179,7 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
         except ImageError:
             if path == paths[-1]:
                 raise
-    yield Frames(folder.name, len(paths), read, scale, units)
+    yield Frames(folder.name, len(paths), read, scale, units, paths)
 
 
 def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
