@@ -124,6 +124,16 @@ def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
             assert all(np.array_equal(frames[i], FRAMES[i]) for i in range(4))
 
 
+def test_a_film_that_was_cut_off_has_its_first_frames(tmp_path: Path) -> None:
+    path = tmp_path / "film.tif"
+    tifffile.imwrite(path, FRAMES, photometric="minisblack")
+    path.write_bytes(path.read_bytes()[: -FRAMES[0].nbytes * 3 // 2])
+    with open_frames(str(path)) as frames:
+        assert np.array_equal(frames[1], FRAMES[1])
+        with pytest.raises(ImageError, match="frame 3: cannot be read"):
+            frames[3]
+
+
 def test_a_glob_over_folders_goes_folder_by_folder(tmp_path: Path) -> None:
     for number, frame in enumerate(FRAMES):
         folder = tmp_path / f"day-{10 - number // 2}"

@@ -1,5 +1,6 @@
 """TIFF, ImageJ hyperstacks and OME-TIFF, read one frame at a time."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,12 +40,19 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
     if not leading and len(alike) > 1:  # frames that were appended one by one
         return Frames(path.name, len(alike), lambda i: alike[i].asarray(), scale, units)
     count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
+
+    def number(index: int) -> int:
+        return int(np.ravel_multi_index(place(index), shape[:leading])) if leading else 0
+
     if series.dataoffset is not None:
         kind, offset = series.dtype.newbyteorder(file.byteorder), series.dataoffset
+        size = kind.itemsize * math.prod(shape[leading:])
 
         def read(index: int) -> np.ndarray:
-            # Mapped again each time: what stays mapped counts as memory of the process.
-            return np.array(np.memmap(path, kind, "r", offset, shape)[place(index)])
+            # Mapped again each time: what stays mapped counts as memory of the process. One frame
+            # only: a file that was cut off has the first ones.
+            start = offset + number(index) * size
+            return np.array(np.memmap(path, kind, "r", start, shape[leading:]))
 
         return Frames(path.name, count, read, scale, units)
     if series.keyframe.shape != shape[leading:]:
@@ -52,8 +60,7 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
         return Frames(path.name, count, lambda i: stack[place(i)], scale, units)
 
     def page(index: int) -> np.ndarray:
-        flat = np.ravel_multi_index(place(index), shape[:leading]) if leading else 0
-        return series.asarray(key=int(flat))
+        return series.asarray(key=number(index))
 
     return Frames(path.name, count, page, scale, units)
 
