@@ -148,6 +148,13 @@ def test_curves_of_few_points_get_a_hundred(folder: Path) -> None:
     assert np.allclose(sample.points[0, [0, -1]], short.points)
 
 
+def test_a_curve_outside_its_frame_is_refused(tmp_path: Path, folder: Path) -> None:
+    away = Label(0, 7, np.array([[5.0, 500], [9, 540]]), np.ones(2), np.ones(2), "good", "accepted")
+    with pytest.raises(ValueError, match=r"curve 7 lies outside frame 0.* belong to"):
+        export_training(folder, IMAGES, Labels((away,)))
+    assert os.listdir(tmp_path) == []
+
+
 def test_nothing_is_left_where_the_images_end_too_soon(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(ValueError, match="the labels have a frame 3, and the images none"):
         export_training(folder, IMAGES[:3], REVIEWED)

@@ -79,7 +79,7 @@ def export_training(
     Raises
     ------
     ValueError
-        Where there is nothing to train on, or a frame that is not there.
+        Where there is nothing to train on, a frame that is not there, or a curve outside its frame.
     """
     if keep not in get_args(Keep):
         raise ValueError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
@@ -172,6 +172,13 @@ def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) 
     """Write a frame; gives 1 where its bodies are bright, -1 where dark, 0 where none is seen."""
     if image.ndim != 2:
         raise ValueError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
+    for one in chosen.kept:
+        if not np.any(np.all((one.points >= 0) & (one.points < image.shape), axis=1)):
+            size = "{} × {} px".format(*image.shape)
+            raise ValueError(
+                f"curve {one.curve} lies outside frame {frame}, which has {size}; "
+                "give the image that the labels belong to, or reject the curve"
+            )
     mask = chosen.mask((image.shape[0], image.shape[1]))
     ignored = chosen.ignored(mask)
     pictures = {"images": image, "masks": mask, "ignore": 255 * ignored.astype(np.uint8)}
