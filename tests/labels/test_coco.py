@@ -1,6 +1,7 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,3 +75,9 @@ def test_an_unknown_image_size_is_said(tmp_path: Path) -> None:
 def test_no_curves(tmp_path: Path) -> None:
     read = opened(tmp_path / "a.coco.json", Labels(shape=(5, 6)))
     assert read.getAnnIds() == []
+
+
+def test_a_body_far_away_needs_no_pixels(tmp_path: Path) -> None:
+    write_labels(tmp_path / "a.coco.json", Labels((replace(bent(), points=bent().points + 1e6),)))
+    (image,) = json.loads((tmp_path / "a.coco.json").read_text())["images"]
+    assert image["height"] > 1e6

@@ -8,7 +8,7 @@ from napari_splinesketch import metrics
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.images.pictures import write_overlay
 from napari_splinesketch.labels import Label, Labels
-from napari_splinesketch.labels.masks import image_shape
+from napari_splinesketch.labels.masks import drawn_shape
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.metrics import Comparison
 
@@ -47,7 +47,7 @@ def draw(path: Path, labels: Labels, truth: Labels, image: str | None, overwrite
         with open_frames(image) as images:
             pixels = images[frame]
     else:
-        pixels = np.zeros(np.maximum(image_shape(labels), image_shape(truth)))
+        pixels = np.zeros(np.maximum(drawn_shape(labels), drawn_shape(truth)))
     curves, truths = ours.get(frame, ()), theirs.get(frame, ())
     write_overlay(path, pixels, curves, truth=truths, overwrite=overwrite)
 

@@ -22,7 +22,7 @@ def write(path: Path, labels: AnyLabels) -> None:
     Where bodies overlap, the pixel belongs to the one in which it lies deeper.
     """
     frames = in_frames(labels)
-    shape, highest = image_shape(labels), labels.facts.highest
+    shape, highest = drawn_shape(labels), labels.facts.highest
     count = int(frames.frames[-1]) + 1 if len(frames.frames) else 1
     if count > MAX_FRAMES:
         raise ValueError(
@@ -60,15 +60,16 @@ def write(path: Path, labels: AnyLabels) -> None:
 
 def image_shape(labels: AnyLabels) -> tuple[int, int]:
     """Give the shape of the image, or one that holds all bodies if it is not known."""
-    shape = labels.head.shape
-    if shape is None:
-        height, width = labels.facts.reach
-        shape = int(height), int(width)
-    if shape[0] * shape[1] > MAX_PIXELS:
-        raise ValueError(
-            f"masks of {shape[0]} × {shape[1]} px are too large; give the image's shape"
-        )
-    return shape
+    height, width = labels.head.shape or labels.facts.reach
+    return int(height), int(width)
+
+
+def drawn_shape(labels: AnyLabels) -> tuple[int, int]:
+    """Give the shape of an image that is to be drawn; ValueError where it is too large."""
+    height, width = image_shape(labels)
+    if height * width > MAX_PIXELS:
+        raise ValueError(f"{height} × {width} px are too large; give the image's shape")
+    return height, width
 
 
 LOSSES = (
