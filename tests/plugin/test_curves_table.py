@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.layers import Image
 from qtpy.QtCore import QAbstractItemModel, Qt
 
 from napari_splinesketch.engine.types import Curve
@@ -18,7 +19,7 @@ from napari_splinesketch.plugin.columns import (
     severity,
     three_digits,
 )
-from napari_splinesketch.plugin.layers.space import Ruler
+from napari_splinesketch.plugin.layers.space import Ruler, times_of
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.review import CurvesModel
 
@@ -154,7 +155,7 @@ def test_cells_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
 def text(records: tuple[Record, ...], ruler: Ruler, **options: str) -> str:
     model = CurvesModel()
     model.show(records, ruler)
-    return as_text(records, ruler, model.curve_at, **options)
+    return as_text(records, ruler, model.beside, **options)
 
 
 def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
@@ -168,6 +169,23 @@ def test_speed_is_that_between_the_frames_beside_and_follows_them() -> None:
     model.show((moved, far), Ruler((2.0, 2.0), "µm"))
     assert column(model, "Speed (%/frame)") == ["–", "–"]
     assert list(features((one, moved, far))["speed"].round(3))[:2] == [3, 3]
+
+
+@pytest.mark.parametrize("beside", [(4, "tzyx"), (1, "ztyx")])
+def test_speed_is_that_in_the_same_plane_at_the_times_beside(beside: tuple[int, str]) -> None:
+    step, axes = beside
+    image = Image(np.zeros((3, 4, 8, 8) if axes == "tzyx" else (4, 3, 8, 8)), axis_labels=axes)
+    times = times_of(image)
+    assert times == (3, step)
+    first, last = times.of(2 * step)[0], times.of(2 * step)[-1]
+    one = record(1, first)
+    two = replace(one, frame=first + step)
+    two = replace(two, curve=replace(two.curve, points=two.curve.points + np.array([0, 3])))
+    in_next_plane = record(1, first + 1 if step > 1 else last + 1)
+    model = in_order(CurvesModel())
+    model.show((one, two, in_next_plane), Ruler(), times=times)
+    said = dict(zip(model.records, column(model, "Speed (%/frame)"), strict=True))
+    assert [said[r] for r in (one, two, in_next_plane)] == ["3.00", "3.00", "–"]
 
 
 def test_curvature_is_that_of_a_circle_in_the_unit() -> None:

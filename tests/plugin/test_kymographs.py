@@ -78,3 +78,31 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     panel.plotted.setCurrentIndex(0)
     panel.plotted.activated.emit(0)
     assert [plot.values.ndim for plot in drawn(panel)] == [1, 1]
+
+
+def test_the_panel_shows_a_body_over_time_where_there_are_planes_too(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    film = np.zeros((3, 4, 96, 128), np.float32)
+    viewer.add_image(film, name="film", axis_labels=("t", "z", "y", "x"))
+    viewer.add_shapes([np.insert(LINE, 0, [[0], [0]], axis=1)], shape_type="line",
+                      name="film sketches")  # fmt: skip
+    viewer.dims.set_point((0, 1), (0, 0))
+    refine(dock)
+    controller = dock.controller
+    panel = ReviewPanel(controller)
+    (first,) = controller.records()
+    moved = replace(first.curve, points=first.curve.points + np.array([0, 2]))
+    above = replace(first, frame=1, curve=replace(first.curve))
+    later = replace(first, frame=4, curve=moved)
+    assert controller.work is not None
+    state = replace(controller.work.state, records=(first, above, later))
+    controller.apply("Track", state)
+    controller.selected = (4, first.id)
+    panel.plotted.setCurrentIndex(1)
+    panel.plotted.activated.emit(1)
+    _, speed = drawn(panel)
+    assert speed.frames == (0, 1)
+    np.testing.assert_allclose(speed.values, 2, atol=1e-6)
+    layer = controller.work.layer("curves")
+    until(lambda: layer.features["speed"].round(3).fillna(-1).tolist() == [2, -1, 2])

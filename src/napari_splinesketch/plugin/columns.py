@@ -1,7 +1,7 @@
 """What is said of each curve: one table, which layers, the review table, CSV and colours read."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,17 +11,18 @@ from napari.utils.colormaps import Colormap
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, severity
-from napari_splinesketch.plugin.layers.space import Ruler
-from napari_splinesketch.plugin.model import Key, Record, key_of, once
+from napari_splinesketch.plugin.layers.space import Ruler, Times
+from napari_splinesketch.plugin.model import Record, key_of, once
 from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
-PIXELS = Ruler()
+PIXELS, FILM = Ruler(), Times(2**31)  # where no image says more
 
-CurveAt = Callable[[Key], Curve | None]
-Value = Callable[[Record, Ruler, CurveAt], Any]
-"""What is said of a curve in a ruler's unit, maybe with its body's curves in other frames."""
+Beside = Callable[[Record], Sequence[Curve | None]]
+"""The curves of a record's body at the times before and after its own, where there are any."""
+Value = Callable[[Record, Ruler, Beside], Any]
+"""What is said of a curve in a ruler's unit, maybe with its body's curves at other times."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,14 @@ class Column:
     width: str = "00000"  # there is room for it
     colour: str = ""  # what the choice of colours calls it
 
-    def text(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> str:
+    def text(self, record: Record, ruler: Ruler, beside: Beside) -> str:
         """Write a cell of the table."""
-        value = self.said(record) if self.said else self.value(record, ruler, curve_at)
+        value = self.said(record) if self.said else self.value(record, ruler, beside)
         return three_digits(value) if isinstance(value, float) else str(value)
 
-    def rank(self, record: Record, ruler: Ruler, curve_at: CurveAt) -> Any:
+    def rank(self, record: Record, ruler: Ruler, beside: Beside) -> Any:
         """Give what the table sorts a record by; what is not known comes first."""
-        value = self.order(record) if self.order else self.value(record, ruler, curve_at)
+        value = self.order(record) if self.order else self.value(record, ruler, beside)
         return -math.inf if isinstance(value, float) and math.isnan(value) else value
 
 
@@ -57,15 +58,12 @@ def half_widths(curve: Curve, ruler: Ruler) -> np.ndarray:
 
 def _measured(find: Callable[[Curve, Ruler], Any]) -> Value:
     known: Callable[[Curve, Ruler], float] = once(lambda curve, ruler: float(find(curve, ruler)))
-    return lambda record, ruler, curve_at: known(record.curve, ruler)
+    return lambda record, ruler, beside: known(record.curve, ruler)
 
 
-def _speed(record: Record, ruler: Ruler, curve_at: CurveAt) -> float:
+def _speed(record: Record, ruler: Ruler, beside: Beside) -> float:
     """Mean over the curve's points, in units a frame; NaN without a curve in a frame beside."""
-    beside = curve_at((record.frame - 1, record.id)), curve_at((record.frame + 1, record.id))
-    if beside == (None, None):
-        return math.nan
-    before, after = (one and one.points * ruler.scale for one in beside)
+    before, after = (one and one.points * ruler.scale for one in beside(record))
     return mean_speed(before, record.curve.points * ruler.scale, after)
 
 
@@ -119,23 +117,37 @@ SAME = 1e-6  # values that differ less, relative, have one colour: that is how t
 GREY = "#999999"  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
-alone: CurveAt = {}.get  # knows of no curve in another frame
+
+
+def beside_of(records: Iterable[Record], times: Times = FILM) -> Beside:
+    """Find the curves at the times beside, by which records of the same body are known."""
+    known = {key_of(record): record.curve for record in records}
+
+    def found(record: Record) -> list[Curve | None]:
+        frames = (record.frame - times.step, record.frame + times.step)
+        there = times.of(record.frame)
+        return [known.get((frame, record.id)) if frame in there else None for frame in frames]
+
+    return found
+
+
+alone = beside_of(())  # knows of no curve in another frame
 
 
 def features(
-    records: Sequence[Record], ruler: Ruler = PIXELS, curve_at: CurveAt | None = None
+    records: Sequence[Record], ruler: Ruler = PIXELS, beside: Beside | None = None
 ) -> pd.DataFrame:
-    """What is said of each curve, by which those of the same body in other frames are known."""
-    known = curve_at or {key_of(record): record.curve for record in records}.get
+    """What is said of each curve, maybe with those of its body at other times."""
+    known = beside or beside_of(records)
     rows = [[column.value(record, ruler, known) for column in COLUMNS] for record in records]
     return pd.DataFrame(rows, columns=[column.name for column in COLUMNS])
 
 
 def as_text(
-    records: Sequence[Record], ruler: Ruler, curve_at: CurveAt = alone, *, separator: str = ","
+    records: Sequence[Record], ruler: Ruler, beside: Beside = alone, *, separator: str = ","
 ) -> str:
     """Write records as a table with a header, numbers in full."""
-    said = features(records, ruler, curve_at).rename(columns={"id": "curve"})
+    said = features(records, ruler, beside).rename(columns={"id": "curve"})
     return said.assign(units=ruler.unit).to_csv(None, sep=separator, index=False, na_rep="nan")
 
 

@@ -15,12 +15,12 @@ from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.files import atomic
 from napari_splinesketch.plugin.choices import listen
+from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
-from napari_splinesketch.plugin.columns import STATUS, CurveAt, alone, as_text
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.space import Ruler, ruler_of
+from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
 from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
@@ -49,20 +49,27 @@ class CurvesModel(QtCore.QAbstractTableModel):
         super().__init__(parent)
         self.ruler = Ruler()
         self.records: list[Record] = []
-        self.curve_at: CurveAt = alone
-        self._asked: tuple[Sequence[Record], str, int] = (), "all", 0
+        self.beside: Beside = alone
+        self._asked: tuple[Sequence[Record], str, int, Times] = (), "all", 0, FILM
         self._by = STATUS, Qt.SortOrder.DescendingOrder
 
     def row_of(self, key: Key | None) -> int | None:
         """Row in which a curve is shown, or None."""
         return next((row for row, one in enumerate(self.records) if key_of(one) == key), None)
 
-    def show(self, records: Sequence[Record], ruler: Ruler, shown: str = "all", t: int = 0) -> None:
+    def show(
+        self,
+        records: Sequence[Record],
+        ruler: Ruler,
+        shown: str = "all",
+        t: int = 0,
+        times: Times = FILM,
+    ) -> None:
         """Show records, all or some, in the order that was chosen; frame `t` is in view."""
-        asked = records, shown, t if shown == "this frame" else 0
+        asked = records, shown, t if shown == "this frame" else 0, times
         if (ruler, asked) != (self.ruler, self._asked):
             self.ruler, self._asked = ruler, asked
-            self.curve_at = {key_of(r): r.curve for r in records}.get
+            self.beside = beside_of(records, times)
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, len(COLUMNS) - 1)
             self._arrange()
 
@@ -91,7 +98,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         """Give what one cell shows; numbers are worked out when they are asked for."""
         column, record = COLUMNS[index.column()], self.records[index.row()]
         if role == ROLE.DisplayRole or (role == ROLE.ToolTipRole and column.kind == "text"):
-            return column.text(record, self.ruler, self.curve_at)
+            return column.text(record, self.ruler, self.beside)
         if role == ROLE.TextAlignmentRole and column.kind != "text":
             return RIGHT
         if role == ROLE.DecorationRole and index.column() == 0:
@@ -100,10 +107,10 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
     def _arrange(self) -> None:
         """Bring the rows in order; resets the model only where other curves are shown."""
-        (column, order), (records, shown, frame) = self._by, self._asked
+        (column, order), (records, shown, frame) = self._by, self._asked[:3]
         rows = [record for record in records if SHOWN[shown](record, frame)]
         reverse, rank = order == Qt.SortOrder.DescendingOrder, COLUMNS[column].rank
-        rows.sort(key=lambda record: rank(record, self.ruler, self.curve_at), reverse=reverse)
+        rows.sort(key=lambda record: rank(record, self.ruler, self.beside), reverse=reverse)
         if list(map(key_of, rows)) == list(map(key_of, self.records)):
             self.records = rows
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(COLUMNS) - 1))
@@ -245,9 +252,11 @@ class ReviewPanel(qt.QWidget):
             self.plots.show_plots(*profiles(work, chosen[0], ruler))
         else:
             frame, number = key_of(chosen[0])
-            body = {r.frame: r.curve for r in controller.records() if r.id == number}
-            made = pictures(body, ruler)[2 * at - 2 : 2 * at]
-            self.plots.show_plots(*(made or (ONE_FRAME.format(number),)), frame=frame)
+            times = times_of(work.image).of(frame)
+            body = [r for r in controller.records() if r.id == number and r.frame in times]
+            made = pictures({times.index(r.frame): r.curve for r in body}, ruler)
+            told = made[2 * at - 2 : 2 * at] or (ONE_FRAME.format(number),)
+            self.plots.show_plots(*told, frame=times.index(frame))
 
     def copy(self) -> None:
         """Put the table, as it is shown, onto the clipboard; a spreadsheet takes it."""
@@ -256,7 +265,7 @@ class ReviewPanel(qt.QWidget):
 
     def _as_text(self, mark: str) -> str:
         model = self.model
-        return as_text(model.records, model.ruler, model.curve_at, separator=mark)
+        return as_text(model.records, model.ruler, model.beside, separator=mark)
 
     def _ask_where(self) -> None:
         title, name, kind = "Save the table", "curves.csv", "CSV (*.csv)"
@@ -270,4 +279,5 @@ class ReviewPanel(qt.QWidget):
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
-        self.model.show(c.records(), ruler_of(c.image), shown, c.frame)
+        times = times_of(c.image) if c.image else FILM
+        self.model.show(c.records(), ruler_of(c.image), shown, c.frame, times)

@@ -68,7 +68,8 @@ class CurveLines(Slot):
             yield
         known = [wanted[record.curve] for record in self._shown]
         if gone or fresh or known != self._shown or layer.features.empty:
-            layer.features = columns.features(known)
+            beside = columns.beside_of(known, space.times_of(image))
+            layer.features = columns.features(known, beside=beside)
             self._shown = known
         colours = looks.rgba(columns.colours_of(known, look))
         if not np.allclose(layer.edge_color, colours):

@@ -124,19 +124,29 @@ def frame_count(image: Image) -> int:
     return int(np.prod(frame_shape(image), dtype=int))
 
 
-def frames_over_time(image: Image, frame: int) -> range:
-    """Give the frames at all times that share a frame's place on the other axes.
+class Times(NamedTuple):
+    """How many times an image has, and how many frames lie from one to the next."""
 
-    Time is the axis called "t" or "time", or the first.
-    """
-    shape = frame_shape(image)
-    if not shape:
-        return range(1)
+    number: int
+    step: int = 1
+
+    def of(self, frame: int) -> range:
+        """Give the frames at all times that share a frame's place on the other axes."""
+        first = frame - frame // self.step % self.number * self.step
+        return range(first, first + self.number * self.step, self.step)
+
+
+def times_of(image: Image) -> Times:
+    """Find the axis of time: the one called "t" or "time", or the first."""
+    shape = frame_shape(image) or (1,)
     names = [name.lower() for name in image.axis_labels[: len(shape)]]
     axis = next((i for i, name in enumerate(names) if name in ("t", "time")), 0)
-    step = int(np.prod(shape[axis + 1 :], dtype=int))
-    first = frame - int(np.unravel_index(frame, shape)[axis]) * step
-    return range(first, first + shape[axis] * step, step)
+    return Times(shape[axis], int(np.prod(shape[axis + 1 :], dtype=int)))
+
+
+def frames_over_time(image: Image, frame: int) -> range:
+    """Give the frames at all times that share a frame's place on the other axes."""
+    return times_of(image).of(frame)
 
 
 def size_of(image: Image) -> tuple[int, int]:
