@@ -292,6 +292,11 @@ SENSELESS = {
     "3-D sketch": ((IMAGE, [SKETCH, np.zeros((4, 3))]), r"sketch 1 has shape \(4, 3\).*\(N, 2\)"),
     "no points": ((IMAGE, [np.zeros((0, 2))]), r"sketch 0 has shape \(0, 2\)"),
     "flat sketch": ((IMAGE, [np.zeros(4)]), r"sketch 0 has shape \(4,\)"),
+    "no sketches": ((IMAGE, None), "sketches is None; give a list"),
+    "by name": ((IMAGE, {"a": SKETCH}), "sketches is {'a': .*give a list"),
+    "a word": ((IMAGE, ["ab"]), "sketch 0 is 'ab'; give"),
+    "uneven": ((IMAGE, [SKETCH, [[1, 2], [3]]]), r"sketch 1 is \[\[1, 2\], \[3\]\]; give"),
+    "complex sketch": ((IMAGE, [SKETCH * 1j]), "sketch 0 is array.*give"),
     "preset": ((IMAGE, [SKETCH], "best"), "preset is 'best'; choose one of fast, balanced"),
     "no preset": ((IMAGE, [SKETCH], None), "preset is None; choose one of fast, balanced"),
 }
@@ -313,6 +318,12 @@ OPTIONS = {
     "wider than the image": ({"half_width": 1e9}, "half_width is 1000000000.0.*30 x 40 px"),
     "endless": ({"half_width": np.inf}, "half_width is inf"),
     "text": ({"half_width": "3"}, "half_width is '3'"),
+    "fixed points": ({"fixed": [SKETCH]}, "fixed has array.*give a list of curves"),
+    "one curve": ({"fixed": as_drawn(SKETCH, "-")}, "fixed has Curve.*give a list of curves"),
+    "a number": ({"fixed": 3}, "fixed has 3; give a list of curves"),
+    "no function": ({"on_progress": 3}, "on_progress is 3; give a function"),
+    "long seed": ({"seed": 2**40, "preset": "paper"}, "seed is 1099511627776; give a whole"),
+    "broken seed": ({"seed": 1.5}, "seed is 1.5; give a whole"),
 }
 
 
@@ -333,6 +344,21 @@ def test_fixed_curves_take_part_and_do_not_move():
     bodies = np.abs(made.clean - made.background) > 0.5 * made.look.contrast
     gap = [np.abs(r.reconstruction - made.clean)[bodies].mean() for r in (alone, both)]
     assert gap[0] < 1.2 * gap[1]
+
+
+@pytest.mark.parametrize("sketches", [[], [OUTSIDE]], ids=["no sketch", "none in the image"])
+def test_fixed_curves_are_drawn_where_nothing_is_refined(sketches):
+    found = refined(5, 2)
+    alone = refine(frame(5, 2).image, sketches, fixed=found.curves)
+    assert_whole(alone, len(sketches))
+    rise = np.abs(found.reconstruction - found.background)
+    bodies = rise > rise.max() / 2
+    off = np.abs(alone.reconstruction - found.reconstruction)
+    assert off[bodies].mean() < 0.05 * rise.max()
+
+
+def test_no_fixed_curves_may_be_none():
+    assert_whole(refine(IMAGE, [], fixed=None), 0, IMAGE.shape)
 
 
 def test_a_fixed_curve_keeps_a_sketch_off_its_body():

@@ -1,15 +1,17 @@
 """What `refine` and `suggest` are given: refused with a ValueError where it makes no sense."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 from numbers import Real as RealNumber
-from typing import get_args
+from reprlib import repr as short
+from typing import Any, get_args
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Array, Polarity, Sketches
+from napari_splinesketch.engine.types import Array, Curve, Polarity, Sketches
 
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
@@ -44,13 +46,47 @@ def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float 
 
 def checked_sketches(sketches: Sketches) -> list[Float[Array, "N 2"]]:
     """The sketches as float arrays, if they are (N, 2) with a point at least."""
-    lines = [np.asarray(s, dtype=np.float64) for s in sketches]
-    for i, line in enumerate(lines):
-        if line.ndim != 2 or line.shape[1] != 2 or not len(line):
+    if isinstance(sketches, str | Mapping) or not isinstance(sketches, Iterable):
+        raise ValueError(
+            f"sketches is {short(sketches)}; give a list of (N, 2) arrays, row and col in px."
+        )
+    return [_checked_sketch(i, sketch) for i, sketch in enumerate(sketches)]
+
+
+def _checked_sketch(number: int, sketch: Any) -> Float[Array, "N 2"]:
+    try:
+        line = np.asarray(sketch)
+        line = line.astype(np.float64, casting="unsafe" if line.dtype.kind == "O" else "same_kind")
+    except (TypeError, ValueError):  # text, complex numbers, rows of unequal length
+        raise ValueError(
+            f"sketch {number} is {short(sketch)}; give (N, 2) numbers, row and col in px."
+        ) from None
+    if line.ndim != 2 or line.shape[1] != 2 or not len(line):
+        raise ValueError(
+            f"sketch {number} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
+        )
+    return line
+
+
+def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:
+    """The fixed curves that take part: all but those that failed."""
+    curves = list(fixed) if isinstance(fixed, Iterable) else [] if fixed is None else [fixed]
+    for curve in curves:
+        if not isinstance(curve, Curve) or curve is fixed:
             raise ValueError(
-                f"sketch {i} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
+                f"fixed has {short(curve)}; give a list of curves, such as the curves of a result."
             )
-    return lines
+    return [curve for curve in curves if curve.status != "failed"]
+
+
+def check_call(on_progress: object, seed: object) -> None:
+    """Refuse what cannot be called, and seeds that are no whole numbers of a usual size."""
+    if on_progress is not None and not callable(on_progress):
+        raise ValueError(
+            f"on_progress is {on_progress!r}; give a function that takes a Progress, or None."
+        )
+    if not isinstance(seed, Integral) or abs(int(seed)) > const.LARGEST_SEED:
+        raise ValueError(f"seed is {seed!r}; give a whole number up to {const.LARGEST_SEED}.")
 
 
 def fault(line: Float[Array, "N 2"], shape: Sequence[int]) -> str:

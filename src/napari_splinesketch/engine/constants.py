@@ -16,6 +16,7 @@ THINNEST_GIVEN_PX = 0.2
 FAR_OUTSIDE = 10.0
 # pixels beyond this are no measurement but a fill value, or overflow single precision (numerics):
 LARGEST_VALUE = 1e18
+LARGEST_SEED = 2_000_000_000  # those of further tries still fit into 32 bits (numerics)
 SHORTEST_SKETCH_PX = 2.0  # shorter sketches have no direction (geometry)
 # centrelines are shown while they are fitted every this many times of how long that takes (speed):
 LINES_APART = 20

@@ -17,7 +17,7 @@ from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.look import scene
 from napari_splinesketch.engine.report import assemble
 from napari_splinesketch.engine.report.assemble import Part
-from napari_splinesketch.engine.settings import PRESETS, PresetName, Settings
+from napari_splinesketch.engine.settings import PRESETS, Hold, PresetName, Settings
 from napari_splinesketch.engine.types import (
     CANCELLED,
     Array,
@@ -38,7 +38,7 @@ def refine(
     *,
     polarity: Polarity = "auto",
     half_width: float | None = None,
-    fixed: Sequence[Curve] = (),
+    fixed: Sequence[Curve] | None = (),
     on_progress: OnProgress | None = None,
     seed: int = 0,
 ) -> Refinement:
@@ -60,7 +60,8 @@ def refine(
     half_width
         Rough distance from centreline to edge, px; None to measure it.
     fixed
-        Curves that take part in the rendering but do not move; failed ones do not take part.
+        Curves that take part in the rendering but do not move; failed ones do not take part. None
+        for none.
     on_progress
         Called with a `Progress` now and then, from one thread at a time; returning False cancels.
     seed
@@ -76,26 +77,28 @@ def refine(
     ------
     ValueError
         Where the call makes no sense at all: no image, no finite pixel, a sketch that is not
-        (N, 2), an unknown preset or polarity, a half-width that no body of the image can have.
+        (N, 2), an unknown preset or polarity, a half-width that no body of the image can have,
+        something else than curves, a function or a whole number where those are expected.
     """
     began = time.perf_counter()
     image, drawn = checks.checked_image(image), checks.checked_sketches(sketches)
     if not isinstance(preset, Settings) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_options(image.shape, polarity, half_width)
+    checks.check_call(on_progress, seed)
+    still = checks.checked_fixed(fixed)
     faults = [checks.fault(line, image.shape) for line in drawn]
     lines = [
         x if f else spline.steadied(x, const.FREEHAND_POINTS)
         for x, f in zip(drawn, faults, strict=True)
     ]
     usable = [i for i, fault in enumerate(faults) if not fault]
-    fixed = [curve for curve in fixed if curve.status != "failed"]
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
     try:
         with compile_cache.kept():
             progress("looking at the image", 0.0)
-            for island in islands.split(image, lines, usable, fixed):
+            for island in islands.split(image, lines, usable, still):
                 pixels = checks.known(island.pose.cut(image))
                 blank = checks.blank(pixels)
                 if blank:
@@ -108,7 +111,15 @@ def refine(
                     progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
-    return assemble.assemble(image, drawn, faults, parts, began)
+    found = assemble.assemble(image, drawn, faults, parts, began)
+    if usable or not still:
+        return found
+    # Nothing looks at the fixed curves then: fitted to the image where they are, they are drawn.
+    held = Settings(hold=(Hold(*[const.PIN_PX] * 3),) * len(still))
+    shown = refine(
+        image, [curve.points for curve in still], held, polarity=polarity, half_width=half_width
+    )
+    return Refinement.lazy(found.curves, shown, found.model, time.perf_counter() - began)
 
 
 def _fitted(
