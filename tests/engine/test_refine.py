@@ -8,7 +8,15 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
-from napari_splinesketch import Curve, Refinement, refine, suggest, synthetic
+from napari_splinesketch import (
+    Curve,
+    Refinement,
+    read_labels,
+    refine,
+    suggest,
+    synthetic,
+    write_labels,
+)
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine.judge.assess import as_drawn
 from napari_splinesketch.engine.settings import OFFERED
@@ -332,6 +340,18 @@ def test_senseless_options_say_what_is_wrong(case):
     options, message = OPTIONS[case]
     with pytest.raises(ValueError, match=message):
         refine(IMAGE, [SKETCH], **options)
+
+
+@pytest.mark.parametrize("far", [2e9, 1e200])
+def test_a_sketch_that_leads_nowhere_stops_no_file(far, tmp_path):
+    made = frame(0)
+    found = refine(made.image, [*sketches_of(made), np.array([[5.0, 7.0], [far, -far]])])
+    assert_whole(found, 2)
+    write_labels(tmp_path / "labels.csv", found)
+    good, bad = read_labels(tmp_path / "labels.csv").labels
+    np.testing.assert_array_equal(good.points, found.curves[0].points)
+    assert bad.status == "failed"
+    assert bad.points[0].tolist() == [5, 7]
 
 
 def test_fixed_curves_take_part_and_do_not_move():

@@ -128,13 +128,15 @@ def test_rois_of_other_programs_are_sketches(tmp_path: Path) -> None:
         line,
         roi(kinds.POLYGON),
         roi(kinds.POINT),
+        roi(kinds.POLYLINE, z_position=4),
+        roi(kinds.POLYLINE, t_position=6, z_position=4),
     ]
     for i, one in enumerate(rois):
         one.name = str(i)
     roifile.roiwrite(tmp_path / "a.zip", rois, mode="w")
     labels = read_labels(tmp_path / "a.zip")
     keys = [(label.frame, label.curve, label.status) for label in labels.labels]
-    assert keys == [(2, 0, "sketch"), (1, 1, "sketch"), (0, 2, "sketch")]
+    assert keys == [(t, i, "sketch") for i, t in enumerate((2, 1, 0, 3, 5))]
     assert labels.labels[0].points.tolist() == [[20, 10], [25, 30], [20, 40]]
     assert labels.labels[2].points.tolist() == [[2.5, 1.5], [4.5, 3.5]]
     assert labels.notes == (

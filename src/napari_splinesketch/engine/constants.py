@@ -14,6 +14,8 @@ import numpy as np
 THINNEST_GIVEN_PX = 0.2
 # a sketch may leave the image by this many of its longer sides (guards against wrong units):
 FAR_OUTSIDE = 10.0
+# curves are within this, also those of sketches that reach farther (labels files hold no more):
+FARTHEST_PX = 1e9
 # pixels beyond this are no measurement but a fill value, or overflow single precision (numerics):
 LARGEST_VALUE = 1e18
 LARGEST_SEED = 2_000_000_000  # those of further tries still fit into 32 bits (numerics)

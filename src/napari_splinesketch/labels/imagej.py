@@ -110,7 +110,7 @@ def _require_whole(content: bytes) -> None:
 
 def _label(roi: ImagejRoi) -> tuple[Label, bool]:
     points = np.asarray(roi.coordinates(), dtype=np.float64)[:, ::-1]
-    frame = max(roi.t_position or roi.position, 1) - 1
+    frame = max(roi.t_position or roi.z_position or roi.position, 1) - 1
     own = dict(line.split(": ", 1) for line in roi.props.splitlines() if line.startswith(OURS))
     if not own:
         return Label.from_sketch(points, frame=frame), False

@@ -71,13 +71,18 @@ def assemble(
     """
     made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
     curves = tuple(
-        assess.as_drawn(line, fault) if fault else made[i]
+        assess.as_drawn(_near(line), fault) if fault else made[i]
         for i, (line, fault) in enumerate(zip(sketches, faults, strict=True))
     )
     model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
     drawn = [(part.window, part.drawn) for part in parts]
     pictures = Pictures(image, drawn, model.background if parts else None)
     return Refinement.lazy(curves, pictures, model, time.perf_counter() - began)
+
+
+def _near(line: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    """A line without coordinates that no file holds; those that are not finite stay."""
+    return np.where(np.isfinite(line), np.clip(line, -const.FARTHEST_PX, const.FARTHEST_PX), line)
 
 
 def _placed(
