@@ -63,6 +63,18 @@ def test_frames_appended_one_by_one_are_a_film(tmp_path: Path) -> None:
         assert np.array_equal(frames[3], FRAMES[3])
 
 
+@pytest.mark.parametrize("shaped", [True, False])
+@pytest.mark.parametrize("other", [(5, 5), (6, 9)])
+def test_pages_of_different_sizes_are_refused(
+    tmp_path: Path, shaped: bool, other: tuple[int, int]
+) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif", shaped=shaped) as writer:
+        for size in ((8, 9), other, (8, 9)):
+            writer.write(np.zeros(size, np.uint8))
+    with pytest.raises(ImageError, match=f"pages are 8 x 9, {other[0]} x {other[1]}; save"):
+        open_frames(str(tmp_path / "a.tif")).__enter__()
+
+
 def test_a_tiff_knows_its_pixel_size(tmp_path: Path) -> None:
     write(
         tmp_path / "imagej.tif",

@@ -1,7 +1,7 @@
 """TIFF, ImageJ hyperstacks and OME-TIFF, read one frame at a time."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,6 +35,9 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
     colour = "S" if axes.endswith("YXS") else ""
     if not axes.endswith("YX" + colour):
         raise ImageError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
+    # Other kinds say of themselves which images they hold, such as a slide and its label.
+    if series.kind in ("generic", "shaped"):
+        _require_one_size(path, file.series)
     leading = len(axes) - 2 - len(colour)
     alike = [one for one in file.series if one.shape == shape]
     if not leading and len(alike) > 1:  # frames that were appended one by one
@@ -63,6 +66,19 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
         return series.asarray(key=number(index))
 
     return Frames(path.name, count, page, scale, units)
+
+
+def _require_one_size(path: Path, every: Sequence[tifffile.TiffPageSeries]) -> None:
+    """Refuse pages of different sizes; smaller ones after all others are thumbnails."""
+    size = every[0].keyframe.shape
+    count = sum(len(one.pages) for one in every if one.keyframe.shape == size)
+    others = [one.keyframe for one in every if one.keyframe.shape != size]
+    if any(
+        page.index < count or max(np.subtract(page.shape[:2], size[:2])) >= 0 for page in others
+    ):
+        shapes = dict.fromkeys([size, *(page.shape for page in others)])
+        said = ", ".join(" x ".join(map(str, shape)) for shape in shapes)
+        raise ImageError(f"{path}: its pages are {said}; save those of one size as a file")
 
 
 def _scale(file: tifffile.TiffFile) -> Scale:
