@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.types import Curve, OnProgress, Progress, Refinement, SceneModel
 from napari_splinesketch.metrics import resample
 
@@ -26,6 +27,14 @@ def as_drawn(line: np.ndarray, **changes: Any) -> Curve:
         "residual": 0.05,
     }
     return Curve(**(values | changes))
+
+
+def winding() -> dict[str, np.ndarray]:
+    """Knots and points of a long curve of 20 waves, along row 100."""
+    along = np.linspace(0, 1, 2000)
+    wave = np.column_stack([100 + 20 * np.sin(40 * np.pi * along), 50 + 1500 * along])
+    knots = np.column_stack([spline.fit_knots(wave, 96), np.full(96, HALF_WIDTH)])
+    return {"knots": knots, "points": spline.sample(knots[:, :2], 100)}
 
 
 @dataclass

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from napari.layers import Image, Labels, Vectors
 
+from napari_splinesketch.engine import spline
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.files import labels_of_layer
 from napari_splinesketch.plugin.layers import pictures
 from napari_splinesketch.plugin.layers.looks import ribbon
 
-from .fakes import FakeEngine, as_drawn
+from .fakes import FakeEngine, as_drawn, winding
 from .hand import QTest, click, layer_named, refine, until
 
 LINES = [np.array([[1.0, 20, 10], [1, 20, 50]]), np.array([[1.0, 5, 30], [1, 35, 30]])]
@@ -78,6 +80,22 @@ def test_every_proof_lies_on_the_image(
     kinds = [type(layer) for layer in (residual, lines, masks)]
     assert kinds == [Image, Vectors, Labels]
     assert viewer.layers.selection.active.name == "film sketches", "she can draw on"
+
+
+def test_masks_and_saved_layers_of_a_long_winding_curve_are_the_curve_s(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.zeros((200, 1600), np.float32), name="roots")
+    viewer.add_shapes([LINES[0][:, 1:]], shape_type="line", name="roots sketches")
+    fake.changes = {0: winding()}
+    refine(dock)
+    ask(dock, "masks")
+    on_it = spline.sample(fake.changes[0]["knots"][:, :2], 2000).round().astype(int)
+    assert np.asarray(layer_named(viewer, "roots masks").data)[tuple(on_it.T)].all()
+    data, meta, _ = layer_named(viewer, "roots curves").as_layer_data_tuple()
+    (label,) = labels_of_layer(data, meta).labels
+    assert label.status == "good"
+    np.testing.assert_array_equal(label.points, fake.changes[0]["points"])
 
 
 def test_proofs_follow_while_they_are_in_view(

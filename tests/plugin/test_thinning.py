@@ -1,10 +1,15 @@
 """Lines as they are drawn: few points, near the line that they stand for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from napari_splinesketch.geometry import thinned
+from napari_splinesketch.engine import spline
+from napari_splinesketch.geometry import fine, thinned
+from napari_splinesketch.plugin.layers.looks import halo, outline, ribbon
 
+from .fakes import as_drawn, winding
 from .hand import assert_drawn
 
 ALONG = np.linspace(0, 1, 100)
@@ -36,3 +41,20 @@ def test_lines_do_not_meddle_with_each_other() -> None:
 def test_a_line_that_stays_in_its_place() -> None:
     (line,) = thinned([np.ones((100, 2))])
     assert line.shape == (2, 2)
+
+
+def test_what_is_drawn_of_a_long_winding_curve_follows_its_spline() -> None:
+    curve = replace(as_drawn(CASES["arc"], sd=np.full(100, 0.5)), **winding())
+    exact = spline.sample(curve.knots[:, :2], 20_000)
+    drawn = {0.0: fine(curve).points, 2.0: outline(curve), 5.0: halo(curve, 3.0)}
+    for away, line in (drawn | {1.0: ribbon(curve)}).items():
+        assert line is not None
+        dense = spline.resample(line, 20_000)
+        middle = dense[(dense[:, 1] > 60) & (dense[:, 1] < 1540)]
+        near = 0.15 if away else 0.1
+        np.testing.assert_allclose(spline.apart(middle, exact), away, atol=near)
+    assert len(fine(curve).half_width) == len(fine(curve).sd) == len(fine(curve).points)
+    short = as_drawn(CASES["arc"])
+    assert fine(short) is short
+    failed = replace(curve, status="failed")
+    assert fine(failed) is failed

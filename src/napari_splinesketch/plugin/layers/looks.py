@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from napari_splinesketch import palette
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.geometry import edges, thinned
+from napari_splinesketch.geometry import edges, fine, thinned
 from napari_splinesketch.plugin.layers.space import Pair, View
 from napari_splinesketch.plugin.model import Line, Record, once
 
@@ -59,6 +59,7 @@ def stepped(size: float) -> float:
 def outline(curve: Curve) -> Line:
     """Draw a closed line at a half-width to both sides of a curve, px."""
     # A body is smooth on the scale of its width: more points would only cost time.
+    curve = fine(curve)
     last = len(curve.points) - 1
     steps = int(np.clip(curve.length / max(curve.typical_half_width, 1e-9), LEAST, last))
     some = np.linspace(0, last, steps + 1).round().astype(int)
@@ -72,8 +73,9 @@ def gap(curves: Sequence[Curve], pixel: float) -> float:
 
 def halo(curve: Curve, gap: float) -> Line:
     """Draw a closed line outside a body, px: all of the body and its outline can be seen in it."""
-    width = curve.half_width if has_outline(curve) else np.full(len(curve.points), UNKNOWN_REACH)
+    known, curve = has_outline(curve), fine(curve)
     points = curve.points
+    width = curve.half_width if known else np.full(len(points), UNKNOWN_REACH)
     away = points[[0, -1]] - points[[1, -2]]
     away *= gap / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
     longer = np.concatenate([points[:1] + away[:1], points, points[-1:] + away[1:]])
@@ -84,6 +86,7 @@ def ribbon(curve: Curve) -> Line | None:
     """Draw a closed line at `RIBBON_SDS` standard errors to both sides; None if not known."""
     if curve.status == "failed" or not np.isfinite(curve.sd).all():
         return None
+    curve = fine(curve)
     return _around(curve.points, RIBBON_SDS * curve.sd)
 
 

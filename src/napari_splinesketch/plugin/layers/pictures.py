@@ -17,6 +17,7 @@ from qtpy.QtCore import QTimer
 
 from napari_splinesketch import grids, palette
 from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.geometry import fine
 from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
@@ -304,8 +305,9 @@ def _masks(work: Work, _: object) -> Made:
     size, records = space.size_of(work.image), by_frame(work.records)
 
     def mask(frame: int) -> Picture:
-        here = [(r.id, r.curve.points, r.curve.half_width) for r in records.get(frame, ())]
-        return label_image(here, size, np.int32)
+        here = [(r.id, fine(r.curve)) for r in records.get(frame, ())]
+        bodies = [(number, curve.points, curve.half_width) for number, curve in here]
+        return label_image(bodies, size, np.int32)
 
     planes = grids.Planes((*space.frame_shape(work.image), *size), np.int32, mask)
     return Made(planes, space.placement(work.image))

@@ -14,7 +14,7 @@ from napari.layers import Image, Shapes
 from superqt.utils import qthrottled
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import thinned
+from napari_splinesketch.geometry import fine, thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
@@ -54,7 +54,9 @@ class CurveLines(Slot):
         image = self.work.image
         # Worked out when they are added.
         chunks = (curves[i : i + drawn.CHUNK] for i in range(0, len(curves), drawn.CHUNK))
-        lines = (line for some in chunks for line in thinned([curve.points for curve in some]))
+        lines = (
+            line for some in chunks for line in thinned([fine(curve).points for curve in some])
+        )
         pairs = zip(fresh, lines, strict=True)
         shapes = (space.in_stack(image, record.frame, line) for record, line in pairs)
         how = {"edge_color": columns.colours_of(fresh, look), "face_color": "transparent"}
