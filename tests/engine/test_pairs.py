@@ -34,3 +34,20 @@ def test_two_sketches_on_one_body_stay_on_it_and_say_so():
     assert all("same body" in " ".join(c.reasons) for c in found)
     widths = [np.median(c.half_width) for c in found]
     assert min(widths) > 2.0
+
+
+def test_sketches_that_are_the_same_are_one_curve_fitted_once():
+    trial = CASES["same_body"].make(1)
+    one, other = trial.sketches[0], trial.sketches[0] + [60.0, 0.0]
+    alone = refine(trial.image, [one]).curves[0]
+    found = refine(trial.image, [one, other, one, one])
+    assert len(found.curves) == len(found.model.knots) == 4
+    for i, twin in ((0, 3), (2, 0), (3, 0)):
+        np.testing.assert_array_equal(found.curves[i].points, found.curves[0].points)
+        assert found.curves[i].status == "check"
+        assert found.curves[i].reasons[-1] == f"it lies on the same body as curve {twin}"
+    many = refine(trial.image, [one] * 80)
+    assert many.seconds < 10
+    np.testing.assert_array_equal(many.curves[79].points, alone.points)
+    blank = refine(np.zeros((60, 60)), [np.array([[9.0, 9.0], [40.0, 40.0]])] * 2)
+    assert [curve.status for curve in blank.curves] == ["failed"] * 2

@@ -93,21 +93,27 @@ def refine(
         for x, f in zip(drawn, faults, strict=True)
     ]
     usable = [i for i, fault in enumerate(faults) if not fault]
+    # Sketches that are the same as one before: to fit them side by side would tell nothing more.
+    first = {lines[i].tobytes(): i for i in reversed(usable)}
+    copies = {i: first[lines[i].tobytes()] for i in usable if i not in first.values()}
+    alone = [i for i in usable if i not in copies]
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
     try:
         with compile_cache.kept():
             progress("looking at the image", 0.0)
-            for island in islands.split(image, lines, usable, still):
+            for island in islands.split(image, lines, alone, still):
                 pixels = checks.known(island.pose.cut(image))
                 blank = checks.blank(pixels)
                 if blank:
-                    faults = [blank if i in island.members else f for i, f in enumerate(faults)]
+                    there = {i for i in usable if copies.get(i, i) in island.members}
+                    faults = [blank if i in there else f for i, f in enumerate(faults)]
                     continue
                 scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
                 for members, seen in scenes:
                     mine = island.of(members)
-                    parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
+                    part = _fitted(mine, seen, preset, seed, progress.of(mine))
+                    parts.append(assemble.with_copies(part, copies))
                     progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
@@ -20,6 +20,8 @@ from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
 from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, SceneModel
+
+SAME_BODY = "it lies on the same body as"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,24 @@ def part_of(
     """What was found in the turned window of an island, in the image."""
     drawn = island.pose.back(drawn.astype(np.float32))
     return Part(island.members, island.in_image(curves), island.pose.window, drawn, model)
+
+
+def with_copies(part: Part, copies: dict[int, int]) -> Part:
+    """The same with the curves of sketches that are as one of its own: (number, its number)."""
+    curves = dict(zip(part.members, part.curves, strict=True))
+    knots = dict(zip(part.members, part.model.knots, strict=True))
+    for copy, original in copies.items():
+        if original in part.members:
+            curve = part.curves[part.members.index(original)]
+            curves[copy], curves[original] = _twin(curve, original), _twin(curve, copy)
+            knots[copy] = knots[original]
+    model = replace(part.model, knots=tuple(knots.values()))
+    return replace(part, members=tuple(curves), curves=list(curves.values()), model=model)
+
+
+def _twin(curve: Curve, other: int) -> Curve:
+    """A curve of two that are the same."""
+    return replace(curve, status="check", reasons=(*curve.reasons, f"{SAME_BODY} curve {other}"))
 
 
 def assemble(
@@ -129,7 +149,7 @@ def _curves(
             reasons.append("the body seems to go on beyond its ends")
         if i in twins:
             twin = twins[i] < len(bodies) and f"curve {island.members[twins[i]]}"
-            reasons.append(f"it lies on the same body as {twin or 'a fixed curve'}")
+            reasons.append(f"{SAME_BODY} {twin or 'a fixed curve'}")
         cuts = spline.knot_miss(start.line, len(body.knots)) > const.CORNERS_HW * body.half_width
         if start.found and cuts:
             reasons.append("it has too few knots to follow all bends of its body")
