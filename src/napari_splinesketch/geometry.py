@@ -1,34 +1,14 @@
-"""Bodies as lines with a width: their sides, how scaling widens them; more and fewer points."""
+"""Bodies as lines with a width: their sides, how scaling widens them; and fewer points of lines."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Array, Curve
+from napari_splinesketch.engine.types import Array
 
 SEEN = 0.03
 """How far a drawn line may lie from the curve, px."""
-CUT = 0.05
-"""How far the line through a curve's points may cut its bends, px."""
-FINEST = 6
-"""How often the number of points is doubled at most."""
-
-
-def fine(curve: Curve) -> Curve:
-    """The same curve to draw, with more points where the line through them would cut its bends."""
-    made, points, along = curve, curve.points, np.linspace(0, 1, len(curve.points))
-    for _ in range(FINEST if curve.status != "failed" else 0):
-        # An arc is about an eighth of the second difference away from its chord.
-        if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() < 8 * CUT:
-            break
-        points = spline.sample(curve.knots[:, :2], 2 * len(points) - 1)
-        at = np.linspace(0, 1, len(points))
-        width, sd = (np.interp(at, along, each) for each in (curve.half_width, curve.sd))
-        made = replace(curve, points=points, half_width=width, sd=sd)
-    return made
 
 
 def width_growth(points: Float[Array, "N 2"], scale: tuple[float, float]) -> Float[Array, " N"]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.engine import spline
-from napari_splinesketch.geometry import fine, thinned
+from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin.layers.looks import halo, outline, ribbon
 
 from .fakes import as_drawn, winding
@@ -46,15 +46,19 @@ def test_a_line_that_stays_in_its_place() -> None:
 def test_what_is_drawn_of_a_long_winding_curve_follows_its_spline() -> None:
     curve = replace(as_drawn(CASES["arc"], sd=np.full(100, 0.5)), **winding())
     exact = spline.sample(curve.knots[:, :2], 20_000)
-    drawn = {0.0: fine(curve).points, 2.0: outline(curve), 5.0: halo(curve, 3.0)}
+    drawn = {0.0: spline.fine(curve).points, 2.0: outline(curve), 5.0: halo(curve, 3.0)}
     for away, line in (drawn | {1.0: ribbon(curve)}).items():
         assert line is not None
         dense = spline.resample(line, 20_000)
         middle = dense[(dense[:, 1] > 60) & (dense[:, 1] < 1540)]
         near = 0.15 if away else 0.1
         np.testing.assert_allclose(spline.apart(middle, exact), away, atol=near)
-    assert len(fine(curve).half_width) == len(fine(curve).sd) == len(fine(curve).points)
+    assert (
+        len(spline.fine(curve).half_width)
+        == len(spline.fine(curve).sd)
+        == len(spline.fine(curve).points)
+    )
     short = as_drawn(CASES["arc"])
-    assert fine(short) is short
+    assert spline.fine(short) is short
     failed = replace(curve, status="failed")
-    assert fine(failed) is failed
+    assert spline.fine(failed) is failed

@@ -322,3 +322,7 @@ ADRIFT = 2.0
 TELLING = 0.5  # signs that add more than this to the sum are named as reasons (by design)
 # a half-width that varies by this share along a body is called a profile (by design):
 WIDTH_VARIES = 0.1
+
+# === Drawing
+CUT_PX = 0.05  # the line through a drawn curve may cut its bends by this (by design)
+FINEST = 6  # its points are doubled this often at most

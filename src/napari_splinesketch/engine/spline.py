@@ -1,6 +1,7 @@
 """Natural cubic splines with uniform knots: values and derivatives are `basis @ knots`."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine.types import Array
+from napari_splinesketch.engine.types import Array, Curve
 
 
 def basis(knots: int, u: Float[Array, " P"], derivative: int = 0) -> Float[Array, "P K"]:
@@ -159,6 +160,20 @@ def _mirrored(line: Float[Array, "N 2"], reach: int) -> Float[Array, "M 2"]:
 def sample(knots: Float[Array, "K D"], count: int) -> Float[Array, "count D"]:
     """Points of the spline through `knots`, uniform in arc length (of row and col)."""
     return resample(even_basis(len(knots), 8 * count) @ knots, count)
+
+
+def fine(curve: Curve) -> Curve:
+    """The same curve to draw, with more points where the line through them would cut its bends."""
+    made, points, along = curve, curve.points, np.linspace(0, 1, len(curve.points))
+    for _ in range(const.FINEST if curve.status != "failed" else 0):
+        # An arc is about an eighth of the second difference away from its chord.
+        if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() < 8 * const.CUT_PX:
+            break
+        points = sample(curve.knots[:, :2], 2 * len(points) - 1)
+        at = np.linspace(0, 1, len(points))
+        width, sd = (np.interp(at, along, each) for each in (curve.half_width, curve.sd))
+        made = replace(curve, points=points, half_width=width, sd=sd)
+    return made
 
 
 def fit_knots(points: Float[Array, "N D"], knots: int) -> Float[Array, "K D"]:

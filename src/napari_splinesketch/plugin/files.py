@@ -25,7 +25,7 @@ from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
-from napari_splinesketch.geometry import fine, thinned
+from napari_splinesketch.geometry import thinned
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
@@ -143,7 +143,7 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     owner = OWNERS.get(kept.get(OWNER, ""))
     origin = labels_of(owner) if owner else kept.get(LABELS, Labels())
     known = {(label.frame, label.curve): label for label in origin.labels}
-    curves = [fine(record.curve) for record in owner.records] if owner else origin.labels
+    curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
     drawn = dict(zip(known, thinned([each.points for each in curves]), strict=True))
     numbers = map(int, meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
     labels = []

@@ -7,8 +7,9 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from napari_splinesketch import palette
+from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.geometry import edges, fine, thinned
+from napari_splinesketch.geometry import edges, thinned
 from napari_splinesketch.plugin.layers.space import Pair, View
 from napari_splinesketch.plugin.model import Line, Record, once
 

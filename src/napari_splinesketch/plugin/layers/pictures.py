@@ -16,8 +16,8 @@ from napari.utils.colormaps import Colormap
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch import grids, palette
+from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import fine
 from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space

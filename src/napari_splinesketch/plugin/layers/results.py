@@ -13,8 +13,9 @@ from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from superqt.utils import qthrottled
 
+from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.geometry import fine, thinned
+from napari_splinesketch.geometry import thinned
 from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
