@@ -66,6 +66,16 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 # height of the highest of many noise ridges, times the root of their blur, px, in units of the
 # pixel noise (measured):
 CHANCE_HEIGHT = 0.7
+RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
+# it is in relief where one light explains this share of the ridges beside its sketches at least
+RELIEF_EXPLAINED = 0.2
+# and this much more, divided by the root of the number of sketches: few are explained by chance;
+RELIEF_ALONE = 0.4
+# and where sketches are off the middle between the bright and the dark ridge by no more than this
+# share of their distance, times the same root,
+RELIEF_MIDDLE = 0.25
+RELIEF_REACH_HW = 3.0  # if both ridges are looked for within this of the sketch ...
+RELIEF_REACH_PX = 2.0  # ... plus this
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)
 PROFILES_MOST = 120  # most profiles of a sketch (speed)

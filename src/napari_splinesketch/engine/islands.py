@@ -53,6 +53,14 @@ class Pose:
         at = np.where(self.reverse, size - 1 - points[:, :2], points[:, :2])
         return np.column_stack([at[:, self._axes] + low, points[:, 2:]])
 
+    def turned(self, direction: Float[Array, "2"]) -> Float[Array, "2"]:
+        """A direction in the image, as it is in the turned window."""
+        return np.where(self.reverse, -1, 1) * direction[self._axes]
+
+    def turned_back(self, directions: Float[Array, "P 2"]) -> Float[Array, "P 2"]:
+        """Directions in the turned window, as they are in the image."""
+        return (np.where(self.reverse, -1, 1) * directions)[:, self._axes]
+
     @property
     def _axes(self) -> list[int]:
         return [1, 0] if self.swap else [0, 1]

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import jax
@@ -14,7 +14,7 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
-from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.look import relief, scene
 from napari_splinesketch.engine.report import assemble
 from napari_splinesketch.engine.report.assemble import Part
 from napari_splinesketch.engine.settings import PRESETS, Hold, PresetName, Settings
@@ -29,6 +29,8 @@ from napari_splinesketch.engine.types import (
     Sketches,
     says_stop,
 )
+
+Scenes = list[tuple[list[int], scene.Scene]]
 
 
 def refine(
@@ -102,14 +104,13 @@ def refine(
     try:
         with compile_cache.kept():
             progress("looking at the image", 0.0)
-            for island in islands.split(image, lines, alone, still):
-                pixels = checks.known(island.pose.cut(image))
-                blank = checks.blank(pixels)
-                if blank:
+            for island, scenes in _read(
+                image, islands.split(image, lines, alone, still), polarity, half_width
+            ):
+                if isinstance(scenes, str):
                     there = {i for i in usable if copies.get(i, i) in island.members}
-                    faults = [blank if i in there else f for i, f in enumerate(faults)]
+                    faults = [scenes if i in there else f for i, f in enumerate(faults)]
                     continue
-                scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
                 for members, seen in scenes:
                     mine = island.of(members)
                     part = _fitted(mine, seen, preset, seed, progress.of(mine))
@@ -126,6 +127,43 @@ def refine(
         image, [curve.points for curve in still], held, polarity=polarity, half_width=half_width
     )
     return Refinement.lazy(found.curves, shown, found.model, time.perf_counter() - began)
+
+
+def _read(
+    image: Real[Array, "H W"],
+    all_islands: Sequence[Island],
+    polarity: Polarity,
+    half_width: float | None,
+) -> Iterator[tuple[Island, Scenes | str]]:
+    """The scenes of each island, or why nothing is to be seen there.
+
+    Those that may be in relief come last, for one light falls on all of an image.
+    """
+    waiting = []
+    for island in all_islands:
+        pixels = checks.known(island.pose.cut(image))
+        blank = checks.blank(pixels)
+        if blank:
+            yield island, blank
+            continue
+        scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
+        if polarity == "auto" and scene.unclear(scenes):
+            waiting.append((island, scenes))
+        else:
+            yield island, scenes
+    bodies = []
+    for island, scenes in waiting:
+        for line in (*island.sketches, *(curve[:, :2] for curve in island.fixed)):
+            # What is beside a straight line by chance has one direction, too.
+            if len(line) > 2:
+                body = relief.sides(scenes[0][1].ridges, line)
+                bodies.append(replace(body, normals=island.pose.turned_back(body.normals)))
+    light = relief.lit_from(bodies)
+    for island, scenes in waiting:
+        if light is not None:
+            pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
+            scenes = scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
+        yield island, scenes
 
 
 def _fitted(

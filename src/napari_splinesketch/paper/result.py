@@ -47,7 +47,7 @@ def fit_paper(island: Island, seen: Scene, seed: int, report: Reporter) -> Part:
         _curve(knots, line, rest, bodies, seen)
         for knots, line in zip(found.knots, island.sketches, strict=True)
     ]
-    return part_of(island, curves, bodies * seen.contrast, _model(found, seen))
+    return part_of(island, curves, seen.in_image(bodies), _model(found, seen))
 
 
 def _model(fit: PaperFit, seen: Scene) -> SceneModel:

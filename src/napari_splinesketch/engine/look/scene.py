@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Real
 from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine.look import relief
 from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.sketched import Around, look_around
@@ -39,8 +40,12 @@ class Scene:
     """For each sketch, the index of its body's half-width in WIDTHS."""
     others: tuple[tuple[int, ...], ...]
     """The same for what else may be its body, of quite another half-width."""
+    votes: tuple[float, ...]
+    """For each sketch, whether its body is bright: from -1 (surely not) to 1."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
+    lit_from: Float[Array, "2"] | None = None
+    """Where the light of an image in relief comes from: bodies are bright here instead."""
 
     @property
     def polarity(self) -> Literal["bright", "dark"]:
@@ -52,6 +57,11 @@ class Scene:
         """1 for bright bodies, -1 for dark ones."""
         return 1 if self.contrast > 0 else -1
 
+    def in_image(self, drawn: Float[Array, "H W"]) -> Float[Array, "H W"]:
+        """What was drawn in units of the contrast, in the image's units."""
+        drawn = drawn * self.contrast
+        return drawn if self.lit_from is None else relief.raised(drawn, -self.lit_from)
+
     def evidence(self, rung: int) -> Float[Array, "H W"]:
         """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1."""
         return self.ridges.evidence(rung, self.sign, self.height)
@@ -62,19 +72,24 @@ def read_scenes(
     sketches: Sequence[Line],
     polarity: Polarity,
     half_width: float | None,
+    lit_from: Float[Array, "2"] | None = None,
 ) -> list[tuple[list[int], Scene]]:
     """The scene of the bright bodies and that of the dark ones, with the sketches that mean them.
 
-    Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`.
+    Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`. If
+    bodies are `lit_from` a direction, they are bright in an image that is made of this one.
     """
     image = np.asarray(image, dtype=np.float64)
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
+    if lit_from is not None:
+        whole, polarity = relief.raised(whole, lit_from), "bright"
     ridges = Ridges(whole, pixel_noise(whole))
     rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
     faintest = max(const.FAINTEST_CONTRAST * ridges.noise, rounding)
     around = [look_around(ridges, line) for line in sketches]
-    signs = _signs([bright.vote for bright, _ in around], polarity)
+    votes = [bright.vote for bright, _ in around]
+    signs = _signs(votes, polarity)
     scenes = []
     for sign in (1, -1):
         members = [i for i, s in enumerate(signs) if s == sign]
@@ -97,12 +112,20 @@ def read_scenes(
             ridges,
             rungs,
             others,
+            tuple(votes[i] for i in members),
             contradicted,
+            lit_from,
         )
         scenes.append((members, scene))
     # Finding asks for these, and for none of narrower bodies.
     ridges.keep({(k, s.sign) for _, s in scenes for k in range(min(s.rungs) - 1, len(WIDTHS))})
     return scenes
+
+
+def unclear(scenes: Sequence[tuple[list[int], Scene]]) -> bool:
+    """Whether bodies of an image hardly tell if they are bright or dark: they may be in relief."""
+    votes = [vote for _, seen in scenes for vote in seen.votes]
+    return float(np.median(np.abs(votes))) < const.RELIEF_VOTE
 
 
 def _signs(votes: list[float], polarity: Polarity) -> list[int]:

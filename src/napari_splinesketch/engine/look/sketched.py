@@ -56,10 +56,8 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
 
 def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's."""
-    length = float(spline.arc_length(line)[-1])
-    widest = max(const.WIDEST_SHARE * length, const.WIDEST_PX)
-    wanted = range(int(np.searchsorted(WIDTHS, widest, side="right")))
-    heights, votes = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
+    wanted = _wanted(line)
+    heights, votes, _ = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
     best = np.maximum(votes.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
@@ -71,6 +69,31 @@ def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     return found[0], found[1]
 
 
+def _wanted(line: Line) -> range:
+    """Indices in WIDTHS of the half-widths that the body of a sketch may have."""
+    widest = max(const.WIDEST_SHARE * float(spline.arc_length(line)[-1]), const.WIDEST_PX)
+    return range(int(np.searchsorted(WIDTHS, widest, side="right")))
+
+
+def ridges_beside(
+    ridges: Ridges, line: Line
+) -> tuple[Line, Float[Array, "2 P"], Float[Array, "2 P"]]:
+    """Where beside a sketch the highest bright ridge and the highest dark one are.
+
+    Of the half-width whose lower one of the two is highest.
+
+    Returns
+    -------
+    P points on the sketch; how far from there along its normals either ridge is, px; their heights.
+    """
+    found = []
+    for rung in _wanted(line):
+        reach = const.RELIEF_REACH_HW * WIDTHS[rung] + const.RELIEF_REACH_PX
+        heights, _, offsets = _ridges(ridges, line, reach, range(rung, rung + 1), (1, -1))
+        found.append((_profiles(line, reach)[0], offsets[:, rung], heights[:, rung]))
+    return max(found, key=lambda one: np.median(one[2], axis=1).min())
+
+
 def ridge_profile(
     ridges: Ridges, line: Line, reach: float, wanted: range, sign: int
 ) -> Float[Array, " R"]:
@@ -78,7 +101,8 @@ def ridge_profile(
 
     Looked for within `reach` px; 0 at half-widths that are not wanted.
     """
-    return np.median(_ridges(ridges, line, reach, wanted, (sign,))[0][0], axis=1)
+    heights, *_ = _ridges(ridges, line, reach, wanted, (sign,))
+    return np.median(heights[0], axis=1)
 
 
 def first_high(profile: Float[Array, " R"]) -> int:
@@ -88,16 +112,17 @@ def first_high(profile: Float[Array, " R"]) -> int:
 
 def _ridges(
     ridges: Ridges, line: Line, reach: float, wanted: range, signs: tuple[int, ...]
-) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"]]:
-    """Heights of the highest ridges across a line, of each sign, half-width and point; and votes.
+) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"], Float[Array, "S R P"]]:
+    """Heights of the highest ridges across a line, of each sign, half-width and point.
 
-    On each profile across the line the highest ridge counts, of any direction, the nearer the more.
+    Second come their votes, and third how far from the line they are, px. On each profile across
+    the line the highest ridge counts, of any direction, the nearer the more.
     """
     points, offsets = _profiles(line, reach)
     at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
     near = 1 / (1 + (2 * offsets / reach) ** 2)
     heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
-    votes, profile = np.zeros_like(heights), np.arange(len(at))
+    votes, places, profile = np.zeros_like(heights), np.zeros_like(heights), np.arange(len(at))
     for rung in wanted:
         factor = ridges.factor(rung)
         chance = (
@@ -112,9 +137,10 @@ def _ridges(
             pixels, weight = reduced[factor]
             high = height.ravel()[pixels]
             most = profile, (weight * high).argmax(1)
+            places[k, rung] = offsets[most[1]]
             votes[k, rung] = (weight * high)[most] - chance
             heights[k, rung] = np.where(weight[most] > 0, high[most], 0.0) - chance
-    return heights, votes
+    return heights, votes, places
 
 
 def _pixels(

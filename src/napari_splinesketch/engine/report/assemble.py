@@ -48,7 +48,7 @@ def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     residual = seen.normal - drawn
     rests = [_rest(body, residual) for body in bodies]
     curves = _curves(seen, fit, bodies, known, island, rests)
-    return part_of(island, list(curves), drawn * seen.contrast, needed.model(seen, bodies, rests))
+    return part_of(island, list(curves), seen.in_image(drawn), needed.model(seen, bodies, rests))
 
 
 def part_of(

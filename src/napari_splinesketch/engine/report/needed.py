@@ -85,6 +85,8 @@ def model(seen: Scene, bodies: list[Body], rests: list[Float[Array, " m"]]) -> S
 def _notes(found: SceneModel, seen: Scene) -> Iterator[str]:
     """What was chosen and why, in words for the user."""
     yield BACKGROUNDS[found.background]
+    if seen.lit_from is not None:
+        yield "Bodies are in relief: bright on one side and dark on the other."
     if seen.contradicted is not None:
         yield (
             f"No body here has a half-width of {seen.contradicted:.1f} px, so it was measured:"
