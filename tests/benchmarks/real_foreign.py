@@ -104,6 +104,8 @@ class Look:
         Share of bodies that are darker than the background.
     around
         What is added: "blobs", "edge", "fringes", "network".
+    lit
+        Whether bodies are in relief: bright on one side and dark on the other.
     noise
         Standard deviation, in contrasts.
     """
@@ -117,6 +119,7 @@ class Look:
     shape: tuple[int, int] = (300, 340)
     dark: float = 0.0
     around: frozenset[str] = field(default_factory=frozenset)
+    lit: bool = False
     noise: float = 0.08
 
 
@@ -136,6 +139,7 @@ LOOKS = {
     "network": Look(around=frozenset({"network"}), half_width=2.0, bodies=3),
     "mixed": Look(dark=0.5),
     "thin": Look(half_width=1.2, length=90.0, bodies=8),
+    "relief": Look(lit=True, half_width=5.0, length=160.0, shape=(380, 430)),
     "wide": Look(half_width=16.0, length=400.0, bodies=4, shape=(700, 800)),
 }
 
@@ -158,10 +162,18 @@ def scene(name: str, kind: str, look: Look) -> Case:
         sign = -1.0 if rng.random() < look.dark else 1.0
         image += sign * drawn(rng, line, width, look)
     image = gaussian_filter(image, 0.7) + _around(rng, look)
+    if look.lit:
+        image = in_relief(image, rng.uniform(0, 2 * np.pi), look.half_width)
     image += look.noise * rng.standard_normal(look.shape)
     grey = (np.clip(90 + 40 * image, 0, 255)).astype(np.uint8)
     sketches = tuple(hand_drawn(rng, line, look.half_width) for line in lines)
     return Case(name, f"generated, {kind}", grey, lines, {SET: sketches}, look.half_width)
+
+
+def in_relief(image: np.ndarray, angle: float, half_width: float) -> np.ndarray:
+    """The slope of an image towards an angle, in contrasts for bodies of a half-width."""
+    down, across = np.gradient(image)
+    return half_width * (np.sin(angle) * down + np.cos(angle) * across)
 
 
 def _bodies(rng: np.random.Generator, look: Look) -> tuple[tuple[Line, ...], list[float]]:

@@ -58,7 +58,8 @@ def refine(
         "balanced" or "paper", or settings of your own; "fast" and "thorough" are the same as
         "balanced".
     polarity
-        Whether bodies are "bright" or "dark" against the background; "auto" looks.
+        Whether bodies are "bright" or "dark" against the background; "auto" looks, and also sees
+        bodies in relief, bright on one side and dark on the other.
     half_width
         Rough distance from centreline to edge, px; None to measure it.
     fixed

@@ -40,10 +40,10 @@ class Scene:
     """For each sketch, the index of its body's half-width in WIDTHS."""
     others: tuple[tuple[int, ...], ...]
     """The same for what else may be its body, of quite another half-width."""
-    votes: tuple[float, ...]
-    """For each sketch, whether its body is bright: from -1 (surely not) to 1."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
+    votes: tuple[float, ...] = ()
+    """For each sketch, whether its body is bright: from -1 (surely not) to 1."""
     lit_from: Float[Array, "2"] | None = None
     """Where the light of an image in relief comes from: bodies are bright here instead."""
 
@@ -112,8 +112,8 @@ def read_scenes(
             ridges,
             rungs,
             others,
-            tuple(votes[i] for i in members),
             contradicted,
+            tuple(votes[i] for i in members),
             lit_from,
         )
         scenes.append((members, scene))

@@ -1,0 +1,101 @@
+"""Bodies in relief, bright on one side and dark on the other, are found like others."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from napari_splinesketch import refine, synthetic
+from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.look import relief
+from napari_splinesketch.metrics import average_dtw
+
+NOTE = "Bodies are in relief: bright on one side and dark on the other."
+ANGLE = 0.7
+LIGHT = np.array([np.sin(ANGLE), np.cos(ANGLE)])
+
+
+def slope(image: np.ndarray) -> np.ndarray:
+    """An image lit from LIGHT: what falls towards it is bright."""
+    down, across = np.gradient(ndimage.gaussian_filter(image.astype(float), 1.0))
+    return -LIGHT[0] * down - LIGHT[1] * across
+
+
+def lit(scene: synthetic.Scene, seed: int = 0) -> tuple[np.ndarray, list[np.ndarray]]:
+    """A scene in relief, with lines clicked over its bodies."""
+    rng = np.random.default_rng(seed)
+    image = slope(scene.clean)
+    image += rng.normal(0, 0.15 * image.std(), image.shape)
+    lines = [spline.resample(c, 5) + rng.normal(0, 1, (5, 2)) for c in scene.centrelines]
+    return image, lines
+
+
+def scene_of(bodies: int) -> synthetic.Scene:
+    side = max(160, int(np.sqrt(bodies * 9000)))
+    return synthetic.scene(1, bodies=bodies, shape=(side, side), crossing=False)
+
+
+@pytest.mark.parametrize("bodies", [1, 8])
+def test_curves_lie_between_the_bright_and_the_dark_sides(bodies: int) -> None:
+    scene = scene_of(bodies)
+    found = refine(*lit(scene))
+    apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
+    assert max(apart) < 1.5
+    assert np.median(apart) < 0.7
+    assert NOTE in found.model.notes
+
+
+def test_the_picture_of_the_bodies_is_in_relief_too() -> None:
+    image, lines = lit(scene_of(8))
+    found = refine(image, lines)
+    bodies = found.reconstruction - found.background
+    assert np.corrcoef(bodies.ravel(), image.ravel())[0, 1] > 0.7
+
+
+def test_one_light_falls_on_bodies_that_are_far_from_each_other() -> None:
+    shape = (160, 1500)
+    scene = synthetic.scene(6, bodies=3, shape=shape, crossing=False, margin=20, bend=0.2)
+    image, lines = lit(scene)
+    assert np.diff(sorted(line[:, 1].mean() for line in lines)).min() > 250  # each is an island
+    lines[0] = lines[0][[0, -1]]  # of a straight line alone nobody can tell
+    assert NOTE not in refine(image, lines[:1]).model.notes
+    found = refine(image, lines)
+    apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
+    assert max(apart) < 1.5
+
+
+def test_a_turned_image_gives_turned_curves() -> None:
+    image, lines = lit(scene_of(8))
+    straight = refine(image, lines).curves
+    turned = refine(image.T[::-1], [x[:, ::-1] * [-1, 1] + [len(image.T) - 1, 0] for x in lines])
+    for one, two in zip(straight, turned.curves, strict=True):
+        back = (two.points - [len(image.T) - 1, 0])[:, ::-1] * [1, -1]
+        assert np.abs(back - one.points).max() < 1e-6
+
+
+def test_a_polarity_that_is_given_is_believed() -> None:
+    image, lines = lit(scene_of(8))
+    assert NOTE not in refine(image, lines, polarity="bright").model.notes
+
+
+def test_bright_dark_and_hollow_bodies_are_not_in_relief() -> None:
+    scene = scene_of(8)
+    lines = [spline.resample(c, 5) for c in scene.centrelines]
+    inside = ndimage.gaussian_filter(scene.clean, 1.0)
+    down, across = np.gradient(inside)
+    for image in (scene.image, -scene.image, np.hypot(down, across)):
+        assert NOTE not in refine(image, lines).model.notes
+
+
+def test_raising_an_image_and_back_leaves_it_as_it_was() -> None:
+    image = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(90, 120)), 3.0)
+    image[[0, -1]] = image[:, [0, -1]] = np.median(image)
+    back = relief.raised(relief.raised(image, LIGHT), -LIGHT)
+    inner = (slice(30, -30),) * 2
+    assert np.corrcoef(back[inner].ravel(), image[inner].ravel())[0, 1] > 0.9
+
+
+def test_white_noise_stays_white() -> None:
+    noise = np.random.default_rng(0).normal(size=(200, 200))
+    raised = relief.raised(noise, LIGHT)[30:-30, 30:-30]
+    assert raised.std() == pytest.approx(1, abs=0.05)
+    assert abs((raised[1:] * raised[:-1]).mean()) < 0.05
