@@ -68,9 +68,9 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 CHANCE_HEIGHT = 0.7
 RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
 # it is in relief where one light explains this share of the ridges beside its sketches at least
-RELIEF_EXPLAINED = 0.2
+RELIEF_EXPLAINED = 0.1
 # and this much more, divided by the root of the number of sketches: few are explained by chance;
-RELIEF_ALONE = 0.4
+RELIEF_ALONE = 0.75
 # and where sketches are off the middle between the bright and the dark ridge by no more than this
 # share of their distance, times the same root,
 RELIEF_MIDDLE = 0.25
