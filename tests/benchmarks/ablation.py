@@ -113,6 +113,7 @@ def _everybody_alike() -> None:
 MECHANISMS: dict[str, Callable[[], None]] = {
     "": lambda: None,
     "polarity of each sketch": _set(constants, CLEAR_VOTE=2.0),
+    "bodies in relief": _set(constants, RELIEF_EXPLAINED=np.inf),
     "half-width of each sketch": _everybody_alike,
     "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),
     "slopes count against ridges": _set(constants, RIDGE_SLOPE=0.0),

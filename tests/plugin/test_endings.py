@@ -201,7 +201,7 @@ def test_what_cannot_be_shown_ends_what_runs(
     ready.controller.refine("all")
     until(lambda: len(fake.calls) == 2, SOON)
 
-    def broken(*arguments: Any) -> Any:
+    def broken(*arguments: Any, **named: Any) -> Any:
         raise ValueError("napari does not like it")
 
     with monkeypatch.context() as patched:

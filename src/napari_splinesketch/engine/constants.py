@@ -68,11 +68,11 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 CHANCE_HEIGHT = 0.7
 RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
 # it is in relief where one light explains this share of the ridges beside its sketches at least
-RELIEF_EXPLAINED = 0.1
-# and this much more, divided by the root of the number of sketches: few are explained by chance;
-RELIEF_ALONE = 0.75
+RELIEF_EXPLAINED = 0.05
+# and this much more, divided by the number of sketches: few are explained by chance;
+RELIEF_ALONE = 0.42
 # and where sketches are off the middle between the bright and the dark ridge by no more than this
-# share of their distance, times the same root,
+# share of their distance, times the root of their number,
 RELIEF_MIDDLE = 0.25
 RELIEF_REACH_HW = 3.0  # if both ridges are looked for within this of the sketch ...
 RELIEF_REACH_PX = 2.0  # ... plus this

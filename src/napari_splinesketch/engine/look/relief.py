@@ -19,44 +19,49 @@ from napari_splinesketch.engine.types import Array, Line
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The bright side and the dark side of the body of one sketch, if it has any."""
+    """What is beside the sketch of one body, at P points of it."""
 
     normals: Float[Array, "P 2"]
-    """Of P points on the sketch."""
     lifted: Float[Array, " P"]
-    """How much brighter than the other side the one is that the normal points to."""
+    """By how much the side that the normal points to is brighter: bright ridges less dark ones."""
+    whole: Float[Array, " P"]
+    """The heights of all these ridges together."""
     off: float
-    """How far the sketch is from the middle between them, as a share of their distance."""
+    """How far the sketch is from the middle between the highest bright ridge and the highest dark
+    one, as a share of their distance."""
 
 
 def sides(ridges: Ridges, line: Line) -> Sides:
-    """The sides of a body: the highest bright ridge and the highest dark one beside its sketch."""
-    points, (bright, dark), heights = ridges_beside(ridges, line)
-    side, size = np.sign(bright - dark), np.maximum(heights, 0).sum(0)
-    middle = np.median((bright + dark) / 2 * side)
-    return Sides(
-        spline.normals(points),
-        side * size / (np.median(size) + 1e-30),
-        float(abs(middle) / (np.median(np.abs(bright - dark)) + 1e-30)),
+    """The ridges on both sides of a sketch."""
+    points, offsets, heights = ridges_beside(ridges, line)
+    (bright, dark), (other, shade) = (
+        heights[:, :, there].max(2) for there in (offsets > 0, offsets < 0)
     )
+    lifted, whole = bright - dark - other + shade, bright + dark + other + shade
+    usual = np.median(whole) + 1e-30
+    high, low = offsets[heights.argmax(2)]
+    middle = np.median((high + low) / 2 * np.sign(lifted))
+    off = abs(middle) / (np.median(np.abs(high - low)) + 1e-30)
+    return Sides(spline.normals(points), lifted / usual, whole / usual, float(off))
 
 
 def lit_from(bodies: Sequence[Sides]) -> Float[Array, "2"] | None:
     """The direction that bodies are lit from, a unit vector; None if they are not in relief.
 
-    In relief the two sides are as far from the sketch, and which is bright, and how bright, follows
-    from the sketch's direction alone.
+    In relief a bright ridge is on one side of each sketch and a dark one on the other, both as far
+    away. Which side is bright, and how bright, follows from the sketch's direction alone.
     """
     if not bodies:
         return None
     normals = np.concatenate([body.normals for body in bodies])
     lifted = np.concatenate([body.lifted for body in bodies])
+    whole = np.concatenate([body.whole for body in bodies])
     towards = np.linalg.lstsq(normals, lifted)[0]
-    explained = (normals @ towards) @ lifted / (lifted @ lifted + 1e-30)
-    alone = 1 / np.sqrt(len(bodies))
-    if explained < const.RELIEF_EXPLAINED + const.RELIEF_ALONE * alone:
+    explained = (normals @ towards) @ lifted / (whole @ whole + 1e-30)
+    off = np.median([body.off for body in bodies])
+    if explained < const.RELIEF_EXPLAINED + const.RELIEF_ALONE / len(bodies):
         return None
-    if np.median([body.off for body in bodies]) > const.RELIEF_MIDDLE / alone:
+    if off > const.RELIEF_MIDDLE * np.sqrt(len(bodies)):
         return None
     return towards / np.linalg.norm(towards)
 

@@ -57,7 +57,7 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
 def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's."""
     wanted = _wanted(line)
-    heights, votes, _ = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
+    heights, votes = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
     best = np.maximum(votes.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
@@ -77,21 +77,27 @@ def _wanted(line: Line) -> range:
 
 def ridges_beside(
     ridges: Ridges, line: Line
-) -> tuple[Line, Float[Array, "2 P"], Float[Array, "2 P"]]:
-    """Where beside a sketch the highest bright ridge and the highest dark one are.
+) -> tuple[Line, Float[Array, " T"], Float[Array, "2 P T"]]:
+    """The bright ridges beside a sketch, and the dark ones.
 
-    Of the half-width whose lower one of the two is highest.
+    Of the half-width whose lower ones of the two are highest.
 
     Returns
     -------
-    P points on the sketch; how far from there along its normals either ridge is, px; their heights.
+    P points on the sketch; T distances along the normals there, px; heights, 0 at least, the nearer
+    the higher.
     """
     found = []
     for rung in _wanted(line):
         reach = const.RELIEF_REACH_HW * WIDTHS[rung] + const.RELIEF_REACH_PX
-        heights, _, offsets = _ridges(ridges, line, reach, range(rung, rung + 1), (1, -1))
-        found.append((_profiles(line, reach)[0], offsets[:, rung], heights[:, rung]))
-    return max(found, key=lambda one: np.median(one[2], axis=1).min())
+        points, offsets = _profiles(line, reach)
+        both = np.stack([ridges.heights(rung, sign) for sign in (1, -1)])
+        near = 1 / (1 + (2 * offsets / reach) ** 2)
+        at = _beside(points, offsets)
+        pixels, weight = _pixels(at, near, both[0].shape, ridges.factor(rung))
+        heights = np.maximum(both.reshape(2, -1)[:, pixels], 0) * weight
+        found.append((points, offsets, heights))
+    return max(found, key=lambda one: np.median(one[2].max(2), axis=1).min())
 
 
 def ridge_profile(
@@ -101,8 +107,7 @@ def ridge_profile(
 
     Looked for within `reach` px; 0 at half-widths that are not wanted.
     """
-    heights, *_ = _ridges(ridges, line, reach, wanted, (sign,))
-    return np.median(heights[0], axis=1)
+    return np.median(_ridges(ridges, line, reach, wanted, (sign,))[0][0], axis=1)
 
 
 def first_high(profile: Float[Array, " R"]) -> int:
@@ -112,17 +117,16 @@ def first_high(profile: Float[Array, " R"]) -> int:
 
 def _ridges(
     ridges: Ridges, line: Line, reach: float, wanted: range, signs: tuple[int, ...]
-) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"], Float[Array, "S R P"]]:
-    """Heights of the highest ridges across a line, of each sign, half-width and point.
+) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"]]:
+    """Heights of the highest ridges across a line, of each sign, half-width and point; and votes.
 
-    Second come their votes, and third how far from the line they are, px. On each profile across
-    the line the highest ridge counts, of any direction, the nearer the more.
+    On each profile across the line the highest ridge counts, of any direction, the nearer the more.
     """
     points, offsets = _profiles(line, reach)
-    at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
+    at = _beside(points, offsets)
     near = 1 / (1 + (2 * offsets / reach) ** 2)
     heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
-    votes, places, profile = np.zeros_like(heights), np.zeros_like(heights), np.arange(len(at))
+    votes, profile = np.zeros_like(heights), np.arange(len(at))
     for rung in wanted:
         factor = ridges.factor(rung)
         chance = (
@@ -137,10 +141,14 @@ def _ridges(
             pixels, weight = reduced[factor]
             high = height.ravel()[pixels]
             most = profile, (weight * high).argmax(1)
-            places[k, rung] = offsets[most[1]]
             votes[k, rung] = (weight * high)[most] - chance
             heights[k, rung] = np.where(weight[most] > 0, high[most], 0.0) - chance
-    return heights, votes, places
+    return heights, votes
+
+
+def _beside(points: Line, offsets: Float[Array, " T"]) -> Float[Array, "P T 2"]:
+    """Points at some distances along the normals of a line."""
+    return points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
 
 
 def _pixels(
