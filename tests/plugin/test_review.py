@@ -207,6 +207,13 @@ def test_the_panel_closes_and_comes_back(
     again = dock.panel
     assert again is not None and again is not panel
     assert again.count.text() == "1 of 5 reviewed"
+    around: Any = again.parent()
+    until(again.isVisible, 5)
+    around.hide()
+    until(lambda: not dock.review.isChecked(), 5)
+    click(dock.review)
+    assert dock.panel is again and again.isVisible(), "what hides the panel does not take it away"
+    assert dock.review.isChecked()
     dock.controller.apply("Nothing", State())
     assert dock.review.isVisible(), "what opened the panel closes it"
     click(dock.review)

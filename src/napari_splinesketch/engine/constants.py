@@ -74,6 +74,7 @@ RELIEF_ALONE = 0.42
 # and where sketches are off the middle between the bright and the dark ridge by no more than this
 # share of their distance, times the root of their number,
 RELIEF_MIDDLE = 0.25
+RELIEF_MOST = 64  # so many sketches at most are asked, the longest (speed)
 RELIEF_REACH_HW = 3.0  # if both ridges are looked for within this of the sketch ...
 RELIEF_REACH_PX = 2.0  # ... plus this
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)

@@ -1,5 +1,6 @@
 """The public call: sketches in, curves out."""
 
+import heapq
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -98,7 +99,7 @@ def refine(
     usable = [i for i, fault in enumerate(faults) if not fault]
     # Sketches that are the same as one before: to fit them side by side would tell nothing more.
     first = {lines[i].tobytes(): i for i in reversed(usable)}
-    copies = {i: first[lines[i].tobytes()] for i in usable if i not in first.values()}
+    copies = {i: at for i in usable if (at := first[lines[i].tobytes()]) != i}
     alone = [i for i in usable if i not in copies]
     parts: list[Part] = []
     progress = _Progress(on_progress, lines, len(usable))
@@ -122,12 +123,17 @@ def refine(
     found = assemble.assemble(image, drawn, faults, parts, began)
     if usable or not still:
         return found
-    # Nothing looks at the fixed curves then: fitted to the image where they are, they are drawn.
-    held = Settings(hold=(Hold(*[const.PIN_PX] * 3),) * len(still))
-    shown = refine(
-        image, [curve.points for curve in still], held, polarity=polarity, half_width=half_width
-    )
+    shown = _with_fixed(image, still, polarity, half_width)
     return Refinement.lazy(found.curves, shown, found.model, time.perf_counter() - began)
+
+
+def _with_fixed(
+    image: Real[Array, "H W"], still: list[Curve], polarity: Polarity, half_width: float | None
+) -> Refinement:
+    """What the image looks like where nothing but fixed curves is: fitted to it where they are."""
+    held = Settings(hold=(Hold(*[const.PIN_PX] * 3),) * len(still))
+    lines = [curve.points for curve in still]
+    return refine(image, lines, held, polarity=polarity, half_width=half_width)
 
 
 def _read(
@@ -140,7 +146,7 @@ def _read(
 
     Those that may be in relief come last, for one light falls on all of an image.
     """
-    waiting = []
+    waiting, bodies = [], []
     for island in all_islands:
         pixels = checks.known(island.pose.cut(image))
         blank = checks.blank(pixels)
@@ -148,23 +154,30 @@ def _read(
             yield island, blank
             continue
         scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
-        if polarity == "auto" and scene.unclear(scenes):
+        maybe_relief = polarity == "auto" and scene.unclear(scenes)
+        if maybe_relief:
             waiting.append((island, scenes))
-        else:
+            bodies += _sides(island, scenes[0][1])
+        scene.tidy(scenes)
+        if not maybe_relief:
             yield island, scenes
-    bodies = []
-    for island, scenes in waiting:
-        for line in (*island.sketches, *(curve[:, :2] for curve in island.fixed)):
-            # What is beside a straight line by chance has one direction, too.
-            if len(line) > 2:
-                body = relief.sides(scenes[0][1].ridges, line)
-                bodies.append(replace(body, normals=island.pose.turned_back(body.normals)))
     light = relief.lit_from(bodies)
     for island, scenes in waiting:
         if light is not None:
             pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
             scenes = scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
+            scene.tidy(scenes)
         yield island, scenes
+
+
+def _sides(island: Island, seen: scene.Scene) -> Iterator[relief.Sides]:
+    """What is beside the sketches of an island, and beside its fixed curves, as in the image."""
+    lines = [*island.sketches, *(curve[:, :2] for curve in island.fixed)]
+    # What is beside a straight line by chance has one direction, too.
+    bent = [line for line in lines if len(line) > 2]
+    for line in heapq.nlargest(const.RELIEF_MOST, bent, key=lambda x: spline.arc_length(x)[-1]):
+        body = relief.sides(seen.ridges, line)
+        yield replace(body, normals=island.pose.turned_back(body.normals))
 
 
 def _fitted(

@@ -169,6 +169,11 @@ class SplinesketchDock(qt.QWidget):
 
     def _show_or_hide_panel(self) -> None:
         window: Any = self._viewer.window
+        if self.panel is not None and self.review.isChecked():  # behind something, or hidden
+            around: Any = self.panel.parent()
+            around.show()
+            around.raise_()
+            return
         if self.panel is not None:
             window.remove_dock_widget(self.panel)
             return
@@ -180,7 +185,8 @@ class SplinesketchDock(qt.QWidget):
         # The docks at the right keep their height: the panel goes below the canvas alone.
         corner, area = Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea
         window._qt_window.setCorner(corner, area)
-        window.add_dock_widget(self.panel, name="Curves", area="bottom")
+        around = window.add_dock_widget(self.panel, name="Curves", area="bottom")
+        around.visibilityChanged.connect(self.review.setChecked)
 
     def _on_panel_closed(self) -> None:
         self.panel = None

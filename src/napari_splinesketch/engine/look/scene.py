@@ -117,9 +117,13 @@ def read_scenes(
             lit_from,
         )
         scenes.append((members, scene))
-    # Finding asks for these, and for none of narrower bodies.
-    ridges.keep({(k, s.sign) for _, s in scenes for k in range(min(s.rungs) - 1, len(WIDTHS))})
     return scenes
+
+
+def tidy(scenes: Sequence[tuple[list[int], Scene]]) -> None:
+    """Free the ridges of narrower bodies than any of the scenes': finding does not ask for them."""
+    kept = {(k, s.sign) for _, s in scenes for k in range(min(s.rungs) - 1, len(WIDTHS))}
+    scenes[0][1].ridges.keep(kept)
 
 
 def unclear(scenes: Sequence[tuple[list[int], Scene]]) -> bool:

@@ -91,11 +91,11 @@ def ridges_beside(
     for rung in _wanted(line):
         reach = const.RELIEF_REACH_HW * WIDTHS[rung] + const.RELIEF_REACH_PX
         points, offsets = _profiles(line, reach)
-        both = np.stack([ridges.heights(rung, sign) for sign in (1, -1)])
+        both = [ridges.heights(rung, sign) for sign in (1, -1)]
         near = 1 / (1 + (2 * offsets / reach) ** 2)
         at = _beside(points, offsets)
         pixels, weight = _pixels(at, near, both[0].shape, ridges.factor(rung))
-        heights = np.maximum(both.reshape(2, -1)[:, pixels], 0) * weight
+        heights = np.maximum([of.ravel()[pixels] for of in both], 0) * weight
         found.append((points, offsets, heights))
     return max(found, key=lambda one: np.median(one[2].max(2), axis=1).min())
 
