@@ -15,10 +15,12 @@ import real_page
 import skimage.io
 from real_cases import (
     FOLDERS,
+    FREEHAND,
     FRESH,
     RIGHT,
     Case,
     by_arc,
+    freehand,
     in_folders,
     jittered,
     length_of,
@@ -26,7 +28,7 @@ from real_cases import (
     split_of,
 )
 
-from napari_splinesketch.engine.find import hollow
+from napari_splinesketch.engine.find import finding, hollow
 
 PERMISSIVE = ("Apache-2.0", "BSD-", "CC0", "CC-BY-4.0", "MIT", "PDDL-1.0", "public domain")
 LINE = np.array([[50.0, 10.0], [50.0, 110.0]])
@@ -198,3 +200,15 @@ def test_lines_mean_the_middles_of_hollow_bodies_and_solid_ones_beside_others(mo
     monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
     figures = real_modes.hollow(run, 1)
     assert max(figures[f"{kind}: good, %"] for kind in ("straight", "freehand")) < 30
+
+
+def test_careful_strokes_keep_their_bodies_where_clearer_ones_are_near(monkeypatch):
+    (case,) = (freehand(case) for case in in_folders(FOLDERS) if case.name == "blossom")
+
+    def good() -> int:
+        rows = real.measure("balanced", "1", case, FREEHAND)
+        return sum(row.verdict == "good" for row in rows)
+
+    assert good() == len(case.references)
+    monkeypatch.setattr(finding, "as_clicks", lambda sketch, *_: sketch)
+    assert good() < len(case.references)

@@ -96,6 +96,47 @@ def test_where_nothing_is_the_sketch_stays_and_is_not_found():
     assert away(curve.points, spline.resample(sketch, 200)) < 1
 
 
+def wavy(rows: float, amplitude: float = 6.0) -> np.ndarray:
+    along = np.linspace(20, 100, 81)
+    return np.column_stack([rows + amplitude * np.sin(along / 12), along])
+
+
+def stroke(line: np.ndarray, off: float = 1.0) -> np.ndarray:
+    """A line as a hand draws it: a point every px, off smoothly."""
+    shaken = ndimage.gaussian_filter1d(np.random.default_rng(3).normal(size=line.shape), 12, axis=0)
+    return line + off * shaken / np.sqrt((shaken**2).sum(1).mean())
+
+
+def scaled(line: np.ndarray, by: float) -> np.ndarray:
+    return line.mean(0) + by * (line - line.mean(0))
+
+
+@pytest.mark.parametrize(
+    ("sketch", "careful"),
+    [
+        (stroke(wavy(45.0)), True),
+        (stroke(wavy(45.0))[::-1], True),
+        (wavy(45.0)[::4], False),
+        (wavy(45.0)[[0, -1]], False),
+        (turned(wavy(45.0), 20), False),
+        (wavy(51.0), False),
+        (scaled(wavy(45.0), 0.7), False),
+        (stroke(wavy(45.0))[38:44], False),
+    ],
+    ids="stroke backwards clicks straight turned shifted scaled short".split(),
+)
+def test_a_careful_stroke_counts_as_clicks(sketch, careful):
+    image = drawn([wavy(45.0)])
+    ((_, seen),) = scene.read_scenes(image, [wavy(45.0)[::8]], "bright", HALF_WIDTH)
+    clicks = finding.as_clicks(sketch, seen.evidence(seen.rungs[0]), HALF_WIDTH)
+    if careful:
+        assert scoring.clicked(clicks)
+        np.testing.assert_array_equal(clicks[[0, -1]], sketch[[0, -1]])
+        assert spline.apart(clicks, wavy(45.0)).max() < 2
+    else:
+        assert clicks is sketch
+
+
 def test_a_fixed_curve_keeps_its_body():
     lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (35.0, 50.0)]
     image = drawn(lines)

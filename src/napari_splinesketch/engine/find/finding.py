@@ -34,7 +34,7 @@ class Start:
     found: bool
     """Whether a body was found."""
     sketch: Line
-    """What was drawn."""
+    """What was drawn, or the clicks that a careful stroke is taken for."""
     rung: int
     """Index in WIDTHS of the half-width at which the path was found."""
     half_width: float
@@ -74,6 +74,10 @@ def find(
     `tick` is called with the share of the sketches whose paths are known; it may raise `Stopped`.
     """
     seen = sized(seen, sketches)
+    sketches = [
+        as_clicks(sketch, seen.evidence(rung), WIDTHS[rung])
+        for sketch, rung in zip(sketches, seen.rungs, strict=True)
+    ]
     graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
     starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
@@ -102,6 +106,30 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
             if costs[rung] < min(const.CLEAR_MARGIN, costs[rungs[i]] - const.CLEAR_MARGIN):
                 rungs[i] = rung
     return replace(seen, rungs=tuple(rungs))
+
+
+def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) -> Line:
+    """A line drawn in one stroke as clicks, if it was drawn with care: along a body, to its ends.
+
+    Where the body goes on beyond both ends, the line may have been scaled: it stays as it is, like
+    one that lies on no body.
+    """
+    length = float(spline.arc_length(sketch)[-1])
+    count = min(const.VERTICES_MOST, int(length / const.CLICKED_APART_PX))
+    if scoring.clicked(sketch) or not const.CLICKED[0] <= count < len(sketch):
+        return sketch
+    near = const.NARROW_HW * half_width + const.NARROW_PX
+    (path,) = strip.paths_along(evidence, sketch, half_width, near)
+    unseen = _known([path], sketch, half_width, evidence)[0, scoring.FEATURES.index("unseen")]
+    off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
+    beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
+    if (
+        unseen > const.UNSEEN_MOST
+        or np.sqrt((off**2).mean()) > const.MOVED_HITS * scoring.hit(half_width)
+        or beyond.min() > const.STROKE_BEYOND * length
+    ):
+        return sketch
+    return spline.steadied(sketch, count)
 
 
 def _cheapest(seen: Scene, sketch: Line, rung: int) -> float:

@@ -42,7 +42,7 @@ class Part:
 def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
     """The curves of an island with their status, and what they are drawn as."""
     drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
-    bodies, known = _placed(seen, fit, island.sketches, seen.normal - drawn)
+    bodies, known = _placed(seen, fit, seen.normal - drawn)
     if any(new.own is not old.own for new, old in zip(bodies, fit.bodies, strict=True)):
         drawn = _draw(seen.valid, [*bodies, *fit.fixed])
     residual = seen.normal - drawn
@@ -106,10 +106,7 @@ def _near(line: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
 
 
 def _placed(
-    seen: Scene,
-    fit: SceneFit,
-    sketches: list[Float[Array, "N 2"]],
-    residual: Float[Array, "H W"],
+    seen: Scene, fit: SceneFit, residual: Float[Array, "H W"]
 ) -> tuple[list[Body], list[Float[Array, "2K 2K"]]]:
     """Bodies where image and clicked sketches put them together, and the knots' covariances."""
     everything = [body.points(POINTS) for body in (*fit.bodies, *fit.fixed)]
@@ -117,11 +114,11 @@ def _placed(
     widest = max(body.half_width for body in fit.bodies)
     beside = spline.neighbours(everything, const.BESIDE_HW * widest)
     bodies, known = [], []
-    for body, start, sketch, near in zip(fit.bodies, fit.starts, sketches, beside, strict=False):
+    for body, start, near in zip(fit.bodies, fit.starts, beside, strict=False):
         others = np.concatenate([everything[k] for k in near]) if near else None
         sure = position.covariance(body, misfit, others)
-        if start.found and scoring.clicked(sketch) and len(body.pixels):
-            knots, sure = position.with_sketch(body.knots, sure, sketch, start.half_width)
+        if start.found and scoring.clicked(start.sketch) and len(body.pixels):
+            knots, sure = position.with_sketch(body.knots, sure, start.sketch, start.half_width)
             body = fitting.moved(seen, body, knots)
         bodies.append(body)
         known.append(sure)
@@ -139,9 +136,7 @@ def _curves(
     """The curves with what they say of themselves, in the window's pixels."""
     lines = [spline.sample(b.knots, 100) for b in (*bodies, *fit.fixed)]
     twins = spline.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
-    for i, (body, sketch, start) in enumerate(
-        zip(bodies, island.sketches, fit.starts, strict=True)
-    ):
+    for i, (body, start) in enumerate(zip(bodies, fit.starts, strict=True)):
         reasons = []
         if not start.found:
             reasons.append("no body was seen along its sketch")
@@ -154,14 +149,14 @@ def _curves(
         if start.found and cuts:
             reasons.append("it has too few knots to follow all bends of its body")
         tips = start.found & ~(start.whole | np.array(start.goes_on))
-        outline = assess.outline(body, sketch, tips, seen)
+        outline = assess.outline(body, start.sketch, tips, seen)
         # Normals of the fit: clicks may turn the curve, but not what is unknown along it.
         sd = position.normal_sd(known[i], fit.bodies[i].knots, outline.u)
         if not len(body.pixels):
             sd[:] = np.inf
         if i in fit.held:
             sd = np.maximum(sd, body.half_width)
-        reasons += doubt.reasons(doubt.collect(outline, sd, sketch, body.half_width, start))
+        reasons += doubt.reasons(doubt.collect(outline, sd, start.sketch, body.half_width, start))
         yield Curve(
             outline.knots,
             outline.points,
