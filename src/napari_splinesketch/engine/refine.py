@@ -12,6 +12,7 @@ from jaxtyping import Real
 
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
 from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.fit import fitting
 from napari_splinesketch.engine.fit.fit_scene import Centrelines, Reporter, fit_scene
 from napari_splinesketch.engine.islands import Island
@@ -154,6 +155,9 @@ def _read(
             yield island, blank
             continue
         scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
+        signs = finding.signs(scenes, island.sketches) if polarity == "auto" else []
+        if any(signs and signs[i] != seen.sign for members, seen in scenes for i in members):
+            scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
         maybe_relief = polarity == "auto" and scene.unclear(scenes)
         if maybe_relief:
             waiting.append((island, scenes))

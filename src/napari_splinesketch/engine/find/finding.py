@@ -1,6 +1,6 @@
 """Find before polish: which body each sketch means."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,12 +132,38 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     return spline.steadied(sketch, count)
 
 
-def _cheapest(seen: Scene, sketch: Line, rung: int) -> float:
-    """What a path along a sketch costs, for a body of the half-width WIDTHS[rung]."""
-    evidence, half_width = seen.evidence(rung), WIDTHS[rung]
-    lines = strip.paths_along(evidence, sketch, half_width, reach_of(sketch, half_width))
+def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
+    """1 for a bright body and -1 for a dark one, for each sketch of an image.
+
+    Where what is around a clicked sketch does not tell, it means what costs clearly less.
+    """
+    found = [0] * len(sketches)
+    for members, seen in scenes:
+        for i, both in zip(members, seen.around, strict=True):
+            found[i] = seen.sign
+            if abs(both[0].vote) > const.CLEAR_VOTE or not scoring.clicked(sketches[i]):
+                continue
+            bright, dark = (
+                min(_cheapest(seen, sketches[i], rung, sign) for rung in {one.rung, one.nearby})
+                for one, sign in zip(both, (1, -1), strict=True)
+            )
+            if abs(bright - dark) > const.CLEAR_MARGIN:
+                found[i] = 1 if bright < dark else -1
+    return found
+
+
+def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> float:
+    """What a path along a sketch costs, for a body of the half-width WIDTHS[rung] and a sign."""
+    evidence, half_width = seen.evidence(rung, sign), WIDTHS[rung]
+    lines = strip.paths_along(evidence, sketch, half_width, _near(sketch, half_width))
     lines += [sketch] * scoring.clicked(sketch)
     return float(scoring.cost(_known(lines, sketch, half_width, evidence)).min())
+
+
+def _near(sketch: Line, half_width: float) -> float:
+    """How far from its sketch a path along it may be, px."""
+    reach, close = reach_of(sketch, half_width), const.NARROW_HW * half_width + const.NARROW_PX
+    return min(reach, close) if scoring.clicked(sketch) else reach
 
 
 def usual_length(sketches: list[Line]) -> float:
@@ -200,7 +226,7 @@ def _candidates(
     half_width, evidence = WIDTHS[rung], seen.evidence(rung)
     traced, along = _through_graph(graph, sketch, half_width, unseen, evidence, settings)
     clicked, reach = scoring.clicked(sketch), reach_of(sketch, half_width)
-    near = min(const.NARROW_HW * half_width + const.NARROW_PX, reach) if clicked else reach
+    near = _near(sketch, half_width)
     own = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
     own += [sketch] * clicked
     smooth = const.PATH_SMOOTH_HW * half_width

@@ -42,8 +42,8 @@ class Scene:
     """The same for what else may be its body, of quite another half-width."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
-    votes: tuple[float, ...] = ()
-    """For each sketch, whether its body is bright: from -1 (surely not) to 1."""
+    around: tuple[tuple[Around, Around], ...] = ()
+    """For each sketch, what is around it, seen as a bright body's and as a dark one's."""
     lit_from: Float[Array, "2"] | None = None
     """Where the light of an image in relief comes from: bodies are bright here instead."""
 
@@ -62,22 +62,26 @@ class Scene:
         drawn = drawn * self.contrast
         return drawn if self.lit_from is None else relief.raised(drawn, -self.lit_from)
 
-    def evidence(self, rung: int) -> Float[Array, "H W"]:
-        """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1."""
-        return self.ridges.evidence(rung, self.sign, self.height)
+    def evidence(self, rung: int, sign: int | None = None) -> Float[Array, "H W"]:
+        """(H, W) evidence of the middle of a body with the half-width WIDTHS[rung], 0 to 1.
+
+        For a `sign` of 1 of a bright body, of -1 of a dark one; else of one of the scene's.
+        """
+        return self.ridges.evidence(rung, sign or self.sign, self.height)
 
 
 def read_scenes(
     image: Real[Array, "H W"],
     sketches: Sequence[Line],
-    polarity: Polarity,
+    polarity: Polarity | Sequence[int],
     half_width: float | None,
     lit_from: Float[Array, "2"] | None = None,
 ) -> list[tuple[list[int], Scene]]:
     """The scene of the bright bodies and that of the dark ones, with the sketches that mean them.
 
-    Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`. If
-    bodies are `lit_from` a direction, they are bright in an image that is made of this one.
+    Pixels that are not finite are masked; `polarity` and `half_width` are as given to `refine`, or
+    the former is 1 or -1 for each sketch. If bodies are `lit_from` a direction, they are bright in
+    an image that is made of this one.
     """
     image = np.asarray(image, dtype=np.float64)
     valid = np.isfinite(image)
@@ -88,8 +92,7 @@ def read_scenes(
     rounding = 1e-9 * float(max(whole.max(), -whole.min())) + 1e-30
     faintest = max(const.FAINTEST_CONTRAST * ridges.noise, rounding)
     around = [look_around(ridges, line) for line in sketches]
-    votes = [bright.vote for bright, _ in around]
-    signs = _signs(votes, polarity)
+    signs = _signs([bright.vote for bright, _ in around], polarity)
     scenes = []
     for sign in (1, -1):
         members = [i for i, s in enumerate(signs) if s == sign]
@@ -113,7 +116,7 @@ def read_scenes(
             rungs,
             others,
             contradicted,
-            tuple(votes[i] for i in members),
+            tuple(around[i] for i in members),
             lit_from,
         )
         scenes.append((members, scene))
@@ -128,12 +131,14 @@ def tidy(scenes: Sequence[tuple[list[int], Scene]]) -> None:
 
 def unclear(scenes: Sequence[tuple[list[int], Scene]]) -> bool:
     """Whether bodies of an image hardly tell if they are bright or dark: they may be in relief."""
-    votes = [vote for _, seen in scenes for vote in seen.votes]
+    votes = [bright.vote for _, seen in scenes for bright, _ in seen.around]
     return float(np.median(np.abs(votes))) < const.RELIEF_VOTE
 
 
-def _signs(votes: list[float], polarity: Polarity) -> list[int]:
+def _signs(votes: list[float], polarity: Polarity | Sequence[int]) -> list[int]:
     """1 for bright and -1 for dark: each sketch's own, or that of all where it is not clear."""
+    if not isinstance(polarity, str):
+        return list(polarity)
     if polarity != "auto":
         return [1 if polarity == "bright" else -1] * len(votes)
     most = 1 if sum(votes) >= 0 else -1
