@@ -389,3 +389,12 @@ def test_a_chunk_that_unpacks_to_more_than_a_chunk_is_refused(
         for frame in (0, 1):
             with pytest.raises(ImageError, match="more than the metadata promise"):
                 images[frame]
+
+
+@pytest.mark.parametrize("codec", [zarr.codecs.ZstdCodec(), zarr.codecs.GzipCodec()], ids=str)
+def test_shards_of_several_chunks_are_read(server: Server, codec: Any) -> None:
+    data = np.arange(2 * 40 * 60, dtype=np.uint16).reshape(2, 40, 60)
+    layout = {"chunks": (1, 20, 20), "shards": (1, 40, 60)}
+    zarr.create_array("shards.zarr", data=data, compressors=codec, **layout)
+    with open_frames(f"{server.url}/shards.zarr") as images:
+        assert np.array_equal(images[1], data[1])
