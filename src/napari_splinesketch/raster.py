@@ -1,17 +1,18 @@
 """Which pixels bodies cover."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int, Integer
+from numpy.typing import DTypeLike
 
 from napari_splinesketch.engine.types import Array
 
 Body = tuple[int, Float[Array, "N 2"], Float[Array, " N"]]
 """What its pixels are to hold, its centreline (row, col) and its half-width, px."""
 STRIP = 2**19
-"""Pixels of a label image that are drawn at a time."""
+"""Pixels of a label image that are drawn at a time: their depth is held beside them."""
 TOGETHER = 16
 """Segments of a line that are drawn at a time."""
 TILE = 90
@@ -67,22 +68,20 @@ def rasterise(
 
 
 def label_image(
-    bodies: Sequence[Body], shape: tuple[int, int], dtype: type[np.integer] = np.uint32
+    bodies: Sequence[Body],
+    shape: tuple[int, int],
+    dtype: DTypeLike = np.uint32,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> Integer[Array, "H W"]:
-    """Draw bodies; 0 is background, and a pixel of two belongs to the one it lies deeper in."""
-    image = np.empty(shape, dtype)
-    for top, strip in strips(bodies, shape, np.dtype(dtype)):
-        image[top : top + len(strip)] = strip
-    return image
+    """Draw bodies; 0 is background, and a pixel of two belongs to the one it lies deeper in.
 
-
-def strips(
-    bodies: Sequence[Body], shape: tuple[int, int], dtype: np.dtype
-) -> Iterator[tuple[int, Integer[Array, "h W"]]]:
-    """Draw a label image some rows at a time; give the first row of each strip with it."""
-    height = strip_height(shape)
+    `tell` is called now and then with the share that is drawn; what it raises ends the drawing.
+    """
+    image = np.zeros(shape, dtype)
+    height = max(1, STRIP // shape[1])
     for top in range(0, shape[0], height):
-        strip = np.zeros((min(height, shape[0] - top), shape[1]), dtype)
+        tell(top / shape[0])
+        strip = image[top : top + height]
         deepest = np.full(strip.shape, -1, np.float32)
         for value, points, half_width in bodies:
             drawn = rasterise(points, half_width, shape, (top, top + height))
@@ -93,12 +92,7 @@ def strips(
             ours = (depth >= 0) & (depth > deepest[place])
             strip[place][ours] = value
             deepest[place][ours] = depth[ours]
-        yield top, strip
-
-
-def strip_height(shape: tuple[int, int]) -> int:
-    """Give how many rows of an image are drawn at a time."""
-    return min(max(1, STRIP // shape[1]), shape[0])
+    return image
 
 
 def _window(

@@ -1,16 +1,18 @@
 """Masks as TIFF: a label image of each frame."""
 
-import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import tifffile
+from jaxtyping import Integer
 
+from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.format import Format
 from napari_splinesketch.labels.json_tree import held
 from napari_splinesketch.labels.types import AnyLabels, in_frames
-from napari_splinesketch.raster import strip_height, strips
+from napari_splinesketch.raster import label_image
 
 MAX_PIXELS = 2**28
 MAX_FRAMES = 100_000
@@ -30,30 +32,29 @@ def write(path: Path, labels: AnyLabels) -> None:
         )
     if highest >= np.iinfo(np.uint32).max:
         raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
-    dtype = np.dtype("<u2" if highest < np.iinfo(np.uint16).max else "<u4")
+    dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
     given, drawn = frames.read(), np.zeros(count, bool)
     drawn[frames.frames] = True
 
-    def packed() -> Iterator[bytes]:
+    def tell(frame: int, share: float) -> None:
+        frames.tell((frame + share) / count)
+
+    def pages() -> Iterator[Integer[Array, "H W"]]:
         for frame in range(count):
             of_frame = next(given) if drawn[frame] else ()
             bodies = [(label.curve + 1, label.points, label.half_width) for label in of_frame]
-            for top, strip in strips(bodies, shape, dtype):
-                frames.tell((frame + top / shape[0]) / count)
-                yield zlib.compress(strip.tobytes())
+            yield label_image(bodies, shape, dtype, partial(tell, frame))
 
     description = {"axes": "TYX", "provenance": held(dict(labels.head.provenance))}
     if labels.head.scale:
         description |= {"scale": labels.head.scale, "units": labels.head.units}
     tifffile.imwrite(
         path,
-        packed(),
+        pages(),
         shape=(count, *shape),
         dtype=dtype,
         metadata=description,
-        byteorder="<",
         compression="zlib",
-        rowsperstrip=strip_height(shape),
         photometric="minisblack",
     )
 
