@@ -284,7 +284,7 @@ def test_outputs_that_cannot_be_are_refused(
     make()
     with pytest.raises((ValueError, OSError), match=reason):
         check_outputs(
-            [Path("out.csv")], lambda path: same_file(path, "in.csv"), lambda path: overwrite
+            [Path("out.csv")], lambda path: same_file(path, "in.csv"), overwrite=overwrite
         )
     assert Path("in.csv").read_text() == "mine"
 
@@ -300,4 +300,4 @@ def test_what_lies_inside_a_folder() -> None:
 def test_outputs_whose_names_differ_by_case_alone_are_refused(tmp_path: Path) -> None:
     outputs = [tmp_path / "Labels.csv", tmp_path / "labels.CSV"]
     with pytest.raises(ValueError, match="two outputs have the same name"):
-        check_outputs(outputs, lambda path: False, lambda path: False)
+        check_outputs(outputs, lambda path: False, overwrite=False)

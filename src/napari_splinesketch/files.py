@@ -124,12 +124,12 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def check_outputs(
-    outputs: Sequence[Path], is_input: Callable[[Path], bool], overwrites: Callable[[Path], bool]
+    outputs: Sequence[Path], is_input: Callable[[Path], bool], *, overwrite: bool
 ) -> None:
     """Refuse outputs that could not be written, or would destroy an input, before any work.
 
-    `is_input` says whether a file is one that is read; these are never replaced. `overwrites` says
-    which of the others are, where they exist.
+    `is_input` says whether a file is one that is read; these are never replaced. `overwrite` says
+    whether others are, where they exist.
     """
     for number, path in enumerate(outputs):
         if any(_may_be_same(path, other) for other in outputs[:number]):
@@ -145,7 +145,7 @@ def check_outputs(
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "no regular file"
             raise ValueError(f"{path} is {kind}, and is not replaced; choose another name")
-        if path.exists() and not overwrites(path):
+        if path.exists() and not overwrite:
             raise FileExistsError(f"{path} exists already; choose another name or add --overwrite")
         if not os.access(Path(os.path.realpath(path)).parent, os.W_OK | os.X_OK):
             raise PermissionError(f"{path.parent} cannot be written to; choose another folder")

@@ -223,6 +223,7 @@ def test_a_run_whose_second_output_failed_is_resumed(
     with monkeypatch.context() as patched:
         patched.setattr(refining, "write_reconstruction", full)
         assert refine(*outputs) == 2
+    assert sorted(os.listdir(folder)) == ["film.tif", "labels.csv.partial", "sketches.csv"]
     assert refine(*outputs, "--resume") == 0
     assert len(engine.calls) == 3
     assert tifffile.imread("r.tif").shape == (3, 40, 60)

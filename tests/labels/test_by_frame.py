@@ -60,12 +60,12 @@ def test_tables_are_joined_without_a_change(tmp_path: Path) -> None:
     for number, label in enumerate(FULL.labels):
         part = Labels((label,), FULL.scale, FULL.units)
         kept.save(FrameReport(number, (), None, 0.0), part, None)
-    kept.join(tmp_path / "all.csv", range(3), FULL.scale, overwrite=False)
+    kept.join(tmp_path / "all.csv", range(3), FULL.scale)
     assert (tmp_path / "all.csv").read_text() == table.text(FULL)
-    kept.join(tmp_path / "none.csv", [], None, overwrite=False)
+    kept.join(tmp_path / "none.csv", [], None)
     assert read_labels(tmp_path / "none.csv").labels == ()
     with pytest.raises(LabelsError, match="not the columns expected"):
-        kept.join(tmp_path / "mixed.csv", range(3), None, overwrite=False)
+        kept.join(tmp_path / "mixed.csv", range(3), None)
     assert not (tmp_path / "mixed.csv").exists()
 
 

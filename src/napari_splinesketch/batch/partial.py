@@ -17,7 +17,6 @@ from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import Label, Labels, LabelsError, table
 
 FRAMES_A_FOLDER = 1000
-WRITTEN = "written.json"
 
 
 class Partial:
@@ -97,17 +96,10 @@ class Partial:
         """Name the table of a finished frame."""
         return self._path(frame, ".csv")
 
-    def join(
-        self,
-        output: Path,
-        frames: Iterable[int],
-        scale: tuple[float, float] | None,
-        *,
-        overwrite: bool,
-    ) -> None:
+    def join(self, output: Path, frames: Iterable[int], scale: tuple[float, float] | None) -> None:
         """Write the tables of finished frames as one, without reading them into memory."""
         header = table.text(Labels(scale=scale)).encode()
-        with atomic(output, overwrite=overwrite) as temporary, temporary.open("xb") as file:
+        with atomic(output) as temporary, temporary.open("xb") as file:
             file.write(header)
             for frame in frames:
                 with self.table(frame).open("rb") as part:
@@ -128,12 +120,6 @@ class Partial:
         """Give the reconstruction of a finished frame."""
         return tifffile.imread(self._path(frame, ".tif"))
 
-    def wrote(self, path: Path) -> None:
-        """Note that an output is written: a run that is continued may write it again."""
-        if self.folder.is_dir():  # not where there was no frame
-            kept = _written(self.folder) | {str(path.absolute()): _state(path)}
-            _write(self.folder / WRITTEN, json.dumps(kept).encode())
-
     def remove(self) -> None:
         """Delete everything, once the run's outputs are written."""
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -141,24 +127,6 @@ class Partial:
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
-
-
-def has_written(output: Path, path: Path) -> bool:
-    """Tell whether an interrupted run with this output has written a file, and nobody since."""
-    kept = _written(_folder_of(output)).get(str(path.absolute()))
-    return kept is not None and path.exists() and kept == _state(path)
-
-
-def _written(folder: Path) -> dict[str, list[int]]:
-    try:
-        return json.loads((folder / WRITTEN).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # the latter after a power cut
-        return {}
-
-
-def _state(path: Path) -> list[int]:
-    """Tell whether a file is as it was: its size and when it was changed."""
-    return [path.stat().st_size, path.stat().st_mtime_ns]
 
 
 def _folder_of(output: Path) -> Path:

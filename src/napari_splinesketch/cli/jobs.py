@@ -34,10 +34,6 @@ class Job:
         named = (getattr(self, name) for name, its in roles.items() if its == role)
         return tuple(path for path in named if path is not None)
 
-    def overwrites(self, path: Path) -> bool:
-        """Whether a file that exists is replaced."""
-        return self.overwrite
-
     def check(self) -> None:
         """Refuse outputs that could not be written, before it has cost any time."""
         image = getattr(self, "image", None)
@@ -46,7 +42,7 @@ class Job:
             image_too = image is not None and is_part_of(path, image)
             return image_too or any(same_file(path, own) for own in self.files("read"))
 
-        check_outputs(self.files("written"), is_input, self.overwrites)
+        check_outputs(self.files("written"), is_input, overwrite=self.overwrite)
         for one, what in declared(type(self)):
             path = getattr(self, one.name)
             if what.endings and path and path.suffix.lower() not in what.endings:
@@ -108,12 +104,6 @@ class FrameJob(ScaledJob, ImageJob, Look):
     output: Path = opt("file of labels to write", "LABELS", short="-o", role="written")
     resume: bool = opt("continue an interrupted run of this command", default=False)
     verbose: bool = opt("report every curve, not one line per frame", default=False)
-
-    def overwrites(self, path: Path) -> bool:
-        """Whether a file that exists is replaced: also what the run has written that goes on."""
-        from napari_splinesketch.batch.partial import has_written
-
-        return self.overwrite or (self.resume and has_written(self.output, path))
 
     def check(self) -> None:
         """Refuse outputs that could not be written, before it has cost any time."""

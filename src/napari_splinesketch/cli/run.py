@@ -1,7 +1,7 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial as bind
@@ -26,7 +26,7 @@ from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.batch.reports import FrameReport, Reports, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
-from napari_splinesketch.files import checksum_of_file
+from napari_splinesketch.files import atomic, checksum_of_file
 from napari_splinesketch.images.frames import Frames, checksum, open_frames
 from napari_splinesketch.labels import Label, Labels, table
 from napari_splinesketch.labels.formats import writer_of
@@ -69,6 +69,8 @@ class Run:
     report: Report
     """Called with the number of frames that are done, counting part of the one in progress, and
     with their total."""
+    outputs: ExitStack
+    """Holds the outputs until all are written."""
     count: int = 0
     """That total."""
     alike: bool = False
@@ -164,10 +166,9 @@ class Run:
         return Outcome(reports, (*notes, *losses), labels)
 
     def put(self, write: Callable[..., T], path: Path, *content: Any) -> T:
-        """Write an output, in place of what it may replace, and note that it is written."""
-        told = write(path, *content, overwrite=self.job.overwrites(path))
-        self.partial.wrote(path)
-        return told
+        """Write an output; all of them take their places together, at the end of the run."""
+        own = atomic(path, overwrite=self.job.overwrite)
+        return write(self.outputs.enter_context(own), *content)
 
     def _labels(self, reports: Reports) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
@@ -208,7 +209,7 @@ def judged(number: int) -> Iterator[str]:
 
 @contextmanager
 def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
-    """Open the image of a job; its finished frames are removed on success.
+    """Open the image of a job; on success, outputs take their places and finished frames go.
 
     `report` is called with the number of frames that are done, and with their total; `drawn` gives
     the size of a pixel where neither the job nor the image does.
@@ -232,5 +233,6 @@ def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iter
         }
         partial = Partial(job.output, depends, resume=job.resume)
         settings |= {"sketches": [path.name for path in job.files("read")]}
-        yield Run(job, images, partial, head, settings, report)
+        with ExitStack() as outputs:
+            yield Run(job, images, partial, head, settings, report, outputs)
         partial.remove()

@@ -76,20 +76,16 @@ def write_reconstruction(
     pages: Iterable[Real[np.ndarray, "H W"]],
     shape: tuple[int, int],
     frames: Sequence[int],
-    *,
-    overwrite: bool = False,
 ) -> None:
     """Write reconstructions as a 32-bit TIFF, in the image's own intensity units.
 
     The pages, of one shape, are read one by one; the file's description lists their `frames`.
-    `overwrite` replaces an existing file.
     """
-    with atomic(path, overwrite=overwrite) as temporary:
-        tifffile.imwrite(
-            temporary,
-            (np.asarray(page, dtype=np.float32) for page in pages),
-            shape=(len(frames), *shape),
-            dtype=np.float32,
-            metadata={"axes": "TYX", "frames": list(frames)},
-            photometric="minisblack",
-        )
+    tifffile.imwrite(
+        path,
+        (np.asarray(page, dtype=np.float32) for page in pages),
+        shape=(len(frames), *shape),
+        dtype=np.float32,
+        metadata={"axes": "TYX", "frames": list(frames)},
+        photometric="minisblack",
+    )
