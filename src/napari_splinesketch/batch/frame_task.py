@@ -18,7 +18,7 @@ from jaxtyping import Float, Real
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.local import limit_threads
-from napari_splinesketch.batch.reports import CurveReport, FrameReport, words
+from napari_splinesketch.batch.reports import FrameReport, words
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label
 
@@ -74,18 +74,21 @@ def _opened(source: Source) -> Frames:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What was found in a frame."""
+class FrameDone:
+    """The result of a frame."""
 
+    report: FrameReport
+    """For the user."""
     labels: tuple[Label, ...]
-    reports: tuple[CurveReport, ...]
-    """`labels` and `reports`: its bodies, and what to say of each."""
+    """Its bodies."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
     """(H, W), where it was asked for."""
+    reached: bool = True
+    """Whether the worker could open the image."""
 
 
-Find = Callable[[Real[np.ndarray, "H W"], Progress], Found]
-"""Works on the image of a frame."""
+Find = Callable[[Real[np.ndarray, "H W"], Progress], FrameDone]
+"""Works on the image of a frame; what it reports lacks the time and what the image is like."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,20 +105,6 @@ class FrameTask:
     """The labels of the frame where that fails."""
     version: str = __version__
     """Of the package that sends the task; the worker's must be the same."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameDone:
-    """The result of a frame."""
-
-    report: FrameReport
-    """For the user."""
-    labels: tuple[Label, ...]
-    """Its bodies."""
-    reconstruction: Float[np.ndarray, "H W"] | None = None
-    """(H, W), where it was asked for."""
-    reached: bool = True
-    """Whether the worker could open the image."""
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
@@ -139,8 +128,8 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     except Exception as error:  # one bad frame must not stop the others
         return failed(task, words(error), time.perf_counter() - began, digest)
     seconds = round(time.perf_counter() - began, 3)
-    report = FrameReport(task.frame, found.reports, None, seconds, digest, shape=image.shape)
-    return FrameDone(report, found.labels, found.reconstruction)
+    report = replace(found.report, seconds=seconds, sha256=digest, shape=image.shape)
+    return replace(found, report=report)
 
 
 def failed(

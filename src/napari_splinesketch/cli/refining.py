@@ -10,8 +10,8 @@ from jaxtyping import Real
 
 import napari_splinesketch
 from napari_splinesketch.batch.flow import Progress
-from napari_splinesketch.batch.frame_task import Found
-from napari_splinesketch.batch.reports import CurveReport
+from napari_splinesketch.batch.frame_task import FrameDone
+from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
@@ -59,7 +59,7 @@ def refined(
     reconstruction: bool,
     image: Real[np.ndarray, "H W"],
     progress: Progress,
-) -> Found:
+) -> FrameDone:
     """Refine the sketches of one frame, one at least, all together.
 
     `options` are those of `napari_splinesketch.refine`; with `reconstruction`, that is given too.
@@ -71,9 +71,9 @@ def refined(
         **options,
     )
     frame, ids = sketches[0].frame, [label.curve for label in sketches]
-    return Found(
+    return FrameDone(
+        FrameReport(frame, tuple(map(CurveReport.of, result.curves, ids))),
         Labels.from_curves(result.curves, frame=frame, ids=ids).labels,
-        tuple(map(CurveReport.of, result.curves, ids)),
         result.reconstruction if reconstruction else None,
     )
 

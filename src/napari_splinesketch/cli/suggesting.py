@@ -7,8 +7,8 @@ from jaxtyping import Real
 
 import napari_splinesketch
 from napari_splinesketch.batch.flow import Progress
-from napari_splinesketch.batch.frame_task import Found
-from napari_splinesketch.batch.reports import CurveReport
+from napari_splinesketch.batch.frame_task import FrameDone
+from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import SuggestJob
 from napari_splinesketch.cli.run import Outcome, open_run
 from napari_splinesketch.cli.terminal import Report
@@ -39,8 +39,9 @@ def suggested(
     options: tuple[float, Polarity, float | None],
     image: Real[np.ndarray, "H W"],
     progress: Progress,
-) -> Found:
+) -> FrameDone:
     """Suggest sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
     lines = napari_splinesketch.suggest(image, *options)
     labels = tuple(Label.from_sketch(line, frame=frame, identity=i) for i, line in enumerate(lines))
-    return Found(labels, tuple(CurveReport.drawn(label, "sketch") for label in labels))
+    told = tuple(CurveReport.drawn(label, "sketch") for label in labels)
+    return FrameDone(FrameReport(frame, told), labels)
