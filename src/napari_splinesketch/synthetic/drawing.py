@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import gaussian_filter
 
+from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.metrics import POINTS, nearest, resample
 from napari_splinesketch.synthetic.look import Look
 
@@ -74,13 +75,9 @@ def draw_body(
 
 
 def _near(fine: Points, reach: float, shape: tuple[int, int]) -> Int[np.ndarray, "P 2"]:
-    """Pixels of the frame within `reach` of a finely sampled line (a few more in the corners)."""
-    anchors, margin = np.rint(fine).astype(int), int(np.ceil(reach))
-    low, high = anchors.min(axis=0) - margin, anchors.max(axis=0) + margin
-    off = np.ones(high - low + 1, dtype=bool)
-    off[tuple((anchors - low).T)] = False
-    pixels = np.argwhere(np.asarray(distance_transform_edt(off)) <= reach + 1) + low
-    return pixels[np.all((pixels >= 0) & (pixels < shape), axis=1)]
+    """Pixels of the frame within `reach` of a finely sampled line (and a few more)."""
+    rows, columns, mask = band(fine, reach + 1, shape)
+    return np.argwhere(mask) + np.array([rows.start, columns.start])
 
 
 def draw_bodies(
@@ -129,8 +126,19 @@ def specks_of(
     return out
 
 
-def noise_of(clean: Frame, look: Look) -> Frame:
-    """Return the standard deviation of photon and read noise at each pixel."""
-    on_body = look.level + (1 if look.polarity == "bright" else -1) * look.contrast
-    photons = look.photon_share * np.clip(clean / on_body, 0, None)
-    return look.contrast / look.snr * np.sqrt(photons + 1 - look.photon_share)
+def taken(
+    rng: np.random.Generator, drawn: Frame, look: Look, blur: float, light: float = 1.0
+) -> tuple[Frame, Frame, Frame, Frame]:
+    """Take a picture of drawn bodies, out of focus by `blur` px.
+
+    Returns
+    -------
+    background, clean, noise_sd, image
+        Intensity without bodies; with bodies; standard deviation of photon and read noise at each
+        pixel; and what a camera would give.
+    """
+    background, sign = background_of(look, drawn.shape), 1 if look.polarity == "bright" else -1
+    clean = light * (background + sign * look.contrast * gaussian_filter(drawn, blur))
+    photons = look.photon_share * np.clip(clean / (look.level + sign * look.contrast), 0, None)
+    noise_sd = look.contrast / look.snr * np.sqrt(photons + 1 - look.photon_share)
+    return background, clean, noise_sd, clean + noise_sd * rng.standard_normal(drawn.shape)

@@ -5,15 +5,13 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter
 
 from napari_splinesketch.metrics import POINTS
 from napari_splinesketch.synthetic.drawing import (
     Finish,
     Points,
-    background_of,
     draw_bodies,
-    noise_of,
+    taken,
     taper,
     texture_of,
 )
@@ -236,7 +234,6 @@ def _drawn(
     rows, columns = np.indices(shape)
     apart = np.hypot(rows - cover[0][0], columns - cover[0][1])
     texture = texture * (apart >= cover[1])
-    sign = 1 if look.polarity == "bright" else -1
     phases = 2 * np.pi * rng.uniform(0, 1, 2)
     images = []
     for frame, here in enumerate(lines):
@@ -250,9 +247,5 @@ def _drawn(
         drawn = draw_bodies(parts[0], parts[1], parts[2], look, shape)
         swing = np.sin(2 * np.pi * frame / 40 + phases) * drift
         blur = look.blur + _DEFOCUS * max(swing[0], 0.0)
-        clean = background_of(look, shape) + sign * look.contrast * gaussian_filter(
-            drawn * texture, blur
-        )
-        clean = clean * (1 + _LIGHT * swing[1])
-        images.append(clean + noise_of(clean, look) * rng.standard_normal(shape))
+        images.append(taken(rng, drawn * texture, look, blur, 1 + _LIGHT * swing[1])[-1])
     return np.array(images, dtype=np.float32)

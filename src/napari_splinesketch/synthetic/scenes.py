@@ -4,16 +4,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter
 
 from napari_splinesketch.synthetic.bodies import place
 from napari_splinesketch.synthetic.drawing import (
     Finish,
     Points,
-    background_of,
     draw_bodies,
-    noise_of,
     specks_of,
+    taken,
     taper,
     texture_of,
 )
@@ -106,9 +104,6 @@ def scene(
     finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
     drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)
     drawn = drawn * texture_of(rng, chosen, shape) + specks_of(rng, chosen, half_width, shape)
-    background = background_of(chosen, shape)
-    sign = 1 if chosen.polarity == "bright" else -1
-    clean = background + sign * chosen.contrast * gaussian_filter(drawn, chosen.blur)
-    noise_sd = noise_of(clean, chosen)
-    image = (clean + noise_sd * rng.standard_normal(shape)).astype(np.float32)
+    background, clean, noise_sd, image = taken(rng, drawn, chosen, chosen.blur)
+    image = image.astype(np.float32)
     return Scene(image, clean, background, noise_sd, centrelines, half_widths, finishes, chosen)
