@@ -5,7 +5,6 @@ from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.fit.fit_scene import Reporter
-from napari_splinesketch.engine.fit.fitting import Stopped
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess
 from napari_splinesketch.engine.look.scene import Scene
@@ -25,27 +24,19 @@ def fit_paper(island: Island, seen: Scene, seed: int, report: Reporter) -> Part:
 
     The paper's method knows no standard errors, so `sd` is infinite.
     """
-
-    def passed_on(stage: str, share: float, lines: list | None) -> bool:
-        report(stage, share)
-        return True
-
     image = np.where(seen.valid, seen.normal, np.nan)
     found = refine_paper(
         image,
         island.sketches,
         half_width=seen.half_width,
         seed=seed,
-        report=passed_on,
+        report=lambda stage, share, _: report(stage, share) is None,
         fixed=island.fixed,
     )
-    if found.cancelled:
-        raise Stopped
     bodies = found.reconstruction - found.background
     rest = seen.normal - found.reconstruction
     curves = [
-        _curve(knots, line, rest, bodies, seen)
-        for knots, line in zip(found.knots, island.sketches, strict=True)
+        _curve(knots, line, rest) for knots, line in zip(found.knots, island.sketches, strict=True)
     ]
     return part_of(island, curves, seen.in_image(bodies), _model(found, seen))
 
@@ -65,7 +56,9 @@ def _model(fit: PaperFit, seen: Scene) -> SceneModel:
     )
 
 
-def _curve(knots, sketch, rest, bodies, seen: Scene) -> Curve:
+def _curve(
+    knots: Float[Array, "K 3"], sketch: Float[Array, "N 2"], rest: Float[Array, "H W"]
+) -> Curve:
     u = assess.uniform(knots[:, :2])
     points, width = np.split(spline.basis(len(knots), u) @ knots, [2], axis=1)
     at = np.rint(points).astype(int).clip(0, np.array(rest.shape) - 1)

@@ -11,14 +11,7 @@ from scipy.ndimage import binary_closing, binary_dilation, binary_erosion, binar
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import Hold, PresetName, Settings
 from napari_splinesketch.engine.spline import resample
-from napari_splinesketch.engine.types import (
-    CANCELLED,
-    Curve,
-    OnProgress,
-    Polarity,
-    Progress,
-    Refinement,
-)
+from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
 from napari_splinesketch.tracking.drift import (
     ShownPlaces,
@@ -287,16 +280,13 @@ class Search:
             fraction = begin + (end - begin) * progress.fraction
             return self.report(replace(progress, fraction=fraction))
 
-        refinement = self.refine(
+        return self.refine(
             view.pixels,
             [view.place.to_block(line) for line in lines],
             preset,
             fixed=[view.place.curve_to_block(curve) for curve in fixed],
             on_progress=report,
         )
-        if all(CANCELLED in curve.reasons for curve in refinement.curves):
-            raise Cancelled
-        return refinement
 
 
 def _points(body: Body, line: Line) -> int:

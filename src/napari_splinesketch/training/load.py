@@ -3,7 +3,7 @@
 import csv
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,10 +86,6 @@ class TrainingSet:
                 tifffile.imread(self.folder / "masks" / f"{name}.tif"),
                 tifffile.imread(self.folder / "ignore" / f"{name}.tif") > 0,
             )
-
-    def __iter__(self) -> Iterator[Sample]:
-        """Read one frame after another."""
-        return (self[index] for index in range(len(self)))
 
 
 def read_training(folder: str | os.PathLike[str], part: Part | None = None) -> TrainingSet:
