@@ -6,8 +6,8 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from napari_splinesketch import __version__
@@ -92,12 +92,12 @@ def _demo(job: jobs.DemoJob) -> int:
     if job.output is None:
         terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
     with demo.refine_job(job, folder) as refine:
-        return _frames("refining", refine)
+        return _frames("refining.run", refine)
 
 
-def _frames(module: str, job: jobs.FrameJob) -> int:
-    """Go through frames by `run` of a module that is slow to import, and print its report."""
-    work: Callable[..., Outcome] = import_module(f"napari_splinesketch.cli.{module}").run
+def _frames(name: str, job: jobs.FrameJob) -> int:
+    """Go through frames by a function of a module that is slow to import, and print its report."""
+    work: Callable[..., Outcome] = resolve_name(f"napari_splinesketch.cli.{name}")
     with job.owning(), terminal.progress() as progress:
         outcome = work(job, progress)
     terminal.say(*outcome.notes)
@@ -177,9 +177,9 @@ def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
 
 COMMANDS: dict[str, tuple[type[jobs.Job], Callable[[Any], int]]] = {
     "demo": (jobs.DemoJob, _demo),
-    "refine": (jobs.RefineJob, partial(_frames, "refining")),
-    "suggest": (jobs.SuggestJob, partial(_frames, "suggesting")),
-    "track": (jobs.TrackJob, partial(_frames, "tracking")),
+    "refine": (jobs.RefineJob, partial(_frames, "refining.run")),
+    "suggest": (jobs.SuggestJob, partial(_frames, "refining.suggest")),
+    "track": (jobs.TrackJob, partial(_frames, "tracking.run")),
     "convert": (jobs.ConvertJob, _convert),
     "compare": (jobs.CompareJob, _compare),
     "export-training": (jobs.TrainingJob, _export_training),

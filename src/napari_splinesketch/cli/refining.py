@@ -1,4 +1,4 @@
-"""Refining the frames of an image or film, without losing any."""
+"""Refining the frames of an image or film, and suggesting sketches on them, without losing any."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,9 +12,11 @@ import napari_splinesketch
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.frame_task import FrameDone
 from napari_splinesketch.batch.reports import CurveReport, FrameReport
-from napari_splinesketch.cli.jobs import RefineJob
+from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
 from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
+from napari_splinesketch.engine.types import Polarity
+from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.images.pictures import write_overlay, write_reconstruction
 from napari_splinesketch.labels import Label, Labels, masks
 from napari_splinesketch.labels.formats import open_labels
@@ -76,6 +78,36 @@ def refined(
         Labels.from_curves(result.curves, frame=frame, ids=ids).labels,
         result.reconstruction if reconstruction else None,
     )
+
+
+def suggest(job: SuggestJob, report: Report) -> Outcome:
+    """Suggest sketches on every frame, or on the one asked for, and write them.
+
+    A frame that cannot be read is reported, and the others continue.
+    """
+    with open_run(job, report) as work:
+        images = work.images
+        if job.frame is not None and not 0 <= job.frame < images.count:
+            count = f"{images.name} has {images.count}, counted from 0"
+            raise ImageError(f"no frame {job.frame}: {count}")
+        frames = range(images.count) if job.frame is None else [job.frame]
+        work.count = len(frames)
+        options = (job.sensitivity, job.polarity, job.half_width)
+        work.shared(job, ((frame, partial(suggested, frame, options), ()) for frame in frames))
+        return work.write(frames)
+
+
+def suggested(
+    frame: int,
+    options: tuple[float, Polarity, float | None],
+    image: Real[np.ndarray, "H W"],
+    progress: Progress,
+) -> FrameDone:
+    """Suggest sketches on one frame; the options are those of `napari_splinesketch.suggest`."""
+    lines = napari_splinesketch.suggest(image, *options)
+    labels = tuple(Label.from_sketch(line, frame=frame, identity=i) for i, line in enumerate(lines))
+    told = tuple(CurveReport.drawn(label, "sketch") for label in labels)
+    return FrameDone(FrameReport(frame, told), labels)
 
 
 def _write_pictures(job: RefineJob, work: Run, outcome: Outcome) -> None:
