@@ -143,33 +143,6 @@ def centrelines(scene: Blobs, place: Place, count: int) -> list[Float[np.ndarray
     return list(rows @ np.asarray(spline_knots(scene, place))[:count, :, :2])
 
 
-def collect(
-    scene: Blobs,
-    place: Place,
-    canvas: Canvas,
-    losses: dict[str, Float[np.ndarray, " T"]],
-    image: Float[np.ndarray, "H W"],
-    cancelled: bool,
-) -> PaperFit:
-    """Turn parameters into a result."""
-    count, (height, width) = int(place.moving), image.shape
-    images = _images(scene, draw(scene, place, canvas)[0], place, canvas.frame)
-    drawn, empty = (np.asarray(a)[:height, :width] for a in images)
-    ratio = half_width_ratio(np.asarray(scene.profile, float))
-    return PaperFit(
-        knots=np.asarray(spline_knots(scene, place))[:count] * [1.0, 1.0, ratio],
-        reconstruction=drawn,
-        background=empty,
-        losses=losses,
-        score=float(np.nanmean((image - drawn) ** 2)),
-        alpha=float(jax.nn.sigmoid(scene.blend)),
-        cancelled=cancelled,
-        scene=scene,
-        place=place,
-        canvas=canvas,
-    )
-
-
 def render_bodies(fit: PaperFit) -> Float[np.ndarray, "n H W"]:
     """Each body rendered alone, without background, in the units of the given image."""
     tiles, origin = _tiles(fit.scene, fit.place, fit.canvas)
@@ -189,7 +162,7 @@ def draw(scene: Blobs, place: Place, canvas: Canvas) -> tuple[jax.Array, jax.Arr
 
 
 @partial(jax.jit, static_argnames="frame")
-def _images(
+def pictures(
     scene: Blobs, bodies: Float[jax.Array, "H W"], place: Place, frame: tuple[int, int]
 ) -> tuple[jax.Array, jax.Array]:
     """Reconstruction and background, both (H, W), padded."""

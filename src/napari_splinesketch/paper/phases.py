@@ -18,15 +18,17 @@ from napari_splinesketch.paper.blobs import (
     Place,
     compose,
     convolve,
+    half_width_ratio,
     keep_in_frame,
+    spline_knots,
 )
 from napari_splinesketch.paper.fit import (
     PaperFit,
     Problem,
     bucket,
     centrelines,
-    collect,
     draw,
+    pictures,
     prepare,
     render_bodies,
 )
@@ -119,8 +121,23 @@ def refine_paper(
     tries = [run("splines", first.scene, n) for n in range(seed, seed + settings.seeds)]
     kept = min(tries, key=lambda attempt: attempt.loss)
     last = run("everything", kept.scene, 0)
-    losses = {"background": first.losses, "splines": kept.losses, "everything": last.losses}
-    return collect(last.scene, problem.place, canvas, losses, image, watch.cancelled)
+    scene, place = last.scene, problem.place
+    rows, columns = map(slice, image.shape)
+    both = pictures(scene, draw(scene, place, canvas)[0], place, canvas.frame)
+    drawn, empty = (np.asarray(picture)[rows, columns] for picture in both)
+    ratio = half_width_ratio(np.asarray(scene.profile, float))
+    return PaperFit(
+        knots=np.asarray(spline_knots(scene, place))[: len(sketches)] * [1.0, 1.0, ratio],
+        reconstruction=drawn,
+        background=empty,
+        losses={"background": first.losses, "splines": kept.losses, "everything": last.losses},
+        score=float(np.nanmean((image - drawn) ** 2)),
+        alpha=float(jax.nn.sigmoid(scene.blend)),
+        cancelled=watch.cancelled,
+        scene=scene,
+        place=place,
+        canvas=canvas,
+    )
 
 
 def _run(
