@@ -65,42 +65,31 @@ def read_curves(
         check(header)
         places = {name: header.index(name) for name in kinds if name in header}
         keys = [places[name] for name in by if name in places]
+        fixed = [name for name in places if kinds[name] in (int, str) and name != count]
+        along = [name for name in places if name not in (*fixed, count)]
         for _, rows in groupby(table, lambda row: [row[1][i] for i in keys]):
-            yield _curve(source, rows, kinds, places, required, by, count)
-
-
-def _curve(
-    source: Source,
-    rows: Iterator[tuple[int, Sequence[str]]],
-    kinds: Kinds,
-    places: dict[str, int],
-    required: Sequence[str],
-    by: Sequence[str],
-    count: str,
-) -> Rows:
-    """Parse the rows of a curve, one after another."""
-    lines, known, said = array("q"), dict[str, Any](), dict[str, str]()
-    fixed = [name for name in places if kinds[name] in (int, str) and name != count]
-    lists = {name: array("d") for name in places if name not in (*fixed, count)}
-    for number, (line, fields) in enumerate(rows):
-        source.place = f"line {line}"
-        row = {name: fields[place] for name, place in places.items()}
-        if not said:
-            said = {name: row[name] for name in fixed}
-            given = (n for n in fixed if said[n] or n in required or kinds[n] is str)
-            known = {name: _value(source, name, said[name], kinds[name]) for name in given}
-            source.refuse_again(*(known.get(name, 0) for name in by))
-        for name, text in said.items():
-            if row[name] != text:
-                raise ValueError(f"{name} differs from {known.get(name, '')!r} on line {lines[0]}")
-        for name, values in lists.items():
-            values.append(_value(source, name, row[name], kinds[name]))
-        found = _value(source, count, row[count], int) if row.get(count) else number
-        if found != number:
-            raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
-        lines.append(line)
-    source.place = f"line {lines[0]}"
-    return lines, known | {name: np.array(values) for name, values in lists.items()}
+            lines, known, said = array("q"), dict[str, Any](), dict[str, str]()
+            lists = {name: array("d") for name in along}
+            for number, (line, fields) in enumerate(rows):
+                source.place = f"line {line}"
+                row = {name: fields[place] for name, place in places.items()}
+                if not said:
+                    said = {name: row[name] for name in fixed}
+                    given = (n for n in fixed if said[n] or n in required or kinds[n] is str)
+                    known = {name: _value(source, name, said[name], kinds[name]) for name in given}
+                    source.refuse_again(*(known.get(name, 0) for name in by))
+                for name in fixed:
+                    if row[name] != said[name]:
+                        above = f"{known.get(name, '')!r} on line {lines[0]}"
+                        raise ValueError(f"{name} differs from {above}")
+                for name, values in lists.items():
+                    values.append(_value(source, name, row[name], kinds[name]))
+                found = _value(source, count, row[count], int) if row.get(count) else number
+                if found != number:
+                    raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
+                lines.append(line)
+            source.place = f"line {lines[0]}"
+            yield lines, known | {name: np.array(values) for name, values in lists.items()}
 
 
 def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
