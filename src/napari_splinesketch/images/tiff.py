@@ -1,8 +1,8 @@
 """TIFF, ImageJ hyperstacks and OME-TIFF, read one frame at a time."""
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +17,24 @@ Scale = tuple[tuple[float, float], str] | tuple[None, None]
 @contextmanager
 def open_tiff(path: Path, channel: int | None, z: int | None) -> Iterator[Frames]:
     """Open the first image of a TIFF."""
-    try:
-        file = tifffile.TiffFile(path)
-    except Exception as error:  # tifffile raises anything on a broken file
-        raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
-    with file:
-        yield _frames(file, path, channel, z)
+    with ExitStack() as inside:
+        try:
+            file = inside.enter_context(tifffile.TiffFile(path))
+            series, size = file.series[0], _scale(file)
+        except Exception as error:  # tifffile raises anything on a broken file
+            raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
+        yield Frames(path.name, *_frames(file, series, path, channel, z), *size)
 
 
-def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | None) -> Frames:
-    try:
-        series = file.series[0]
-        axes, shape = series.axes, series.shape
-        scale, units = _scale(file)
-    except Exception as error:
-        raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
+def _frames(
+    file: tifffile.TiffFile,
+    series: tifffile.TiffPageSeries,
+    path: Path,
+    channel: int | None,
+    z: int | None,
+) -> tuple[int, Callable[[int], np.ndarray]]:
+    """Count the frames, and give what reads one."""
+    axes, shape = series.axes, series.shape
     colour = "S" if axes.endswith("YXS") else ""
     if not axes.endswith("YX" + colour):
         raise ImageError(f"{path}: axes are {axes}; expected rows and columns (YX) last")
@@ -41,31 +44,23 @@ def _frames(file: tifffile.TiffFile, path: Path, channel: int | None, z: int | N
     leading = len(axes) - 2 - len(colour)
     alike = [one for one in file.series if one.shape == shape]
     if not leading and len(alike) > 1:  # frames that were appended one by one
-        return Frames(path.name, len(alike), lambda i: alike[i].asarray(), scale, units)
+        return len(alike), lambda i: alike[i].asarray()
     count, place = choose_planes(path.name, axes[:leading], shape[:leading], channel, z)
-
-    def number(index: int) -> int:
-        return int(np.ravel_multi_index(place(index), shape[:leading])) if leading else 0
-
-    if series.dataoffset is not None:
-        kind, offset = series.dtype.newbyteorder(file.byteorder), series.dataoffset
-        size = kind.itemsize * math.prod(shape[leading:])
-
-        def read(index: int) -> np.ndarray:
-            # Mapped again each time: what stays mapped counts as memory of the process. One frame
-            # only: a file that was cut off has the first ones.
-            start = offset + number(index) * size
-            return np.array(np.memmap(path, kind, "r", start, shape[leading:]))
-
-        return Frames(path.name, count, read, scale, units)
-    if series.keyframe.shape != shape[leading:]:
+    if series.dataoffset is None and series.keyframe.shape != shape[leading:]:
         stack = series.asarray()
-        return Frames(path.name, count, lambda i: stack[place(i)], scale, units)
+        return count, lambda i: stack[place(i)]
 
-    def page(index: int) -> np.ndarray:
-        return series.asarray(key=number(index))
+    def read(index: int) -> np.ndarray:
+        number = int(np.ravel_multi_index(place(index), shape[:leading])) if leading else 0
+        if series.dataoffset is None:
+            return series.asarray(key=number)
+        # Mapped again each time: what stays mapped counts as memory of the process. One frame
+        # only: a file that was cut off has the first ones.
+        kind = series.dtype.newbyteorder(file.byteorder)
+        start = series.dataoffset + number * kind.itemsize * math.prod(shape[leading:])
+        return np.array(np.memmap(path, kind, "r", start, shape[leading:]))
 
-    return Frames(path.name, count, page, scale, units)
+    return count, read
 
 
 def _require_one_size(path: Path, every: Sequence[tifffile.TiffPageSeries]) -> None:
