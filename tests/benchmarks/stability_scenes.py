@@ -68,10 +68,7 @@ def draw(
     finishes = tuple(drawing.Finish.draw(rng, chosen) for _ in lines)
     drawn = drawing.draw_bodies(lines, widths, finishes, chosen, shape)
     drawn = drawn * drawing.texture_of(rng, chosen, shape)
-    sign = 1 if chosen.polarity == "bright" else -1
-    clean = drawing.background_of(chosen, shape)
-    clean = clean + sign * chosen.contrast * ndimage.gaussian_filter(drawn, chosen.blur)
-    image = clean + drawing.noise_of(clean, chosen) * rng.standard_normal(shape)
+    image = drawing.taken(rng, drawn, chosen, chosen.blur)[-1]
     return Drawn(image.astype(np.float32), lines, half_width)
 
 
