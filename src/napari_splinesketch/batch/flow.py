@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 AHEAD = 2
 """Tasks in progress for each process: one running, one waiting."""
@@ -38,12 +37,6 @@ class DeadlyError(RuntimeError):
     """A task whose workers die."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Item(Generic[Task]):
-    task: Task
-    deaths: int = 0
-
-
 def through(
     workers: Workers,
     work: Callable[..., Done],
@@ -69,43 +62,44 @@ def through(
     retry
         Is given every result, and returns a task to do in its place, or None.
     """
-    begun, again = dict[Future[Done], _Item[Task]](), list[_Item[Task]]()
-    source = (_Item(task) for task in tasks)
+    # Each task with the number of workers that have died of it.
+    begun, again = dict[Future[Done], tuple[Task, int]](), list[tuple[Task, int]]()
+    source = ((task, 0) for task in tasks)
     while True:
         while _is_room(workers, begun.values(), again):
             item = again.pop(0) if again else next(source, None)
             if item is None:
                 break
-            begun[workers.submit(work, item.task)] = item
+            begun[workers.submit(work, item[0])] = item
         if not begun:
             return
         finished, _ = wait(begun, return_when=FIRST_COMPLETED)
         while finished:  # they are forgotten one by one
             future = finished.pop()
-            item = begun.pop(future)
+            task, died = item = begun.pop(future)
             if future.cancelled():
                 raise ConnectionError("the scheduler of the workers is gone")
             error = future.exception()
             if error is None:
                 done = future.result()
-                better = retry(item.task, done)
+                better = retry(task, done)
                 if better is None:
-                    yield item.task, done
+                    yield task, done
                 else:
-                    again.append(_Item(better, item.deaths))
+                    again.append((better, died))
             elif not isinstance(error, workers.deaths):
                 raise error
-            elif item.deaths == ALONE:
-                yield item.task, DeadlyError(f"its worker died {ALONE + 1} times")
+            elif died == ALONE:
+                yield task, DeadlyError(f"its worker died {ALONE + 1} times")
             else:
-                again.append(_Item(item.task, item.deaths + 1))
+                again.append((task, died + 1))
 
 
 def _is_room(
-    workers: Workers, begun: Collection[_Item[Task]], again: Sequence[_Item[Task]]
+    workers: Workers, begun: Collection[tuple[Any, int]], again: Sequence[tuple[Any, int]]
 ) -> bool:
     """Whether another task may begin; one that may kill its worker runs alone."""
-    if any(item.deaths >= ALONE for item in (*again[:1], *begun)):
+    if any(died >= ALONE for _, died in (*again[:1], *begun)):
         return not begun
     return len(begun) < max(workers.room, 1)
 
