@@ -398,7 +398,7 @@ def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside,
     assert np.median(curve.half_width) > 0.6 * aside
     monkeypatch.setattr(hollow, "_between_rims", lambda *_: False)
     monkeypatch.setattr(finding, "sized", lambda seen, _: seen)
-    (curve,) = refine(image, [sketch]).curves
+    (curve,) = refine(image, [sketch], polarity="bright").curves
     assert away(curve.points[10:-10], line) > 3
 
 
