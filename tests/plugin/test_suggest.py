@@ -273,3 +273,21 @@ def test_no_line_is_suggested_that_would_replace_a_curve(
     assert "Suggested 1 line" in dock.notice.text()
     refine(dock)
     assert len(dock.controller.records()) == 2
+
+
+def test_suggested_lines_that_were_refined_stay_whatever_a_layer_rounds_them_to(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = np.array([[100.02499999, 20.0], [100.02499999, 90.0]])
+    assert np.round(line, 2).tobytes() != np.round(np.float32(line).astype(float), 2).tobytes()
+    answers = [Suggestions((), np.ones(0)), Suggestions((line,), np.ones(1))]
+    monkeypatch.setattr(engine, "suggest", lambda *task: answers.pop())
+    with bench() as made:
+        made.image((200, 128))
+        layer = made.sketches([])
+        made.controller.suggestions.suggest()
+        made.rest()
+        made.refine()
+        made.controller.suggestions.suggest()
+        made.rest()
+        assert layer.nshapes == len(made.controller.records()) == 1

@@ -67,38 +67,31 @@ class Suggestions:
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last, self._refused = (work, frame, found), {}
-        self._put(work.state.suggested(frame, ()), self._step, self._controller.finish)
+        self._put(self._controller.finish, first=True)
 
     def _choose(self) -> None:
         c = self._controller
         if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
-            history = self._last[0].history
-            again = history.done == self._step
-            self._put(history.value, "" if again else self._step, c.tell)
+            self._put(c.tell)
 
-    @property
-    def _step(self) -> str:
-        """What it is called to suggest lines in the last frame."""
-        work, frame, _ = self._last
-        return f"{SUGGEST} in frame {frame}" if space.frame_count(work.image) > 1 else SUGGEST
-
-    def _put(self, before: State, what: str, tell: Callable[[str], None]) -> None:
-        """Draw the lines that are chosen now, as a step of its own or not, and tell of them."""
+    def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
+        """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""
         work, frame, found = self._last
+        step = f"{SUGGEST} in frame {frame}" if space.frame_count(work.image) > 1 else SUGGEST
         if work not in self._controller.drawing.runs:  # all that was suggested is drawn
             there, moved = work.state.suggestions.items(), work.touched()
             self._refused |= {m: line for m, line in there if m in moved and m[0] == frame}
         chosen = found.choose(self.sensitivity)
         new = model.new_among(chosen, [*self._refused.values()])
         chosen = [line for line, wanted in zip(chosen, new, strict=True) if wanted]
-        state = before.suggested(frame, chosen)
-        refined = before.suggested(frame, ()).suggestions
+        state, refined = (work.state.suggested(frame, some) for some in (chosen, ()))
 
         def over() -> None:
-            there = work.positions(state.suggestions.keys() - refined)
+            there = work.positions(state.suggestions.keys() - refined.suggestions)
             tell(words.suggested(len(there)))
 
         if state.suggestions.keys() != work.state.suggestions.keys():
+            what = step if first or work.history.done != step else ""
             self._controller.apply(what, state, over, work)
         else:
             over()
@@ -109,7 +102,7 @@ def tracking_problem(c: Controller, way: int) -> str:
     image = c.image
     if (problem := space.plane_problem(c.viewer, image)) or image is None:
         return problem
-    if c.frame == space.frames_over_time(image, c.frame)[min(-way, 0)]:
+    if c.frame == space.times_of(image).of(c.frame)[min(-way, 0)]:
         return "This is the last frame" if way > 0 else "This is the first frame"
     known = any(record.usable for record in c.records(c.frame))
     return "" if known else "There are no curves in this frame: refine it first"
@@ -118,7 +111,7 @@ def tracking_problem(c: Controller, way: int) -> str:
 def track(c: Controller, way: int, most: int | None = None) -> None:
     """Carry the curves on (1) or back (-1), to the end or over some frames."""
     if c.work is not None:
-        times = space.frames_over_time(c.work.image, c.frame)
+        times = space.times_of(c.work.image).of(c.frame)
         state, now = at_times(c.state, times), times.index(c.frame)
         begin = now if most else confirmed(state, now, way)
         frames = range(begin + way, len(times) if way > 0 else -1, way)
@@ -157,7 +150,7 @@ def around_problem(c: Controller) -> str:
 
 def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
     """Give all times, the state at them, the one in view, and the bodies corrected there."""
-    times = space.frames_over_time(c.image, c.frame) if c.image else range(c.frame + 1)
+    times = space.times_of(c.image).of(c.frame) if c.image else range(c.frame + 1)
     state, now = at_times(c.state, times), times.index(c.frame)
     chosen = [(now, number) for frame, number in c.selection if frame == c.frame]
     return times, state, now, corrected_at(state, now, chosen)

@@ -245,6 +245,7 @@ class State:
         refined = {(frame, print_of_sketch(record)) for record in there}
         known = self.suggestions.items()
         kept = {mark: line for mark, line in known if mark[0] != frame or mark in refined}
+        lines = changed(lines, lambda p: p.astype("f4").astype(float))  # as layers give them
         new = {(frame, p): line for p, line in zip(prints_of(lines), lines, strict=True)}
         return replace(self, suggestions=kept | new)
 

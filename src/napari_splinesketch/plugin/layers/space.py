@@ -13,6 +13,7 @@ import pint
 from jaxtyping import Float, Int, Real
 from napari.components import ViewerModel
 from napari.layers import Image, Layer
+from napari.utils.transforms import CompositeAffine
 
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
@@ -144,11 +145,6 @@ def times_of(image: Image) -> Times:
     return Times(shape[axis], int(np.prod(shape[axis + 1 :], dtype=int)))
 
 
-def frames_over_time(image: Image, frame: int) -> range:
-    """Give the frames at all times that share a frame's place on the other axes."""
-    return times_of(image).of(frame)
-
-
 def size_of(image: Image) -> tuple[int, int]:
     """(H, W) of an image at full resolution, px."""
     height, width = image.level_shapes[0][image.ndim - 2 : image.ndim]
@@ -212,27 +208,15 @@ def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
 
 def placement(image: Image, ndim: int | None = None) -> dict[str, Any]:
     """Give the keywords that make a new layer, of as many axes or `ndim`, lie on the image."""
+    own = CompositeAffine(image.scale, image.translate, rotate=image.rotate, shear=image.shear)
     count = ndim or image.ndim
-
-    def last(values: Any, fill: Any, number: int = count) -> tuple[Any, ...]:
-        kept = tuple(values)[-number:]
-        return (*[fill] * (number - len(kept)), *kept)
-
-    def corner(matrix: Any, size: int) -> Float[np.ndarray, "N N"]:
-        made, kept = np.eye(size), min(size, len(matrix))
-        made[-kept:, -kept:] = matrix[-kept:, -kept:]
-        return made
-
-    return {
-        "scale": last(image.scale, 1.0),
-        "translate": last(image.translate, 0.0),
-        "rotate": corner(image.rotate, count),
-        # Of the upper triangle, row by row.
-        "shear": last(image.shear, 0.0, count * (count - 1) // 2),
-        "affine": corner(image.affine.affine_matrix, count + 1),
-        "units": last(image.units, "pixel"),
-        "axis_labels": last(image.axis_labels, "frame"),
-    }
+    more = max(count - image.ndim, 0)
+    last: Any = np.arange(image.ndim + more)[-count:]
+    whole, affine = (t.expand_dims(range(more)).set_slice(last) for t in (own, image.affine))
+    placed = {name: getattr(whole, name) for name in ("scale", "translate", "rotate", "shear")}
+    units = (*["pixel"] * more, *image.units[-count:])
+    labels = (*["frame"] * more, *image.axis_labels[-count:])
+    return placed | {"affine": affine, "units": units, "axis_labels": labels}
 
 
 def placement_on(image: Image, grid: Grid) -> dict[str, Any]:
