@@ -199,7 +199,7 @@ def test_curvature_is_that_of_a_circle_in_the_unit() -> None:
 def test_values_that_are_the_same_have_one_colour() -> None:
     curves = [as_drawn(np.eye(2), residual=0.5 + i * 1e-12) for i in range(3)]
     records = [Record(i, 0, np.eye(2), curve) for i, curve in enumerate(curves)]
-    assert len(set(colours_of(records, ("residual", Ruler())))) == 1
+    assert len(np.unique(colours_of(records, ("residual", Ruler())), axis=0)) == 1
 
 
 def test_the_table_as_text() -> None:

@@ -7,7 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from napari.utils.colormaps import Colormap
+from napari.utils.colormaps.standardize_color import transform_color
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, severity
@@ -113,8 +115,9 @@ Look = tuple[str, Ruler]  # what it says, and in which unit
 # Viridis without its darkest end, which is lost on a dark image.
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _ramp = Colormap(list(RAMP))
+_status = {status: transform_color(colour)[0] for status, colour in COLOURS.items()}
 SAME = 1e-6  # values that differ less, relative, have one colour: that is how they were worked out
-GREY = "#999999"  # of a curve whose number is not known
+GREY = transform_color("#999999")  # of a curve whose number is not known
 SHOWN = tuple(column for column in COLUMNS if column.title)
 STATUS = next(i for i, column in enumerate(SHOWN) if column.name == "status")
 
@@ -157,14 +160,13 @@ def scale_of(records: Sequence[Record], look: Look) -> tuple[float, float] | Non
     return None if np.isnan(values).all() else (np.nanmin(values), np.nanmax(values))
 
 
-def colours_of(records: Sequence[Record], look: Look) -> list[str]:
-    """Give each curve its colour."""
+def colours_of(records: Sequence[Record], look: Look) -> Float[np.ndarray, "N 4"]:
+    """Give each curve its colour, as napari keeps them."""
     if look[0] == "status":
-        return [COLOURS[record.curve.status] for record in records]
+        return np.reshape([_status[record.curve.status] for record in records], (-1, 4))
     (low, high), values = scale_of(records, look) or (0.0, 0.0), _numbers(records, look)
     share = (values - low) / (high - low) if high - low > SAME * abs(high) else 0 * values + 0.5
-    painted = (_ramp.map(share) * 255).round().astype(int).tolist()
-    return ["#{:02x}{:02x}{:02x}".format(*rgb) if known else GREY for *rgb, known in painted]
+    return np.where(np.isnan(values)[:, None], GREY, _ramp.map(share))
 
 
 def _numbers(records: Sequence[Record], look: Look) -> np.ndarray:

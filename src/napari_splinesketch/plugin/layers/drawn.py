@@ -130,7 +130,7 @@ def add_shapes(
         for start in range(0, len(kinds), CHUNK):
             part = slice(start, start + CHUNK)
             some: dict[str, Any] = {"shape_type": list(kinds[part])}
-            some |= {k: v[part] if isinstance(v, list) else v for k, v in look.items()}
+            some |= {k: v[part] if isinstance(v, list | np.ndarray) else v for k, v in look.items()}
             last = part.stop >= len(kinds)
             with nullcontext() if last else layer.block_thumbnail_update():
                 layer.add(list(islice(made, CHUNK)), **some)

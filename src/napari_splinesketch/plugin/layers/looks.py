@@ -103,12 +103,6 @@ def coarse(lines: Sequence[Line]) -> list[Line]:
     return [line[np.round(some).astype(int)] for line, some in zip(lines, at, strict=True)]
 
 
-def rgba(colours: Sequence[str]) -> Float[np.ndarray, "N 4"]:
-    """Give colours as napari keeps them."""
-    values = np.frombuffer(bytes.fromhex("".join([colour[1:] for colour in colours])), np.uint8)
-    return np.insert(values.reshape(-1, 3) / np.float32(255), 3, 1.0, axis=1)
-
-
 @once
 def severity(curve: Curve) -> tuple[int, float]:
     """Say how much a curve needs review: by status, then by residual and sd."""

@@ -13,6 +13,7 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
+from napari.utils.colormaps.standardize_color import transform_color
 from qtpy.QtCore import QTimer
 
 from napari_splinesketch import grids, palette
@@ -44,7 +45,7 @@ DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
 """Blue, white, vermilion: told apart by everybody; white where the model is right."""
 TYPICAL = 0.995  # share of the residuals that the colours span
 THIN = 0.5  # breadth of outlines and halos, relative to a curve's line
-HALO = 2.0  # breadth of halos at least, px of the screen
+HALO, MOVING = 2.0, transform_color(palette.MOVING)  # their breadth at least, px of the screen
 
 
 def is_result(layer: Layer) -> bool:
@@ -236,7 +237,7 @@ def _background(work: Work, patches: Film) -> Made | None:
 
 
 def _lines(
-    work: Work, lines: Sequence[tuple[int, Line]], colour: str | Sequence[str], width: float
+    work: Work, lines: Sequence[tuple[int, Line]], colour: str | np.ndarray, width: float
 ) -> Made:
     """Show lines, each with its frame, px, as vectors: napari is slow at thousands of shapes."""
     if not lines:  # one that is not seen: in 3-D, napari cannot draw a layer of none
@@ -250,7 +251,7 @@ def _lines(
     pieces = np.delete(along, np.cumsum(counts)[:-1] - 1, axis=0)  # from one line to the next
     if isinstance(colour, str):
         return Made(pieces, {}, {"edge_color": colour, "edge_width": width})
-    colours = np.repeat(looks.rgba(colour), counts - 1, axis=0)
+    colours = np.repeat(colour, counts - 1, axis=0)
     return Made(pieces, {"edge_width": width, "edge_color": colours})
 
 
@@ -274,7 +275,7 @@ def _halos(work: Work, _: object) -> Made:
     drawn = looks.coarse([looks.halo(curve, gap) for curve in curves])
     lines = [(record.frame, line) for record, line in zip(work.selected, drawn, strict=True)]
     width = max(THIN * breadth, HALO * work.screen)
-    return _lines(work, lines, [palette.MOVING] * len(lines), width)
+    return _lines(work, lines, np.tile(MOVING, (len(lines), 1)), width)
 
 
 def _in_view(work: Work) -> list[Any]:

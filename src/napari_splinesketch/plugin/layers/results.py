@@ -74,7 +74,7 @@ class CurveLines(Slot):
             beside = columns.beside_of(known, space.times_of(image))
             layer.features = columns.features(known, beside=beside)
             self._shown = known
-        colours = looks.rgba(columns.colours_of(known, look))
+        colours = columns.colours_of(known, look)
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
         self.broaden()
