@@ -97,6 +97,23 @@ def test_knots_are_done_when_their_curve_is_judged(film: Bench) -> None:
     assert film.controller.knots is None
 
 
+def test_knots_of_an_accepted_curve_stay_while_they_are_moved(film: Bench) -> None:
+    film.controller.review("accepted", (2, 3))
+    film.controller.selected = (2, 3)
+    film.controller.toggle_knots()
+    for number in (1, 2):
+        layer, before = knots_of(film), film.controller.state
+        moved = np.array(layer.data)
+        moved[number, -2] += 5
+        layer.data = moved
+        until(lambda before=before: film.controller.state is not before, SOON)
+        assert film.controller.knots is not None
+    film.controller.undo()
+    film.controller.undo()
+    assert film.controller.knots is not None
+    assert film.controller.state.by_key[2, 3].review == "accepted"
+
+
 def test_a_curve_of_two_knots_is_moved(film: Bench, fake: FakeEngine) -> None:
     two = np.array([[20.0, 20, np.nan], [20, 60, np.nan]])
     fake.changes = {0: {"knots": two, "status": "failed", "half_width": np.full(100, np.nan)}}

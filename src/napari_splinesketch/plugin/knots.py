@@ -35,7 +35,7 @@ class KnotEditing:
 
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
-        self.number, self._key, self._review = record.id, key_of(record), record.review
+        self.number, self._key, self._begun = record.id, key_of(record), record
         self._step = f"Move knots of curve {record.id}"
         self._controller, self._work, self._before = controller, work, work.state
         self._active = layers.selection.active
@@ -103,10 +103,10 @@ class KnotEditing:
 
     def _made(self, work: Work, _: object) -> Made | None:
         record = self._record
-        if record is None or record.locked or record.review != self._review:
+        if record is None or self._slot.unfit or record.frame >= space.frame_count(work.image):
             return None
-        if self._slot.unfit or record.frame >= space.frame_count(work.image):
-            return None
+        if record is not self._begun and (record.locked or record.review != "open"):
+            return None  # decided on meanwhile
         places = space.in_stack(work.image, record.frame, record.curve.knots[:, :2])
         size = SIZE * space.screen_pixel(work.viewer, work.image)[-1]
         colours = [HEAD, *[COLOUR] * (len(places) - 1)]
