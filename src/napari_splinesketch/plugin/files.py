@@ -275,12 +275,9 @@ def open_demo(*, block: bool = True) -> Viewer:
     import napari
     from qtpy.QtCore import QTimer
 
-    from napari_splinesketch.plugin.dock import SplinesketchDock
-
     viewer = napari.Viewer(title="Splinesketch demo")
     viewer.window.resize(*WINDOW)
-    # From the menu it has the plugin's name too: cut off at the width of a dock.
-    viewer.window.add_dock_widget(SplinesketchDock(viewer), name="Splinesketch")
+    viewer.window.add_plugin_dock_widget(PLUGIN)
     viewer.open_sample(PLUGIN, "worms_dense")
     QTimer.singleShot(FIT_AFTER_MS, viewer.reset_view)
     if block:

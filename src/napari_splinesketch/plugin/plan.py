@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 from napari_splinesketch.engine.types import Curve
@@ -76,7 +77,9 @@ def make_plan(
         elif known is not None and known.edited and kept:
             targets.append(Target(number, lines[i], known.curve.points, new=False))
         else:
-            start = _as_known(lines[i], known) if known and kept else lines[i]
+            # A line runs as its curve does, which the user may have turned.
+            way = partial(distance, known.curve.points) if known and kept else None
+            start = min(lines[i], lines[i][::-1], key=way) if way else lines[i]
             targets.append(Target(number, lines[i], start, known is None, again=i in again))
     moving = {target.id for target in targets}
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
@@ -92,11 +95,6 @@ def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
     if known is None or not same:
         return True
     return not gone and (known.edited or (scope == "all" and known.review == "open"))
-
-
-def _as_known(line: Line, known: Record) -> Line:
-    """Let a line run as its curve does, which the user may have turned."""
-    return min((line, line[::-1]), key=lambda way: distance(way, known.curve.points))
 
 
 def _matched(
