@@ -59,6 +59,14 @@ CASES: dict[str, Case] = {
     "selected but accepted": (
         State((ACCEPTED,)), [B], "selected", {"selection": [(0, 2)]}, [], 1, 1,
     ),
+    "the same line pasted over itself": (State((OPEN,)), [A, A], "new", {}, [], 1, 0),
+    "the same line twice, all": (State((OPEN,)), [A, A], "all", {}, [1], 0, 0),
+    "the same line twice, the copy selected": (
+        State((OPEN,)), [A, A], "selected", {"chosen": [1]}, [1], 0, 0,
+    ),
+    "a curve for each of two lines that are the same": (
+        State((OPEN, replace(OPEN, id=2))), [A, A], "all", {}, [1, 2], 0, 0,
+    ),
     "a piece beside a new line": (State((PIECE,)), [D + 2], "new", {}, [10], 1, 0),
 }  # fmt: skip
 
@@ -90,6 +98,11 @@ def test_curves_whose_line_is_gone_are_named() -> None:
     assert make_plan(State((OPEN, PIECE)), 0, Drawn(), "new").orphans == (1,)
     elsewhere = replace(OPEN, frame=4)
     assert make_plan(State((elsewhere,)), 0, Drawn(), "new").orphans == ()
+
+
+def test_two_lines_that_are_the_same_keep_their_curves() -> None:
+    plan = make_plan(State((OPEN, replace(OPEN, id=2))), 0, Drawn((A, A)), "new")
+    assert not plan.orphans
 
 
 def test_a_curve_that_was_turned_stays_so() -> None:

@@ -64,7 +64,7 @@ def make_plan(
     replaced = set(again.values())
     found = [(i, again.get(i, n)) for i, n in enumerate(ids) if i in again or n not in replaced]
     alone = [] if chosen else [(-1, record.id) for record in here if record.id not in lined]
-    targets, decided = [], 0
+    targets, decided = dict[int, Target](), 0  # of lines that are the same, one
     for i, number in (*found, *alone):
         known, kept = by_id.get(number), i < 0 or same[i]
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
@@ -73,19 +73,19 @@ def make_plan(
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
         elif known is not None and i < 0:
-            targets.append(Target(number, known.sketch, known.curve.points, False, known.drawn))
+            start = known.curve.points
+            targets[number] = Target(number, known.sketch, start, False, known.drawn)
         elif known is not None and known.edited and kept:
-            targets.append(Target(number, lines[i], known.curve.points, new=False))
+            targets[number] = Target(number, lines[i], known.curve.points, new=False)
         else:
             # A line runs as its curve does, which the user may have turned.
             way = partial(distance, known.curve.points) if known and kept else None
             start = min(lines[i], lines[i][::-1], key=way) if way else lines[i]
-            targets.append(Target(number, lines[i], start, known is None, again=i in again))
-    moving = {target.id for target in targets}
+            targets[number] = Target(number, lines[i], start, known is None, again=i in again)
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
-    fixed = tuple([r.curve for r in here if r.usable and r.id not in moving])
-    left_out = len(lined & deleted - moving)
-    return Plan(scope, tuple(targets), fixed, decided, orphans, left_out, frame, drawn)
+    fixed = tuple([r.curve for r in here if r.usable and r.id not in targets])
+    left_out = len((lined & deleted).difference(targets))
+    return Plan(scope, tuple(targets.values()), fixed, decided, orphans, left_out, frame, drawn)
 
 
 def _wanted(scope: Scope, known: Record | None, same: bool, gone: bool) -> bool:
@@ -102,8 +102,12 @@ def _matched(
 ) -> tuple[list[int], list[bool]]:
     """Give each line its curve's number, or a new one; and whether it is as it was."""
     drawn = [record for record in (*here, *gone) if record.drawn]
-    exact = {model.print_of_sketch(record): record.id for record in reversed(drawn)}
-    found = [exact.get(known, 0) for known in model.prints_of(lines)]
+    exact: dict[bytes, list[int]] = {}
+    for record in drawn:
+        exact.setdefault(model.print_of_sketch(record), []).append(record.id)
+    named = (exact.get(known, [0]) for known in model.prints_of(lines))
+    # The same line twice, as pasting makes it: each has its own curve, or both have the only one.
+    found = [ids.pop(0) if len(ids) > 1 else ids[0] for ids in named]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right.
