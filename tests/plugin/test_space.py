@@ -12,10 +12,14 @@ from napari_splinesketch.plugin.layers.space import (
     current_frame,
     frame_numbers,
     in_stack,
+    look_at,
     pixel_size,
     placement,
     plane_problem,
+    screen_pixel,
     to_pixels,
+    to_world,
+    view_of,
 )
 
 from .fakes import FakeEngine
@@ -111,6 +115,27 @@ def test_planes_that_cannot_be_sketched_on_are_named() -> None:
     assert "last two axes" in plane_problem(viewer, image)
     viewer.dims.order = (0, 2, 1)
     assert plane_problem(viewer, image) == "", "a transposed view shows the same plane"
+
+
+def test_a_transposed_view_is_looked_at_as_it_is() -> None:
+    viewer, image, _ = pair({"scale": (1, 2, 2)}, {}, (5, 400, 60))
+    viewer.dims.transpose()
+    viewer.scene.camera.zoom = 10.0
+    look_at(viewer, image, 3, np.array([[350.0, 20], [350, 40]]))
+    assert viewer.scene.camera.center == (0.0, 60.0, 700.0), "columns run down"
+    view = view_of(viewer, image)
+    assert view.frame == 3
+    np.testing.assert_allclose((view.low + view.high) / 2, [350, 30])
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.filterwarnings("ignore:Inconsistent units across layers")
+def test_a_pixel_of_the_screen_covers_what_is_seen_under_it(name: str) -> None:
+    viewer, image, _ = pair(*PLACES[name])
+    viewer.scene.camera.zoom = 4.0
+    corner, *ends = to_world(viewer, image, np.array([[0.0, 0.0], [1, 0], [0, 1]]))
+    on_screen = np.linalg.norm(np.subtract(ends, corner), axis=1) * 4.0
+    np.testing.assert_allclose(screen_pixel(viewer, image), 1 / on_screen)
 
 
 SIZES: dict[str, tuple[dict[str, Any], Any]] = {

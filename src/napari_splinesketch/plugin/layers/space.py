@@ -162,11 +162,12 @@ class View(NamedTuple):
 
 def view_of(viewer: ViewerModel, image: Image) -> View:
     """Say what the canvas shows of an image."""
-    camera, world = viewer.scene.camera, np.zeros((4, image.ndim))
+    camera, world = viewer.scene.camera, np.zeros((4, viewer.dims.ndim))
     corners = np.array(viewer.canvas.size) * [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-    world[:, -2:] = np.array(camera.center)[-2:] + corners / 2 / camera.zoom
-    seen, pixel = from_world(viewer, image, world)[:, -2:], screen_pixel(viewer, image)
-    return View(current_frame(viewer, image), seen.min(axis=0), seen.max(axis=0), pixel)
+    world[:, _down_right(viewer)] = np.array(camera.center)[-2:] + corners / 2 / camera.zoom
+    seen = from_world(viewer, image, world[:, -image.ndim :])[:, -2:]
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    return View(current_frame(viewer, image), low, high, screen_pixel(viewer, image))
 
 
 def look_at(viewer: ViewerModel, image: Image, frame: int, points: Line) -> None:
@@ -174,14 +175,21 @@ def look_at(viewer: ViewerModel, image: Image, frame: int, points: Line) -> None
     view, last = view_of(viewer, image), np.subtract(size_of(image), 1)
     half = np.minimum((view.high - view.low) / 2, last / 2)
     middle = np.clip((points.min(axis=0) + points.max(axis=0)) / 2, half, last - half)
-    (world,) = to_world(viewer, image, in_stack(image, frame, middle[None]))
+    world = np.zeros(viewer.dims.ndim)
+    (world[-image.ndim :],) = to_world(viewer, image, in_stack(image, frame, middle[None]))
     go_to_frame(viewer, image, frame)
-    viewer.scene.camera.center = (0.0, float(world[-2]), float(world[-1]))
+    down, right = world[_down_right(viewer)].tolist()
+    viewer.scene.camera.center = (0.0, down, right)
+
+
+def _down_right(viewer: ViewerModel) -> list[int]:
+    """Axes of the world that run down and to the right; napari may have them transposed."""
+    return list(viewer.dims.displayed[-2:])
 
 
 def screen_pixel(viewer: ViewerModel, layer: Layer) -> Pair:
     """(row, col) that a pixel of the screen covers, px of an image, or units of a layer's data."""
-    size = np.abs(layer.scale[-2:] * unit_factors(viewer, layer)[-2:])
+    size = np.linalg.norm(_affine(viewer, layer)[0][:, -2:], axis=0)
     return 1 / (size * viewer.scene.camera.zoom)
 
 
