@@ -9,7 +9,7 @@ from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.results import OVER
 
 from .fakes import FakeEngine
-from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, refine_all, until
+from .hand import QTest, add_dock, click, draw, drawn, fit_view, refine, refine_all, rest, until
 
 LINES = [np.array([[1.0, 20.0, 20], [1, 20, 60]]), np.array([[1.0, 50, 30], [1, 80, 80]])]
 
@@ -250,6 +250,21 @@ def test_layers_that_were_being_added_are_shown_by_what_comes_next(
     dock.controller.show(work)
     until(lambda: not dock.controller.drawing.runs, 20)
     assert all(work.layer(role).visible for role in OVER)
+
+
+def test_curves_that_come_while_the_view_is_3d_are_shown_in_2d(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine
+) -> None:
+    viewer.add_image(np.random.default_rng(0).random((96, 128)), name="worms")
+    viewer.add_shapes([line[:, 1:] for line in LINES], shape_type="line", name="worms sketches")
+    fake.go.clear()
+    click(dock.refine)
+    viewer.dims.ndisplay = 3
+    fake.go.set()
+    rest(dock)
+    assert dock.controller.notice.text.startswith("Refined 2 curves")
+    viewer.dims.ndisplay = 2
+    until(lambda: "worms curves" in viewer.layers and viewer.layers["worms curves"].nshapes == 2)
 
 
 @pytest.mark.slow

@@ -264,6 +264,9 @@ class Controller(Keeper):
             self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
         if self.work and self.work.unfit:
             self.show(self.work)
+        for work in self.works if self.viewer.dims.ndisplay == 2 else ():
+            if work.behind:
+                self.show(work)
         layer = self.sketches
         if layer is None or layer.nshapes < drawn.MANY:
             self.changes.lines.emit()

@@ -119,6 +119,7 @@ class Work:
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self._busy = False
+        self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
@@ -181,8 +182,9 @@ class Work:
         """
         steps = chain[object](self._suggest(), self._add(), self._follow(), self._fade())
         while self.image in self.viewer.layers:
+            self.behind = self.viewer.dims.ndisplay > self.image.ndim
             with self._by_us():
-                if next(steps, steps) is steps:
+                if self.behind or next(steps, steps) is steps:
                     return
             yield
 
