@@ -76,6 +76,18 @@ def test_titles_of_plots_are_not_cut_in_the_narrowest_panel(qapp: Any, unit: str
         assert shown.item.boundingRect().width() <= plot.boundingRect().width()
 
 
+def test_plots_that_follow_a_hint_fit_into_a_narrow_panel(qapp: Any) -> None:
+    plots = CurvePlots("dark")
+    plots.resize(plots.minimumWidth() + 10, 200)
+    plots.show()
+    line = [Plot(title, "px", np.arange(9.0), np.ones(9)) for title in ("Half-width", RESIDUAL)]
+    for shown, kind in ((), "LabelItem"), (line, "PlotItem"), ((), "LabelItem"):
+        plots.show_plots(*shown)
+        until(lambda kind=kind: [type(item).__name__ for item in plots.ci.items] == [kind] * 2)
+        QTest.qWait(20)
+        assert plots.ci.boundingRect().width() <= plots.width()
+
+
 def test_plots_over_the_frames_stay_in_their_panel(qapp: Any) -> None:
     plots = CurvePlots("dark")
     plots.show()

@@ -22,6 +22,7 @@ from napari_splinesketch.tracking import kymograph
 
 SMALL = "8pt"  # size of the text
 LEFT = 38  # room for the numbers at the left, px: both plots begin at the same place
+MARGIN = 12  # at both sides of a hint, at least, px
 AFTER_MS = 30  # without a change, until plots are drawn: that takes as much again
 LINE, ZERO, SHADE = "#2a8fd0", "#c86a00", "#2a8fd059"  # told apart in dark and light windows
 SIGNED = ("#0072b2", "#56b4e9", "#f7f7f7", "#e69f00", "#a34700")  # told apart by everybody
@@ -115,11 +116,13 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         for plot in self.shown:
             if isinstance(plot, str):
                 label = self._plots.addLabel(plot, size=SMALL, color=self._text)
-                label.item.setTextWidth(self.minimumWidth() / 2)
+                label.item.setTextWidth(self.minimumWidth() / 2 - MARGIN)
+                label.updateMin()
             else:
                 (self._add_line if plot.values.ndim == 1 else self._add_picture)(plot)
         # Everything has its place before it is painted, not after.
         self._plots.layout.activate()
+        self._plots.setGeometry(cast(Any, self.range))  # it may have been broader for what was here
         for each in self._plots.items:
             if hasattr(each, "vb"):
                 each.layout.activate()
