@@ -2,11 +2,13 @@
 
 import gc
 import threading
+from pathlib import Path
 from typing import Any
 from weakref import ref
 
 import numpy as np
 import pytest
+from napari.layers._source import Source
 from qtpy.QtCore import QPoint
 from qtpy.QtGui import QTextDocument
 from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
@@ -222,6 +224,24 @@ def test_export_writes_what_is_shown(
     dock.controller.export(tmp_path / "no such folder" / "x.csv")
     rest(dock)
     assert "Not saved: " in dock.notice.text() and "no such folder" in dock.notice.text()
+
+
+def test_export_proposes_a_name_that_can_be_written(
+    viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    asked = []
+    monkeypatch.setattr(
+        QFileDialog, "getSaveFileName", lambda *given: asked.append(Path(given[2])) or ("", "")
+    )
+    image = dock.controller.image
+    assert image is not None
+    image.name = "plate.zarr/0: well?"
+    click(dock.export)
+    monkeypatch.setattr(image, "_source", Source(path="https://some.where/plate.zarr"))
+    click(dock.export)
+    assert asked == [Path.home() / "plate.zarr 0  well _labels.csv"] * 2
 
 
 @pytest.mark.parametrize(

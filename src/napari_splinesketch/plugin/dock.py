@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -37,6 +38,8 @@ MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { wid
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
+NO_NAME = r'[\\/:*?"<>|]'
+"""What names of layers may hold and names of files may not, on some system or other."""
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 
@@ -270,9 +273,11 @@ class SplinesketchDock(qt.QWidget):
         image = self.controller.image
         if image is None:
             return
-        folder = Path(image.source.path).parent if image.source.path else Path.home()
-        name, kinds = str(folder / f"{image.name}_labels{DEFAULT}"), ";;".join(KINDS)
-        chosen, kind = qt.QFileDialog.getSaveFileName(self, "Export curves", name, kinds)
+        near = Path(image.source.path).parent if image.source.path else Path.home()
+        folder = near if near.is_dir() else Path.home()  # an image may come from a server
+        name = f"{re.sub(NO_NAME, ' ', image.name)}_labels{DEFAULT}"
+        proposed, kinds = str(folder / name), ";;".join(KINDS)
+        chosen, kind = qt.QFileDialog.getSaveFileName(self, "Export curves", proposed, kinds)
         if chosen:
             path = with_ending(chosen, KINDS.get(kind, DEFAULT))
             # The dialog has asked about the name as it was typed.
