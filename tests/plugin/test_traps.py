@@ -267,6 +267,23 @@ def test_curves_that_come_while_the_view_is_3d_are_shown_in_2d(
     until(lambda: "worms curves" in viewer.layers and viewer.layers["worms curves"].nshapes == 2)
 
 
+def test_nothing_is_cut_or_extended_where_the_pointer_shows_no_place(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, running: Any
+) -> None:
+    finish(dock, fake)
+    controller = dock.controller
+    before = controller.state
+    controller.selected = (1, 1)
+    for view, said in ({"ndisplay": 3}, "2-D"), ({"ndisplay": 2, "order": (1, 0, 2)}, "sliders"):
+        for name, value in view.items():
+            setattr(viewer.dims, name, value)
+        for command in ("split", "extend"):
+            controller.tell()
+            controller.actions.run(command)
+            assert said in controller.notice.text
+    assert controller.state is before
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_the_view_is_turned_to_3d_and_back(

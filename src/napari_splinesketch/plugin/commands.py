@@ -91,6 +91,8 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 
 def _place_beside(c: Controller, record: Record) -> np.ndarray:
     """Where the pointer is, px, if the curve is in the frame in view."""
+    if problem := plane_problem(c.viewer, c.image):
+        raise ValueError(problem)
     if record.frame != c.frame:
         raise ValueError(f"Curve {record.id} is in frame {record.frame}: go there first.")
     return _place(c)
