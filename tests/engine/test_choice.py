@@ -96,9 +96,9 @@ def test_where_nothing_is_the_sketch_stays_and_is_not_found():
     assert away(curve.points, spline.resample(sketch, 200)) < 1
 
 
-def wavy(rows: float, amplitude: float = 6.0) -> np.ndarray:
+def wavy(rows: float) -> np.ndarray:
     along = np.linspace(20, 100, 81)
-    return np.column_stack([rows + amplitude * np.sin(along / 12), along])
+    return np.column_stack([rows + 6 * np.sin(along / 12), along])
 
 
 def stroke(line: np.ndarray, off: float = 1.0) -> np.ndarray:
@@ -135,6 +135,18 @@ def test_a_careful_stroke_counts_as_clicks(sketch, careful):
         assert spline.apart(clicks, wavy(45.0)).max() < 2
     else:
         assert clicks is sketch
+
+
+def test_a_winding_stroke_gets_as_many_clicks_as_it_needs():
+    along = np.linspace(15, 105, 400)
+    line = np.column_stack([45 + 15 * np.sin(along / 4), along])
+    image = drawn([line], half_width=2.0)
+    ((_, seen),) = scene.read_scenes(image, [line[::8]], "bright", 2.0)
+    sketch = stroke(line)
+    clicks = finding.as_clicks(sketch, seen.evidence(seen.rungs[0]), 2.0)
+    assert scoring.clicked(clicks)
+    assert len(clicks) > constants.VERTICES_MOST
+    assert spline.apart(sketch, spline.resample(clicks, 400)).max() < scoring.hit(2.0)
 
 
 def test_a_fixed_curve_keeps_its_body():

@@ -112,24 +112,29 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     """A line drawn in one stroke as clicks, if it was drawn with care: along a body, to its ends.
 
     Where the body goes on beyond both ends, the line may have been scaled: it stays as it is, like
-    one that lies on no body.
+    one that lies on no body, and one that winds too much for so many clicks.
     """
     length = float(spline.arc_length(sketch)[-1])
-    count = min(const.VERTICES_MOST, int(length / const.CLICKED_APART_PX))
-    if scoring.clicked(sketch) or not const.CLICKED[0] <= count < len(sketch):
+    most = min(const.CLICKED[-1], int(length / const.CLICKED_APART_PX))
+    if scoring.clicked(sketch) or not const.CLICKED[0] <= most < len(sketch):
         return sketch
-    near = const.NARROW_HW * half_width + const.NARROW_PX
+    near, hit = const.NARROW_HW * half_width + const.NARROW_PX, scoring.hit(half_width)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
     unseen = _known([path], sketch, half_width, evidence)[0, scoring.FEATURES.index("unseen")]
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
     beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
-    if (
-        unseen > const.UNSEEN_MOST
-        or np.sqrt((off**2).mean()) > const.MOVED_HITS * scoring.hit(half_width)
-        or beyond.min() > const.STROKE_BEYOND * length
-    ):
-        return sketch
-    return spline.steadied(sketch, count)
+    careful = (
+        unseen <= const.UNSEEN_MOST
+        and np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
+        and beyond.min() <= const.STROKE_BEYOND * length
+    )
+    count = min(const.VERTICES_MOST, most)
+    while careful and count <= most:
+        clicks = spline.steadied(sketch, count)
+        if spline.apart(sketch, spline.resample(clicks, int(length) + 2)).max() < hit:
+            return clicks
+        count *= 2
+    return sketch
 
 
 def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
