@@ -149,6 +149,23 @@ def test_a_winding_stroke_gets_as_many_clicks_as_it_needs():
     assert spline.apart(sketch, spline.resample(clicks, 400)).max() < scoring.hit(2.0)
 
 
+def test_a_clicked_sketch_says_itself_whether_its_body_is_bright_where_a_dark_one_is_near():
+    line, others = wavy(35.0), np.column_stack([np.full(81, 80.0), np.linspace(20, 100, 81)])
+    image = drawn([line]) - 6 * drawn([wavy(45.0)], noise=0.0) - drawn([others], noise=0.0)
+
+    def told(sketch: np.ndarray) -> tuple[list[int], list[int]]:
+        scenes = scene.read_scenes(image, [sketch, others[::16]], "auto", None)
+        (look,) = [seen.sign for members, seen in scenes if 0 in members]
+        return [look, -1], finding.signs(scenes, [sketch, others[::16]])
+
+    look, signs = told(line[::27])
+    assert (look, signs) == ([-1, -1], [1, -1])
+    look, signs = told(line[[0, -1]])
+    assert look == signs, "two points are no clicks"
+    curve = refine(image, [line[::27], others[::16]]).curves[0]
+    assert away(curve.points, line) < HALF_WIDTH
+
+
 def test_a_fixed_curve_keeps_its_body():
     lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (35.0, 50.0)]
     image = drawn(lines)
