@@ -250,7 +250,7 @@ def test_sum_and_maximum_of_the_others_by_brute_force():
         slots[i, :count] = rng.permutation(width)[:count]
         own[i, :count] = rng.uniform(0, 5, count)
         frame[i, slots[i, :count]] = own[i, :count]
-    maps = jax.jit(solver.brightness_maps)(own, slots)
+    maps = jax.jit(solver.brightness_maps)(own, slots, n)
     for i in range(there):
         total, most = jax.jit(solver.others_of)(maps, own[i], slots[i])
         others = np.delete(frame, i, axis=0)[:, slots[i]]

@@ -100,7 +100,8 @@ def sweep(
     """
     if together is None:
         together = 1 if jax.default_backend() == "cpu" else min(len(order), const.ABREAST)
-    maps = brightness_maps(fit.own, bands.slots)
+    last = jnp.where(bands.tiles > 0, jnp.arange(len(bands.tiles)), 0).max()
+    maps = brightness_maps(fit.own, bands.slots, last + 1)
 
     def visit(i, steps):
         one = jax.tree.map(lambda a: a[i], bands)
@@ -130,12 +131,21 @@ class Maps(NamedTuple):
     second: Float[Array, " S"]
 
 
-def brightness_maps(own: Float[Array, "N M"], slots: Int[Array, "N M"]) -> Maps:
-    """Add up the curves."""
+def brightness_maps(
+    own: Float[Array, "N M"], slots: Int[Array, "N M"], count: int | Int[Array, ""]
+) -> Maps:
+    """Add up the first `count` curves."""
+
+    def add(i, maps: Maps) -> Maps:
+        at, most = slots[i], maps.most[slots[i]]
+        return Maps(
+            maps.total.at[at].add(own[i]),
+            maps.most.at[at].max(own[i]),
+            maps.second.at[at].max(jnp.minimum(own[i], most)),
+        )
+
     nothing = jnp.zeros(own.size, own.dtype)
-    most = nothing.at[slots].max(own)
-    second = nothing.at[slots].max(jnp.where(own >= most[slots], 0.0, own))
-    return Maps(nothing.at[slots].add(own), most, second)
+    return jax.lax.fori_loop(0, count, add, Maps(nothing, nothing, nothing))
 
 
 def others_of(
