@@ -65,8 +65,8 @@ def refine(
     half_width
         Rough distance from centreline to edge, px; None to measure it.
     fixed
-        Curves that take part in the rendering but do not move; failed ones do not take part. None
-        for none.
+        Curves that take part in the rendering but do not move; failed ones, and those far from all
+        sketches, do not take part. None for none.
     on_progress
         Called with a `Progress` now and then, from one thread at a time; returning False cancels.
     seed
@@ -155,10 +155,12 @@ def _read(
             yield island, blank
             continue
         scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
-        signs = finding.signs(scenes, island.sketches) if polarity == "auto" else []
-        if any(signs and signs[i] != seen.sign for members, seen in scenes for i in members):
-            scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
-        maybe_relief = polarity == "auto" and scene.unclear(scenes)
+        maybe_relief = False
+        if polarity == "auto":
+            signs = finding.signs(scenes, island.sketches)
+            if any(signs[i] != seen.sign for members, seen in scenes for i in members):
+                scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
+            maybe_relief = scene.unclear(scenes)
         if maybe_relief:
             waiting.append((island, scenes))
             bodies += _sides(island, scenes[0][1])
