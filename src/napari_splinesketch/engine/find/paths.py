@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Iterator
+from functools import cache
 from itertools import chain, count
 
 import numpy as np
@@ -67,35 +68,44 @@ def _routes_near(
     """
     ends, lengths, headings, bridges = graph.lists
     leaving: dict[int, list[tuple]] = {}
-    for piece, price in cost.items():
+    for bit, (piece, price) in enumerate(cost.items()):
         for side in (0, 1):
             at, beyond = ends[piece][side], ends[piece][1 - side]
-            back, out = headings[piece][side], headings[piece][1 - side]
-            step = 2 * piece + side, beyond, 1 << piece, price, lengths[piece]
-            more = (None, None) if bridges[piece] else (back, out)
-            leaving.setdefault(at, []).append((*step, *more))
+            step = 2 * piece + side, 1 << bit, price, lengths[piece], beyond, ahead[beyond]
+            leaving.setdefault(at, []).append((*step, bridges[piece]))
+
+    @cache
+    def moves(came: int | None, at: int) -> list[tuple]:
+        """Steps from a node, if `came` was the last that had a direction; what they cost."""
+        found = []
+        for step, piece, price, further, beyond, rest, bridge in leaving.get(at, ()):
+            turn = 0.0
+            if came is not None and not bridge:
+                a, b = headings[came >> 1][1 - (came & 1)], headings[step >> 1][step & 1]
+                straight = -(a[0] * b[0] + a[1] * b[1])
+                if straight < const.SHARPEST_TURN:
+                    continue
+                turn = const.ROUTE_TURN * (1 - straight)
+            then = came if bridge else step, beyond
+            found.append((step, piece, price, turn, further, rest, then, not bridge))
+        return found
+
     number, found = count(), set[int]()
     for start in likely:
-        heap: list = [(0.0, next(number), (), start, 0, 0.0, 0.0, None, False)]
+        heap: list = [(0.0, next(number), (), (None, start), 0, 0.0, 0.0, False)]
         for _ in range(1 + const.ROUTES_MOST // len(likely)):
             if not heap:
                 break
-            _, _, route, at, used, spent, length, heading, ends_here = heapq.heappop(heap)
+            _, _, route, here, used, spent, length, ends_here = heapq.heappop(heap)
             if ends_here and used not in found:
                 found.add(used)
                 yield route
-            for step, beyond, piece, price, further, back, out in leaving.get(at, ()):
+            for step, piece, price, turn, further, rest, then, directed in moves(*here):
                 reached = length + further
-                if used & piece or reached > longest:
-                    continue
-                paid = spent + price
-                if heading and back:
-                    straight = -(heading[0] * back[0] + heading[1] * back[1])
-                    if straight < const.SHARPEST_TURN:
-                        continue
-                    paid += const.ROUTE_TURN * (1 - straight)
-                item = (*route, step), beyond, used | piece, paid, reached, out or heading
-                heapq.heappush(heap, (paid + ahead[beyond], next(number), *item, back is not None))
+                if not used & piece and reached <= longest:
+                    paid = spent + price + turn
+                    item = (*route, step), then, used | piece, paid, reached, directed
+                    heapq.heappush(heap, (paid + rest, next(number), *item))
 
 
 def sampled(
@@ -103,29 +113,20 @@ def sampled(
 ) -> tuple[Float[Array, "R S 2"], Float[Array, " R"]]:
     """Every route resampled to `samples` points, and its length."""
     count = np.fromiter(map(len, routes), int, len(routes))
-    there = np.arange(count.max()) < count[:, None]
-    steps = np.zeros(there.shape, dtype=int)
-    steps[there] = np.fromiter(chain.from_iterable(routes), int, count.sum())
-    pieces, sides = steps >> 1, steps & 1
-    points = np.empty((len(routes), 2 * there.shape[1] + 1, 2))
-    points[:, 0] = graph.nodes[graph.ends[pieces[:, 0], sides[:, 0]]]
-    points[:, 1::2] = graph.middles[pieces]
-    points[:, 2::2] = graph.nodes[graph.ends[pieces, 1 - sides]]
-    half = np.where(there, graph.lengths[pieces] / 2, 0.0)
-    s = np.zeros(points.shape[:2])
-    np.cumsum(np.repeat(half, 2, axis=1), 1, out=s[:, 1:])
-    total = s[:, -1]
-    target = total[:, None] * np.linspace(0, 1, samples)
-    # One search in all rows: each is longer than what lies before it.
-    row = np.arange(len(routes))[:, None]
-    before = row * (1 + total.max())
-    at = np.searchsorted((s[:, 1:] + before).ravel(), (target + before).ravel())
-    at = (at.reshape(target.shape) - row * (s.shape[1] - 1)).clip(0, s.shape[1] - 2)
-    at += row * s.shape[1]
-    left, right = s.take(at), s.take(at + 1)
-    part = ((target - left) / np.maximum(right - left, 1e-9))[:, :, None].clip(0, 1)
-    points = points.reshape(-1, 2)
-    return points.take(at, 0) * (1 - part) + points.take(at + 1, 0) * part, total
+    steps = np.fromiter(chain.from_iterable(routes), int, count.sum())
+    last = np.cumsum(count)
+    # As complex numbers: row and column are interpolated at once, all routes one after the other.
+    nodes, middles = (points.view(complex).ravel() for points in (graph.nodes, graph.middles))
+    nodes = nodes[graph.ends].ravel()
+    points = np.stack([nodes.take(steps), middles.take(steps >> 1), nodes.take(steps ^ 1)], axis=1)
+    further = np.repeat(graph.lengths.take(steps >> 1)[:, None] / 2, 3, axis=1)
+    further[:, 0] = 0.0
+    further[last - count, 0] = 1.0
+    s = further.cumsum()
+    start, end = s[3 * (last - count)], s[3 * last - 1]
+    target = start[:, None] + (end - start)[:, None] * np.linspace(0, 1, samples)
+    found = np.interp(target, s, points.ravel())
+    return found.view(float).reshape(*target.shape, 2), end - start
 
 
 def polyline(graph: TraceGraph, route: Route) -> Line:
