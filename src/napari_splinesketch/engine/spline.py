@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Array, Curve
@@ -43,14 +44,23 @@ def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     """(N,) arc length of a polyline (its first two columns) from its first point, px."""
     steps = points[1:, :2] - points[:-1, :2]
     s = np.zeros(len(points))
-    np.cumsum(np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2), out=s[1:])
+    np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2).cumsum(out=s[1:])
     return s
+
+
+def lengths(lines: Sequence[Float[Array, "N D"]]) -> Float[Array, " L"]:
+    """(L,) length of each of some polylines, px."""
+    s, last = arc_length(np.concatenate(lines)), np.cumsum([len(line) for line in lines]) - 1
+    return s[last] - s[np.append(0, last[:-1] + 1)]
 
 
 def apart(
     points: Float[Array, "P 2"], line: Float[Array, "N 2"], most: float = np.inf
 ) -> Float[Array, " P"]:
     """(P,) distance of points to the nearest point of a line, px; infinite beyond `most`."""
+    if len(points) * len(line) < const.FEW_PAIRS:
+        away = np.sqrt(cdist(points, line, "sqeuclidean").min(1))
+        return np.where(away < most, away, np.inf)
     return KDTree(line).query(points, distance_upper_bound=most)[0]
 
 
@@ -107,11 +117,16 @@ def _shares(count: int) -> Float[Array, " count"]:
     return np.linspace(0.0, 1.0, count)
 
 
+def tangents(points: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
+    """(N, 2) unit tangents of a polyline."""
+    middle = (points[2:] - points[:-2]) / 2
+    along = np.concatenate([points[1:2] - points[:1], middle, points[-1:] - points[-2:-1]])
+    return along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-9)
+
+
 def normals(points: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
     """(N, 2) unit normals of a polyline: its directions, turned by a quarter."""
-    along = np.gradient(points, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    return along[:, ::-1] * [-1.0, 1.0]
+    return tangents(points)[:, ::-1] * [-1.0, 1.0]
 
 
 def across(
@@ -141,8 +156,9 @@ def smoothed(lines: Sequence[Float[Array, "N 2"]], sigma: float) -> list[Float[A
 
 def unwound(line: Float[Array, "N 2"], near: float) -> Float[Array, "M 2"]:
     """A polyline without its last part, if that runs over its first half again within `near` px."""
-    first, last = np.array_split(line, 2)
-    if np.linalg.norm(first - line[-1], axis=1).min() > near:
+    half = -(-len(line) // 2)
+    first, last = line[:half], line[half:]
+    if ((first - line[-1]) ** 2).sum(1).min() > near**2:
         return line
     alone = apart(last, first, near) > near
     kept = line[: len(line) - (int(alone[::-1].argmax()) if alone.any() else 0)]

@@ -63,11 +63,10 @@ def _frame(
     """Points every `along` px on the sketch and beyond its ends, and unit normals there."""
     points = spline.resample(sketch, count)
     soft = ndimage.gaussian_filter1d(points, max(1.0, smooth / along), axis=0, mode="nearest")
-    tangent = np.gradient(soft, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
+    tangent = spline.tangents(soft)
     steps = along * np.arange(1, extra + 1)[:, None]
     before, after = points[0] - tangent[0] * steps[::-1], points[-1] + tangent[-1] * steps
-    tangent = np.pad(tangent, ((extra, extra), (0, 0)), mode="edge")
+    tangent = tangent.take(np.arange(-extra, count + extra), axis=0, mode="clip")
     return np.concatenate([before, points, after]), tangent[:, ::-1] * [-1.0, 1.0]
 
 
@@ -75,19 +74,16 @@ def _cheapest(cost: Float[Array, "S T"], steepest: int, tilt: float) -> Int[Arra
     """Columns of the cheapest way from the first row to the last (Viterbi)."""
     rows, columns = cost.shape
     price = tilt * np.arange(-steepest, steepest + 1.0) ** 2
-    padded = np.full(columns + 2 * steepest, np.inf)
-    total = padded[steepest:-steepest]
-    total[:] = cost[0]
-    before = np.lib.stride_tricks.sliding_window_view(padded, len(price))
-    came = np.zeros(cost.shape, dtype=np.int16)
-    index = np.arange(columns)
-    for row in range(1, rows):
-        ways = before + price
-        came[row] = ways.argmin(1)
-        total[:] = ways[index, came[row]] + cost[row]
-    found = [int(total.argmin())]
-    for row in range(rows - 1, 0, -1):
-        found.append(found[-1] + int(came[row, found[-1]]) - steepest)
+    total = np.full((rows, columns + 2 * steepest), np.inf)
+    inside = total[:, steepest:-steepest]
+    inside[:] = cost
+    before = np.lib.stride_tricks.sliding_window_view(total, columns, axis=1)
+    for all_ways, row in zip(before, inside[1:], strict=False):
+        row += np.minimum.reduce(all_ways + price[:, None])
+    found = [int(inside[-1].argmin())]
+    for row in total[-2::-1]:
+        ways = row[found[-1] : found[-1] + len(price)] + price
+        found.append(found[-1] + int(ways.argmin()) - steepest)
     return np.array(found[::-1])
 
 
