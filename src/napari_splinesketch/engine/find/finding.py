@@ -120,13 +120,12 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
         return sketch
     near, hit = const.NARROW_HW * half_width + const.NARROW_PX, scoring.hit(half_width)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
-    unseen = _known([path], sketch, half_width, evidence)[0, scoring.FEATURES.index("unseen")]
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
     beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
     careful = (
-        unseen <= const.UNSEEN_MOST
-        and np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
+        np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
         and beyond.min() <= const.STROKE_BEYOND * length
+        and scoring.unseen(evidence, path) <= const.UNSEEN_MOST
     )
     count = min(const.VERTICES_MOST, most)
     while careful and count <= most:
@@ -304,8 +303,7 @@ def _known(
 ) -> Float[Array, "C F"]:
     """(C, F) features of lines for a sketch, each sampled at SCORE_SAMPLES points."""
     sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
-    total = np.array([spline.arc_length(line)[-1] for line in lines])
-    return scoring.features(sampled, total, sketch, half_width, evidence)
+    return scoring.features(sampled, spline.lengths(lines), sketch, half_width, evidence)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:

@@ -3,8 +3,9 @@
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
+from scipy.spatial.distance import cdist
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
@@ -52,6 +53,11 @@ def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
     return known @ const.PATH_WEIGHTS + const.IMPOSSIBLE * too_far
 
 
+def unseen(evidence: Float[Array, "H W"], line: Line) -> float:
+    """Share of a line without evidence."""
+    return float(_unseen(_sampled(evidence, spline.resample(line, const.SCORE_SAMPLES).T)))
+
+
 def features(
     lines: Float[Array, "C S 2"],
     total: Float[Array, " C"],
@@ -72,7 +78,7 @@ def features(
         missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width, tips)
     return np.column_stack(
         [
-            1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0),
+            _unseen(seen),
             np.log1p(apart.mean(0)),
             missed,
             np.clip(sharpest - const.USUAL_BEND, 0, 1),
@@ -80,6 +86,11 @@ def features(
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
     )
+
+
+def _unseen(seen: Float[Array, "S ..."]) -> Float[Array, "..."]:
+    """Share without evidence, of what is seen at S points."""
+    return 1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0)
 
 
 def _distance(apart: Float[Array, "2 ..."]) -> Float[Array, "..."]:
@@ -94,21 +105,19 @@ def _kinks(
 
     They are smoothed first: skeletons zigzag where bodies cross, and bodies do not.
     """
-    samples, count = at.shape[1:]
+    samples = at.shape[1]
     spacing = total / (samples - 1)
     smooth = np.clip(
         np.rint(2 * const.BEND_SMOOTH_HW * half_width / spacing) / 2, 0.5, const.BEND_SMOOTH_MOST
     )
-    sharpest = np.zeros(count)
-    for sigma in np.unique(smooth):
-        of = smooth == sigma
-        down, across = np.diff(_smoothing(samples, sigma) @ at[:, :, of], axis=1)
-        straight = down[1:] * down[:-1] + across[1:] * across[:-1]
-        aside = np.abs(down[1:] * across[:-1] - across[1:] * down[:-1])
-        # Falls as the angle rises, and costs less.
-        most = (straight / (np.abs(straight) + aside + 1e-30)).argmin(0), np.arange(of.sum())
-        sharpest[of] = np.arctan2(aside[most], straight[most])
-    return sharpest * half_width / spacing
+    soft = np.empty_like(at)
+    for sigma in set(smooth.tolist()):
+        of = np.flatnonzero(smooth == sigma)
+        soft[:, :, of] = _smoothing(samples, sigma) @ at.take(of, axis=2)
+    down, across = soft[:, 1:] - soft[:, :-1]
+    straight = down[1:] * down[:-1] + across[1:] * across[:-1]
+    aside = np.abs(down[1:] * across[:-1] - across[1:] * down[:-1])
+    return np.arctan2(aside, straight).max(0) * half_width / spacing
 
 
 def _missed(
@@ -119,15 +128,7 @@ def _missed(
     The logarithm of their root mean square distance: how carefully a sketch was drawn is not
     known, so that each factor counts the same.
     """
-    few = sketch[np.linspace(0, len(sketch) - 1, min(len(sketch), const.VERTICES_MOST)).astype(int)]
-    down, across = np.diff(at, axis=1)
-    inverse = 1 / (down**2 + across**2 + 1e-9)
-    least = np.empty((len(few), at.shape[2]))
-    # One vertex after the other, so that what is computed stays in the cache.
-    for k, vertex in enumerate(few):
-        below, aside = vertex[:, None, None] - at[:, :-1]
-        part = np.clip((below * down + aside * across) * inverse, 0, 1)
-        least[k] = ((below - part * down) ** 2 + (aside - part * across) ** 2).min(0)
+    least = _nearest(at, sketch[_few(sketch)])
     inside = (~tips).sum(0)
     if not clicked(sketch):
         off = _reshaped(at, sketch, const.SHAPE_SIZE)
@@ -141,6 +142,27 @@ def _missed(
     off = np.concatenate([least, ends])
     careful = float(np.clip(len(sketch), *const.CLICKED_WEIGHT))
     return const.GOES_ON_CLICKED * inside + careful * 0.5 * np.log1p(off.mean(0) / near**2)
+
+
+def _nearest(at: Float[Array, "2 S C"], points: Float[Array, "V 2"]) -> Float[Array, "V C"]:
+    """(V, C) square of the distance of points to the nearest point of lines, px²."""
+    step = at[:, 1:] - at[:, :-1]
+    square = step[0] ** 2 + step[1] ** 2
+    half_inverse = 0.5 / (square + 1e-9)
+    samples, found = np.ascontiguousarray(at.reshape(2, -1).T), []
+    # Some points after the other, so that what is computed stays in the cache.
+    many = 1 + const.SCORE_CHUNK // square.size
+    for first in range(0, len(points), many):
+        some = points[first : first + many]
+        away = cdist(some, samples, "sqeuclidean").reshape(-1, *at.shape[1:])
+        ahead = away[:, :-1] - away[:, 1:]
+        ahead += square
+        part = ahead * half_inverse
+        np.clip(part, 0, 1, out=part)
+        ahead -= part * square
+        ahead *= part
+        found.append((away[:, :-1] - ahead).min(1))
+    return np.concatenate(found)
 
 
 def _ends_missed(
@@ -170,19 +192,20 @@ def _reshaped(at: Float[Array, "2 S C"], sketch: Line, resized: float = 1.0) -> 
     """
     if len(sketch) < 3:
         return np.zeros(at.shape[2])
-    few = np.linspace(0, len(sketch) - 1, min(len(sketch), const.VERTICES_MOST)).astype(int)
-    along = spline.arc_length(sketch)
+    few, along = _few(sketch), spline.arc_length(sketch)
     share = along[few] / along[-1] * (at.shape[1] - 1)
-    left = np.minimum(share.astype(int), at.shape[1] - 2)
-    part = (share - left)[:, None]
-    path = at[:, left] * (1 - part) + at[:, left + 1] * part
-    path = path[0] + 1j * path[1]
-    drawn = sketch[few] @ [1, 1j]
-    path, drawn = path - path.mean(0), drawn - drawn.mean()
-    turn = drawn.conj() @ path
-    size = np.abs(turn) / ((np.abs(drawn) ** 2).sum() + 1e-9)
-    turn *= np.clip(size, 1 / resized, resized) / (np.abs(turn) + 1e-9)
-    return (np.abs(path - drawn[:, None] * turn) ** 2).mean(0)
+    weights = np.maximum(1 - np.abs(share[:, None] - np.arange(at.shape[1])), 0)
+    path, drawn = (weights - weights.mean(0)) @ at, sketch[few] - sketch[few].mean(0)
+    turn = np.abs(drawn @ [1, -1j] @ (path[0] + 1j * path[1]))
+    square = (drawn**2).sum()
+    size = np.clip(turn / (square + 1e-9), 1 / resized, resized)
+    return ((path**2).sum((0, 1)) - 2 * size * turn + size**2 * square) / len(few)
+
+
+def _few(sketch: Line) -> Int[Array, " V"]:
+    """Numbers of the vertices of a sketch that are compared."""
+    count = min(len(sketch), const.VERTICES_MOST)
+    return np.arange(count) * (len(sketch) - 1) // (count - 1)
 
 
 def _sampled(evidence: Float[Array, "H W"], at: Float[Array, "2 ..."]) -> Float[Array, "..."]:
