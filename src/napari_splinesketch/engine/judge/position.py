@@ -8,6 +8,7 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.fit.fitting import Body
+from napari_splinesketch.engine.look.filters import blurred
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.types import POINTS, Array
 
@@ -18,7 +19,7 @@ def unexplained(seen: Scene, residual: Float[Array, "H W"]) -> Float[Array, "H W
     one = np.zeros((2 * int(4 * grain + 0.5) + 1,) * 2)
     one[len(one) // 2, len(one) // 2] = 1
     gain = np.linalg.norm(ndimage.gaussian_filter(one, grain))
-    return ndimage.gaussian_filter(residual, grain) / (seen.noise * gain)
+    return blurred(residual, grain) / (seen.noise * gain)
 
 
 def covariance(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
+from napari_splinesketch.engine.look.filters import median
 from napari_splinesketch.engine.types import Array
 
 Kind = Literal["constant", "linear", "textured"]
@@ -64,7 +65,7 @@ def block_medians(
     pad = [(0, n * side - size) for n, side, size in zip(counts, sides, image.shape, strict=True)]
     blocks = np.pad(image, pad, mode="symmetric")
     blocks = blocks.reshape(counts[0], sides[0], counts[1], sides[1]).swapaxes(1, 2)
-    return np.median(blocks.reshape(*counts, -1), axis=2), sides
+    return median(blocks.reshape(*counts, -1)), sides
 
 
 def _plane(medians: Float[Array, "h w"], places: list[Array], at: list[Array]) -> Array:

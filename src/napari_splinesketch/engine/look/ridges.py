@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.background import block_medians
+from napari_splinesketch.engine.look.filters import blurred
 from napari_splinesketch.engine.types import Array
 
 WIDTHS = tuple((0.8 * const.WIDTH_RATIO ** np.arange(16)).tolist())
@@ -57,7 +58,7 @@ class Ridges:
             if image is None:
                 image = self._reduced.setdefault(factor, _reduce(self._image, factor))
             sigma = max(const.RIDGE_BLUR_HW * width, const.RIDGE_BLUR_PX) / factor
-            smooth = ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=3.0)
+            smooth = blurred(image, sigma, mode="nearest", truncate=3.0)
             self._heights[rung, 1], self._heights[rung, -1] = _heights(
                 smooth, (const.RIDGE_SIDE_HW * width + const.RIDGE_SIDE_PX) / factor
             )

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
-from scipy import ndimage
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look import relief
 from napari_splinesketch.engine.look.background import Kind, estimate_background
+from napari_splinesketch.engine.look.filters import blurred, median
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
 from napari_splinesketch.engine.look.sketched import Around, look_around
 from napari_splinesketch.engine.types import Array, Line, Polarity
@@ -169,8 +169,7 @@ def _rungs(
 def filled(image: Float[Array, "H W"], valid: Bool[Array, "H W"]) -> Float[Array, "H W"]:
     """The image with missing pixels like those around them, or like the median far inside."""
     known, weight = (
-        ndimage.gaussian_filter(a, const.MISSING_BLUR_PX)
-        for a in (np.where(valid, image, 0.0), valid * 1.0)
+        blurred(a, const.MISSING_BLUR_PX) for a in (np.where(valid, image, 0.0), valid * 1.0)
     )
     nearby = np.where(weight > 0.05, known / np.maximum(weight, 0.05), np.median(image[valid]))
     return np.where(valid, image, nearby)
@@ -185,4 +184,4 @@ def pixel_noise(image: Float[Array, "H W"]) -> float:
     difference -= image[:-1, 1:]
     difference += image[:-1, :-1]
     np.abs(difference, out=difference)
-    return float(1.4826 * np.median(difference, overwrite_input=True) / 2)
+    return float(1.4826 * median(difference.ravel()) / 2)
