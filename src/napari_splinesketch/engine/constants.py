@@ -152,7 +152,7 @@ SCORE_SAMPLES = 48  # points at which a path is compared with its sketch (speed)
 SCORE_SAMPLES_ROUGH = 16  # points at which the many routes of a graph are compared first (speed)
 # distances of vertices from parts of paths that are measured at a time, so that they stay in the
 # cache (speed):
-SCORE_CHUNK = 2**16
+SCORE_CHUNK = 2**15
 SURE_EVIDENCE = 0.8  # evidence from which a point of a path or a suggested line is surely body
 FARTHEST = 3.0  # no path is on average farther from its sketch than this many tolerances
 STROKE_PX = 1.0  # a line drawn in one stroke misses its body by this ...

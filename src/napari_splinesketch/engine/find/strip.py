@@ -91,12 +91,13 @@ def _ends(seen: Float[Array, " S"], extra: int) -> tuple[int, int]:
     """First and last step: what is seen between them pays, what is left out of the sketch costs."""
     gained = np.concatenate([[0.0], np.cumsum(seen - const.STRIP_SEEN)])
     count, middle = len(seen), len(seen) // 2
-
-    def price(outside: Int[Array, " n"]) -> Float[Array, " n"]:
-        return np.where(outside > 0, const.STRIP_EXTRA * outside, -const.STRIP_LEFT_OUT * outside)
-
     first = np.arange(middle)
-    a = int(np.argmin(gained[first] + price(extra - first)))
+    a = int(np.argmin(gained[first] + _price(extra - first)))
     last = np.arange(middle, count)
-    b = middle + int(np.argmax(gained[last + 1] - price(last - (count - 1 - extra))))
+    b = middle + int(np.argmax(gained[last + 1] - _price(last - (count - 1 - extra))))
     return a, b
+
+
+def _price(outside: Int[Array, " n"]) -> Float[Array, " n"]:
+    """What a path costs that begins or ends so many steps outside of its sketch."""
+    return np.where(outside > 0, const.STRIP_EXTRA * outside, -const.STRIP_LEFT_OUT * outside)

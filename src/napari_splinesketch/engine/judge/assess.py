@@ -42,7 +42,7 @@ def outline(
     first, last = _inside(body, sketch, seen.valid.shape)
     low, high = first or -cap[0], last if last < 1 else 1 + cap[1]
 
-    def half_width(u: Float[Array, " N"]) -> Float[Array, " N"]:
+    def half_width(u: Array) -> Array:
         beyond = np.maximum(-u / (cap[0] + 1e-9), (u - 1) / (cap[1] + 1e-9))
         return _half_width(body.parameters, u) * np.sqrt(
             1 - np.clip(beyond, 0, 1 - const.TAPER_LEAST) ** 2

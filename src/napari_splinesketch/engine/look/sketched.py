@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.look.filters import median
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
 from napari_splinesketch.engine.types import Array, Line
 
@@ -61,7 +62,7 @@ def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     best = np.maximum(votes.max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
     found = []
-    usual = np.median(heights, axis=2), np.median(votes, axis=2)
+    usual = median(heights), median(votes)
     for sign, profile, nearby in zip((1, -1), *usual, strict=True):
         k = first_high(profile)
         height = float(max(profile[k], 0.0))
@@ -97,7 +98,7 @@ def ridges_beside(
         pixels, weight = _pixels(at, near, both[0].shape, ridges.factor(rung))
         heights = np.maximum([of.ravel()[pixels] for of in both], 0) * weight
         found.append((points, offsets, heights))
-    return max(found, key=lambda one: np.median(one[2].max(2), axis=1).min())
+    return max(found, key=lambda one: median(one[2].max(2)).min())
 
 
 def ridge_profile(
@@ -107,7 +108,7 @@ def ridge_profile(
 
     Looked for within `reach` px; 0 at half-widths that are not wanted.
     """
-    return np.median(_ridges(ridges, line, reach, wanted, (sign,))[0][0], axis=1)
+    return median(_ridges(ridges, line, reach, wanted, (sign,))[0][0])
 
 
 def first_high(profile: Float[Array, " R"]) -> int:
@@ -126,7 +127,7 @@ def _ridges(
     at = _beside(points, offsets)
     near = 1 / (1 + (2 * offsets / reach) ** 2)
     heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
-    votes, profile = np.zeros_like(heights), np.arange(len(at))
+    votes, first = np.zeros_like(heights), len(offsets) * np.arange(len(at))
     for rung in wanted:
         factor = ridges.factor(rung)
         chance = (
@@ -139,10 +140,11 @@ def _ridges(
             if factor not in reduced:
                 reduced[factor] = _pixels(at, near, height.shape, factor)
             pixels, weight = reduced[factor]
-            high = height.ravel()[pixels]
-            most = profile, (weight * high).argmax(1)
-            votes[k, rung] = (weight * high)[most] - chance
-            heights[k, rung] = np.where(weight[most] > 0, high[most], 0.0) - chance
+            high = height.ravel().take(pixels)
+            weighted = weight * high
+            most = first + weighted.argmax(1)
+            votes[k, rung] = weighted.take(most) - chance
+            heights[k, rung] = high.take(most) * (weight.take(most) > 0) - chance
     return heights, votes
 
 
