@@ -59,7 +59,8 @@ def _beside(seen: Scene, sketch: Line, rung: int, path: Line) -> Iterator[tuple[
     widest = const.WIDEST_SHARE * spline.arc_length(sketch)[-1]
     rim = spline.resample(path, const.SCORE_SAMPLES)[const.HOLLOW_ENDS : -const.HOLLOW_ENDS]
     away = np.arange(const.HOLLOW_APART_HW * half_width, 2 * widest, half_width / 2)
-    sides = [(side, spline.across(evidence, rim, side * away).mean(0)) for side in (1, -1)]
+    seen_there = spline.across(evidence, rim, np.concatenate([away, -away])).mean(0)
+    sides = zip((1, -1), np.split(seen_there, 2), strict=True)
     side, along = max(sides, key=lambda one: one[1].max(initial=0.0))
     high = along.max(initial=0.0)
     if high < const.HOLLOW_SEEN:

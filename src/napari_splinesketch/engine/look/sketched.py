@@ -41,8 +41,8 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
     The mean of both sides, rounded up to the next point of the profile: a fit that begins a little
     too wide arrives sooner. `half_width` is about what it is.
     """
-    points, offsets = _profiles(path, const.WIDTH_PROFILE_HW * half_width)
-    profile = np.median(spline.across(image, points, offsets), axis=0)
+    points, offsets = _places(path), _offsets(const.WIDTH_PROFILE_HW * half_width)
+    profile = median(np.ascontiguousarray(spline.across(image, points, offsets).T))
     middle = len(profile) // 2
     step = const.WIDTH_PROFILE_HW * half_width / middle
     found = []
@@ -88,13 +88,14 @@ def ridges_beside(
     P points on the sketch; T distances along the normals there, px; heights, 0 at least, the nearer
     the higher.
     """
-    found = []
+    found, points = [], _places(line)
+    normals = spline.normals(points)
     for rung in _wanted(line):
         reach = const.RELIEF_REACH_HW * WIDTHS[rung] + const.RELIEF_REACH_PX
-        points, offsets = _profiles(line, reach)
+        offsets = _offsets(reach)
         both = [ridges.heights(rung, sign) for sign in (1, -1)]
         near = 1 / (1 + (2 * offsets / reach) ** 2)
-        at = _beside(points, offsets)
+        at = points[:, None] + offsets[None, :, None] * normals[:, None]
         pixels, weight = _pixels(at, near, both[0].shape, ridges.factor(rung))
         heights = np.maximum([of.ravel()[pixels] for of in both], 0) * weight
         found.append((points, offsets, heights))
@@ -123,8 +124,8 @@ def _ridges(
 
     On each profile across the line the highest ridge counts, of any direction, the nearer the more.
     """
-    points, offsets = _profiles(line, reach)
-    at = _beside(points, offsets)
+    points, offsets = _places(line), _offsets(reach)
+    at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
     near = 1 / (1 + (2 * offsets / reach) ** 2)
     heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
     votes, first = np.zeros_like(heights), len(offsets) * np.arange(len(at))
@@ -148,11 +149,6 @@ def _ridges(
     return heights, votes
 
 
-def _beside(points: Line, offsets: Float[Array, " T"]) -> Float[Array, "P T 2"]:
-    """Points at some distances along the normals of a line."""
-    return points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
-
-
 def _pixels(
     at: Float[Array, "P T 2"], near: Float[Array, " T"], shape: tuple[int, int], factor: int
 ) -> tuple[Int[Array, "P T"], Float[Array, "P T"]]:
@@ -164,13 +160,13 @@ def _pixels(
     return flat, near * inside
 
 
-def _profiles(line: Line, reach: float) -> tuple[Float[Array, "P 2"], Float[Array, " T"]]:
-    """Where on a line profiles are read, and at which distances from it."""
-    length = spline.arc_length(line)[-1]
-    points = spline.resample(
-        line,
-        int(np.clip(length / const.PROFILE_STEP_PX, const.PROFILES_LEAST, const.PROFILES_MOST)),
-    )
-    return points, np.linspace(
-        -reach, reach, min(const.PROFILE_POINTS, 2 * int(np.ceil(reach)) + 1)
-    )
+def _places(line: Line) -> Float[Array, "P 2"]:
+    """Where on a line profiles across it are read."""
+    count = spline.arc_length(line)[-1] / const.PROFILE_STEP_PX
+    return spline.resample(line, int(np.clip(count, const.PROFILES_LEAST, const.PROFILES_MOST)))
+
+
+def _offsets(reach: float) -> Float[Array, " T"]:
+    """At which distances from a line profiles are read, px."""
+    count = min(const.PROFILE_POINTS, 2 * int(np.ceil(reach)) + 1)
+    return np.linspace(-reach, reach, count)
