@@ -134,8 +134,7 @@ STROKE_BEYOND = 0.04
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
 UNWOUND_HW = 1.5  # a path that runs over its own first half within this ends there (geometry)
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
-# so many distances between points are measured one by one rather than through a tree (speed):
-FEW_PAIRS = 2**17
+FEW_PAIRS = 2**17  # fewer distances than this are measured one by one, not by a tree (speed)
 # a hollow body's path is within this of its clicked sketch, or a rim is nearer (geometry):
 HOLLOW_MIDDLE_HW = 0.5
 HOLLOW_RIM_HW = 1.3  # rims of a hollow body are looked for within this of its middle (geometry) ...
@@ -150,9 +149,7 @@ HOLLOW_COST = 0.5
 # === Find: what a path costs its sketch
 SCORE_SAMPLES = 48  # points at which a path is compared with its sketch (speed)
 SCORE_SAMPLES_ROUGH = 16  # points at which the many routes of a graph are compared first (speed)
-# distances of vertices from parts of paths that are measured at a time, so that they stay in the
-# cache (speed):
-SCORE_CHUNK = 2**15
+SCORE_CHUNK = 2**15  # distances of vertices from paths that are measured at a time (speed)
 SURE_EVIDENCE = 0.8  # evidence from which a point of a path or a suggested line is surely body
 FARTHEST = 3.0  # no path is on average farther from its sketch than this many tolerances
 STROKE_PX = 1.0  # a line drawn in one stroke misses its body by this ...

@@ -120,12 +120,13 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
         return sketch
     near, hit = const.NARROW_HW * half_width + const.NARROW_PX, scoring.hit(half_width)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
+    seen = scoring.seen_at(evidence, spline.resample(path, const.SCORE_SAMPLES).T)
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
     beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
     careful = (
         np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
         and beyond.min() <= const.STROKE_BEYOND * length
-        and scoring.unseen(evidence, path) <= const.UNSEEN_MOST
+        and scoring.unseen(seen) <= const.UNSEEN_MOST
     )
     count = min(const.VERTICES_MOST, most)
     while careful and count <= most:

@@ -53,11 +53,6 @@ def cost(known: Float[Array, "C F"]) -> Float[Array, " C"]:
     return known @ const.PATH_WEIGHTS + const.IMPOSSIBLE * too_far
 
 
-def unseen(evidence: Float[Array, "H W"], line: Line) -> float:
-    """Share of a line without evidence."""
-    return float(_unseen(_sampled(evidence, spline.resample(line, const.SCORE_SAMPLES).T)))
-
-
 def features(
     lines: Float[Array, "C S 2"],
     total: Float[Array, " C"],
@@ -71,14 +66,14 @@ def features(
     at = np.ascontiguousarray(lines.transpose(2, 1, 0))
     drawn, usual = spline.resample(sketch, samples), tolerance(sketch, half_width, samples)
     apart = _distance(at - drawn.T[:, :, None]) / usual[:, None]
-    seen, sharpest = _sampled(evidence, at), _kinks(at, total, half_width)
+    seen, sharpest = seen_at(evidence, at), _kinks(at, total, half_width)
     tips = ~goes_on(evidence, at, half_width)
     missed = _missed(at, sketch, half_width, tips)
     if len(sketch) == 2:
         missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width, tips)
     return np.column_stack(
         [
-            _unseen(seen),
+            unseen(seen),
             np.log1p(apart.mean(0)),
             missed,
             np.clip(sharpest - const.USUAL_BEND, 0, 1),
@@ -88,7 +83,7 @@ def features(
     )
 
 
-def _unseen(seen: Float[Array, "S ..."]) -> Float[Array, "..."]:
+def unseen(seen: Float[Array, "S ..."]) -> Float[Array, "..."]:
     """Share without evidence, of what is seen at S points."""
     return 1 - np.minimum(seen / const.SURE_EVIDENCE, 1).mean(0)
 
@@ -148,20 +143,15 @@ def _nearest(at: Float[Array, "2 S C"], points: Float[Array, "V 2"]) -> Float[Ar
     """(V, C) square of the distance of points to the nearest point of lines, px²."""
     step = at[:, 1:] - at[:, :-1]
     square = step[0] ** 2 + step[1] ** 2
-    half_inverse = 0.5 / (square + 1e-9)
-    samples, found = np.ascontiguousarray(at.reshape(2, -1).T), []
+    inverse, samples, found = 0.5 / (square + 1e-9), np.ascontiguousarray(at.reshape(2, -1).T), []
     # Some points after the other, so that what is computed stays in the cache.
     many = 1 + const.SCORE_CHUNK // square.size
     for first in range(0, len(points), many):
-        some = points[first : first + many]
-        away = cdist(some, samples, "sqeuclidean").reshape(-1, *at.shape[1:])
-        ahead = away[:, :-1] - away[:, 1:]
-        ahead += square
-        part = ahead * half_inverse
-        np.clip(part, 0, 1, out=part)
-        ahead -= part * square
-        ahead *= part
-        found.append((away[:, :-1] - ahead).min(1))
+        away = cdist(points[first : first + many], samples, "sqeuclidean")
+        away = away.reshape(-1, *at.shape[1:])
+        ahead = away[:, :-1] - away[:, 1:] + square
+        part = np.clip(ahead * inverse, 0, 1)
+        found.append((away[:, :-1] - part * (ahead - part * square)).min(1))
     return np.concatenate(found)
 
 
@@ -208,7 +198,8 @@ def _few(sketch: Line) -> Int[Array, " V"]:
     return np.arange(count) * (len(sketch) - 1) // (count - 1)
 
 
-def _sampled(evidence: Float[Array, "H W"], at: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+def seen_at(evidence: Float[Array, "H W"], at: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+    """Evidence at some points, 0 outside of the image."""
     return ndimage.map_coordinates(evidence, at, order=1, cval=0.0)
 
 
@@ -219,7 +210,7 @@ def goes_on(
     tip, inner = at[:, [0, -1]], at[:, [3, -4]]
     out = (tip - inner) / (_distance(tip - inner) + 1e-9)
     away = half_width * np.linspace(*const.BEYOND_HW, 4)[:, None, None]
-    return _sampled(evidence, tip[:, None] + away * out[:, None]).mean(0) > 0.5
+    return seen_at(evidence, tip[:, None] + away * out[:, None]).mean(0) > 0.5
 
 
 @lru_cache(maxsize=64)
