@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 
 U = np.linspace(0, 1, 41)
@@ -119,3 +120,11 @@ def test_distances_are_to_the_nearest_point_and_infinite_beyond_the_most():
     points, line = np.array([[0.0, 0.0], [3.0, 4.0]]), np.array([[0.0, 1.0], [9.0, 9.0]])
     np.testing.assert_allclose(spline.apart(points, line), [1, np.sqrt(18)])
     assert np.isinf(spline.apart(points, line, 2.0)).tolist() == [False, True]
+
+
+def test_distances_are_the_same_through_a_tree(monkeypatch):
+    points, line = np.random.default_rng(0).normal(size=(2, 30, 2))
+    one_by_one = [spline.apart(points, line), spline.apart(points, line, 0.3)]
+    monkeypatch.setattr(const, "FEW_PAIRS", 0)
+    through_tree = [spline.apart(points, line), spline.apart(points, line, 0.3)]
+    np.testing.assert_array_equal(one_by_one, through_tree)
