@@ -195,7 +195,7 @@ def _fitted(
     if preset == "paper":
         from napari_splinesketch.paper.result import fit_paper
 
-        with jax.enable_x64(False):
+        with jax.enable_x64(False), jax.default_matmul_precision("highest"):
             return fit_paper(island, seen, seed, report)
     settings = Settings() if isinstance(preset, str) else preset
     if settings.hold is not None:

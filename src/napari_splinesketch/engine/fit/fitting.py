@@ -138,7 +138,8 @@ def fit_curves(
             order = np.zeros(len(begin), np.int32)
             order[: len(chunk)] = chunk
             numbers = np.int32(len(chunk)), np.int32(steps)
-            with jax.enable_x64(False):
+            # GPUs round the factors of products to eleven bits unless they are told not to.
+            with jax.enable_x64(False), jax.default_matmul_precision("highest"):
                 fit = solver.sweep(bands, level, fit, basis, order, *numbers)
             visited += len(chunk)
             if report:
