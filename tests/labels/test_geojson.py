@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
-from napari_splinesketch.labels import LabelsError, read_labels, write_labels
+from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
 
 from .samples import FULL, same_keys, same_points, same_sd, same_widths
 
@@ -19,6 +20,12 @@ def test_everything_round_trips(tmp_path: Path) -> None:
     assert same_sd(FULL, back)
     assert (back.scale, back.units, back.shape) == (FULL.scale, FULL.units, FULL.shape)
     assert back.provenance == FULL.provenance
+
+
+def test_the_largest_number_that_a_label_can_have_round_trips(tmp_path: Path) -> None:
+    labels = Labels((replace(FULL.labels[0], curve=2**63 - 1),))
+    write_labels(tmp_path / "a.geojson", labels)
+    assert same_keys(labels, read_labels(tmp_path / "a.geojson"))
 
 
 def test_another_program_sees_x_and_y_from_the_corner(tmp_path: Path) -> None:

@@ -160,6 +160,7 @@ def test_other_files_in_the_zip_are_not_touched(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
         file.writestr("../../evil.txt", "x")
         file.writestr("../evil.roi", roi(roifile.ROI_TYPE.POLYLINE).tobytes())
+        file.writestr("__MACOSX/._evil.roi", "what macOS packs with each file")
     assert len(read_labels(tmp_path / "a.zip").labels) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
 
@@ -187,6 +188,7 @@ def test_broken_files_are_said(tmp_path: Path) -> None:
 def test_damaged_properties_are_said(tmp_path: Path) -> None:
     for props, reason in (
         ("splinesketch.curve: x\n", "damaged .*'x'"),
+        ("splinesketch.curve\n", "properties splinesketch.* are damaged"),
         (
             "splinesketch.curve: 1\nsplinesketch.half_width: 1\nsplinesketch.sd: 1 1 1\n",
             "damaged .*status",

@@ -78,7 +78,8 @@ def _entries(source: Source) -> Iterator[bytes]:
         inside.enter_context(broken)  # zipfile raises anything on a broken archive
         archive, room = inside.enter_context(zipfile.ZipFile(file)), MAX_BYTES
         for info in archive.infolist():
-            if info.filename.lower().endswith(".roi"):
+            name = Path(info.filename).name  # macOS packs a file ._NAME with each one
+            if name.lower().endswith(".roi") and not name.startswith("._"):
                 source.place = info.filename
                 with archive.open(info) as packed:
                     content = _limited(source, packed, min(MAX_ENTRY, room))
@@ -111,10 +112,11 @@ def _require_whole(content: bytes) -> None:
 def _label(roi: ImagejRoi) -> tuple[Label, bool]:
     points = np.asarray(roi.coordinates(), dtype=np.float64)[:, ::-1]
     frame = max(roi.t_position or roi.z_position or roi.position, 1) - 1
-    own = dict(line.split(": ", 1) for line in roi.props.splitlines() if line.startswith(OURS))
-    if not own:
+    lines = [line for line in roi.props.splitlines() if line.startswith(OURS)]
+    if not lines:
         return Label.from_sketch(points, frame=frame), False
     try:
+        own = dict(line.split(": ", 1) for line in lines)
         curve = int(own[f"{OURS}curve"])
         texts = own[f"{OURS}half_width"], own[f"{OURS}sd"]
         half_width, sd = (np.array([float(word) for word in text.split()]) for text in texts)

@@ -85,7 +85,7 @@ class Node:
     def integer(self) -> int:
         """Give a whole number from 0."""
         number = self.number()
-        if number != int(number) or not 0 <= number < 2**63:
+        if number != int(number) or not 0 <= self.value < 2**63:
             raise self.error(f"is {number:g}; expected a whole number from 0")
         return int(self.value)
 
