@@ -7,6 +7,7 @@ import imageio.v3
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from napari_splinesketch.images.frames import LUMINANCE, ImageError, open_frames
 from napari_splinesketch.images.pictures import grey
@@ -51,6 +52,24 @@ def test_every_kind_of_tiff_gives_the_same_frames(
         assert frames.count == (1 if data.ndim == 2 else 4)
         for i in reversed(range(frames.count)):
             assert np.array_equal(frames[i], FRAMES[i])
+
+
+@pytest.mark.parametrize("of_times", [False, True])
+def test_planes_without_a_name_are_chosen_by_z(tmp_path: Path, of_times: bool) -> None:
+    stack = np.stack([FRAMES * 2, FRAMES], axis=1)
+    if of_times:
+        axes = {"metadata": {"axes": "RTYX"}}
+        write(tmp_path / "a.tif", stack.swapaxes(0, 1), **axes)
+    else:
+        write(tmp_path / "a.tif", stack)
+    with pytest.raises(ImageError, match="choose one plane with --z"):
+        open_frames(str(tmp_path / "a.tif")).__enter__()
+    with open_frames(str(tmp_path / "a.tif"), z=1) as frames:
+        assert frames.count == 4
+        assert np.array_equal(frames[3], FRAMES[3])
+    write(tmp_path / "b.tif", np.stack([stack, stack]))
+    with pytest.raises(ImageError, match="save one as an image of its own"):
+        open_frames(str(tmp_path / "b.tif"), z=1).__enter__()
 
 
 def test_frames_appended_one_by_one_are_a_film(tmp_path: Path) -> None:
@@ -124,6 +143,11 @@ def test_colour_becomes_luminance(tmp_path: Path) -> None:
     for name in ("a.tif", "a.png", "alpha.png"):
         with open_frames(str(tmp_path / name)) as frames:
             assert np.allclose(frames[0], colour @ LUMINANCE), name
+    Image.fromarray(np.full((20, 30, 3), (90, 10, 50), np.uint8)).convert("CMYK").save(
+        tmp_path / "inks.jpg", quality=100
+    )
+    with open_frames(str(tmp_path / "inks.jpg")) as frames:
+        assert np.allclose(frames[0], (90, 10, 50) @ LUMINANCE, atol=2)
 
 
 def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
@@ -134,6 +158,15 @@ def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
         with open_frames(pattern) as frames:
             assert frames.count == 4
             assert all(np.array_equal(frames[i], FRAMES[i]) for i in range(4))
+
+
+def test_the_folder_that_one_is_in_has_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imageio.v3.imwrite(tmp_path / "f.png", FRAMES[0])
+    monkeypatch.chdir(tmp_path)
+    with open_frames(".") as frames:
+        assert frames.name == tmp_path.name
 
 
 def test_a_film_that_was_cut_off_has_its_first_frames(tmp_path: Path) -> None:
@@ -227,6 +260,11 @@ def cut_png(path: Path) -> str:
     return str(path / "a.png")
 
 
+def empty_png(path: Path) -> str:
+    (path / "a.png").touch()
+    return str(path / "a.png")
+
+
 def word_file(path: Path) -> str:
     (path / "a.docx").write_bytes(b"PK")
     return str(path / "a.docx")
@@ -264,6 +302,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "another kind of file": (word_file, "not an image; expected one of .tif"),
     "broken TIFF": (broken_tiff, "cannot be read"),
     "cut PNG": (cut_png, "a.png: cannot be read as PNG"),
+    "empty PNG": (empty_png, "can not handle the given uri.); save it again"),
     "not a film": (not_a_film, "cannot be read as a film"),
     "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
     "planes and times": (two_axes, "choose one plane with --z"),

@@ -86,6 +86,19 @@ def test_the_image_s_own_pixel_size_is_written(folder: Path, engine: FakeEngine)
     assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
 
 
+@pytest.mark.parametrize(("size", "unit"), [(1e40, "m"), (2.0, "")])
+def test_a_pixel_size_that_cannot_be_does_no_harm_to_an_image(
+    folder: Path, engine: FakeEngine, size: float, unit: str
+) -> None:
+    axes = {"axes": "TYX"} | {f"PhysicalSize{axis}": size for axis in "XY"}
+    axes |= {f"PhysicalSize{axis}Unit": unit for axis in "XY"}
+    tifffile.imwrite("film.tif", film(4), ome=True, metadata=axes)
+    assert refine() == 0
+    assert read_labels("labels.csv").scale is None
+    assert refine("--pixel-size", "0.5", "--overwrite") == 0
+    assert read_labels("labels.csv").scale == (0.5, 0.5)
+
+
 def test_reconstruction_masks_and_overlay(folder: Path, engine: FakeEngine) -> None:
     import imageio.v3
 

@@ -1,7 +1,7 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial as bind
@@ -218,7 +218,9 @@ def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iter
         head = Labels()
         for known in (drawn, images, job):  # the last word is the user's
             if known and known.scale:
-                head = Labels(scale=known.scale, units=known.units)
+                # A bad description of an image does no harm to its pixels.
+                with suppress(ValueError) if known is images else nullcontext():
+                    head = Labels(scale=known.scale, units=known.units)
         settings = {
             "command": type(job).__name__.removesuffix("Job").lower(),
             **{f.name: getattr(job, f.name) for f in fields(job) if f.name not in FREE},

@@ -140,12 +140,13 @@ def _still_or_film(path: Path, moves: bool) -> Iterator[Frames]:
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
         raise ImageError(f"{path}: films need a library; pip install av")
-    plugin: Any = "pyav" if moves else None
+    plugin: Any = "pyav" if moves else "pillow"
     with ExitStack() as inside:
         try:
-            file = inside.enter_context(imageio.v3.imopen(path, "r", plugin=plugin))
+            file: Any = inside.enter_context(imageio.v3.imopen(path, "r", plugin=plugin))
             count = (file.properties().n_images or 0) if moves else 1
-            first = None if moves else file.read(index=0)
+            inks = not moves and file.metadata(index=0)["mode"] == "CMYK"
+            first = None if moves else file.read(index=0, mode="RGB" if inks else None)
         except Exception as error:  # image libraries raise anything on a broken file
             kind = "a film" if moves else path.suffix[1:].upper()
             why = f"{path}: cannot be read as {kind} ({error}); save it again"
@@ -179,7 +180,7 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
         except ImageError:
             if path == paths[-1]:
                 raise
-    yield Frames(folder.name, len(paths), read, scale, units, paths)
+    yield Frames(folder.absolute().name, len(paths), read, scale, units, paths)
 
 
 def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
@@ -211,6 +212,10 @@ def choose_planes(
     place
         Maps the number of a frame to its index along each leading axis.
     """
+    stacked = [i for i, size in enumerate(shape) if size > 1 and axes[i] not in "CS"]
+    if "Z" not in axes and len(stacked) > 1:  # no name tells which of them --z is to choose from
+        last = max(stacked, key=lambda i: (axes[i] != "T", i))
+        axes = f"{axes[:last]}Z{axes[last + 1 :]}"
     chosen = {"C": channel, "S": channel, "Z": z}
     for option, wanted, names in (("--channel", channel, "CS"), ("--z", z, "Z")):
         if wanted is not None and not set(names) & set(axes):
@@ -226,10 +231,8 @@ def choose_planes(
         elif size > 1 and axis in "CS":
             raise ImageError(f"{name} has {size} channels; choose one with --channel")
         elif size > 1 and frames is not None:
-            raise ImageError(
-                f"{name} has two axes of frames, {axes[frames]} and {axis}; choose one plane "
-                "with --z"
-            )
+            remedy = "choose one plane with --z" if z is None else "save one as an image of its own"
+            raise ImageError(f"{name} has two axes of frames, {axes[frames]} and {axis}; {remedy}")
         elif size > 1:
             frames = at
 
