@@ -144,6 +144,15 @@ def test_missing_pixels_are_no_bodies() -> None:
     assert suggest(image, 1.0) == ()
 
 
+def test_fill_values_are_missing_pixels() -> None:
+    image = synthetic.scene(3, shape=(90, 100), length=60.0).image
+    filled, missing = image.copy(), image.copy()
+    filled[:, 70:], missing[:, 70:] = np.finfo(np.float32).min, np.nan
+    assert len(suggest(filled)) == len(suggest(missing)) > 0
+    assert all(map(np.array_equal, suggest(filled), suggest(missing)))
+    assert suggest(np.full((30, 40), 1e20)) == suggest(1e20 + 1e19 * image) == ()
+
+
 @pytest.mark.parametrize(
     ("image", "options", "words"),
     [

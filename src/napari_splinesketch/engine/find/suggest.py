@@ -97,7 +97,9 @@ def prepare(
     """
     image = checks.checked_image(image)
     checks.check_options(image.shape, polarity, half_width)
-    image = image.astype(np.float64)
+    image = checks.known(image).astype(np.float64)
+    if checks.blank(image):
+        return Suggestions((), np.zeros(0))
     valid = np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
