@@ -158,8 +158,14 @@ def test_sketches_beyond_the_film_are_reported(
     folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_labels("sketches.csv", Labels((Label.from_sketch(LINE, frame=9),)), overwrite=True)
-    assert refine("--overlay", "o.png", "--reconstruction", "r.tif") == 1
-    assert "frame 9: no frame 9: film.tif has 4" in capsys.readouterr().out
+    assert (
+        refine("--overlay", "o.png", "--reconstruction", "r.tif", "--masks", "m.tif", "--json") == 1
+    )
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert "no frame 9: film.tif has 4" in told["frames"][0]["error"]
+    assert told["written"] == ["labels.csv", "m.tif"]
+    assert "r.tif is not written: no frame was refined\no.png is not written" in said.err
     assert read_labels("labels.csv").labels[0].status == "failed"
 
 

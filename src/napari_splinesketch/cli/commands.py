@@ -100,12 +100,15 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
     work: Callable[..., Outcome] = resolve_name(f"napari_splinesketch.cli.{name}")
     with job.owning(), terminal.progress() as progress:
         outcome = work(job, progress)
-    terminal.say(*outcome.notes)
+    left_out = [path for path in job.files("written") if path not in outcome.written]
+    none = (f"{path} is not written: no frame was refined" for path in left_out)
+    notes = *outcome.notes, *none
+    terminal.say(*notes)
     if job.json:
-        written = [str(path) for path in job.files("written")]
+        written = [str(path) for path in outcome.written]
         source = dict(outcome.labels.head.provenance)
         source.pop("image", None)  # the reports have the checksums of the frames
-        more = {"written": written, "notes": outcome.notes, "provenance": source}
+        more = {"written": written, "notes": notes, "provenance": source}
         told = report.as_json(outcome.frames, **more)
     else:
         told = report.as_text(outcome.frames, verbose=job.verbose)

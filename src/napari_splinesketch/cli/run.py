@@ -1,6 +1,6 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -50,6 +50,8 @@ class Outcome:
     """What was left out of the sketches, or could not be written into the labels."""
     labels: ByFrame
     """What was written."""
+    written: Sequence[Path]
+    """Where: an output that shows refined frames is left out where there are none."""
 
 
 @dataclass(eq=False)
@@ -75,6 +77,7 @@ class Run:
     """That total."""
     alike: bool = False
     """Whether frames have to be of one size, as pages of a TIFF are."""
+    _written: list[Path] = field(default_factory=list, init=False)
     _shape: tuple[int, ...] | None = field(default=None, init=False)
     _same: bool = field(default=False, init=False)
     _done: int = field(default=0, init=False)
@@ -163,11 +166,12 @@ class Run:
             self.put(self.partial.join, self.job.output, numbers, labels.head.scale)
         else:
             losses = self.put(writer.write_whole, self.job.output, labels)
-        return Outcome(reports, (*notes, *losses), labels)
+        return Outcome(reports, (*notes, *losses), labels, self._written)
 
     def put(self, write: Callable[..., T], path: Path, *content: Any) -> T:
         """Write an output; all of them take their places together, at the end of the run."""
         own = atomic(path, overwrite=self.job.overwrite)
+        self._written.append(path)
         return write(self.outputs.enter_context(own), *content)
 
     def _labels(self, reports: Reports) -> ByFrame:
