@@ -110,8 +110,9 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
     descriptor = _take(lock, target)
     try:
         owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.time()}
-        os.truncate(descriptor, 0)
-        os.write(descriptor, json.dumps(owner).encode())
+        with _full_disk(target):
+            os.truncate(descriptor, 0)
+            os.write(descriptor, json.dumps(owner).encode())
         yield
     finally:
         # Deleted while it is still ours: who waits for it notices, and makes a new one.

@@ -280,6 +280,15 @@ def test_a_report_that_cannot_be_written_is_said() -> None:
     assert len(run.stderr.splitlines()) == 1
 
 
+@POSIX
+def test_a_closed_output_is_no_error() -> None:
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", *command("convert", "sketches.csv", "out.zip")]
+    run = subprocess.run(closed, stderr=subprocess.PIPE, text=True)
+    assert run.returncode == 0
+    assert run.stderr.startswith("ImageJ ROIs: ")
+    assert len(read_labels("out.zip").labels) == 4
+
+
 PRESS = """
 import os, signal
 class Press:

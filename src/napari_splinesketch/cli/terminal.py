@@ -64,6 +64,9 @@ def take_over() -> None:
 
     Only for a process that is the command: signals and warnings belong to the whole process.
     """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed: a file that is written must not take its place
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     warnings.showwarning = lambda message, *where, **more: say(message)
     handler = logging.StreamHandler()
     handler.setFormatter(_Plain())
