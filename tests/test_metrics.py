@@ -117,6 +117,13 @@ def test_match_prefers_the_smallest_sum_and_respects_the_tolerance():
     np.testing.assert_array_equal(metrics.match(curves, truths, tolerance=0.6).pairs, [[0, 1]])
 
 
+def test_a_line_without_a_length_is_in_no_pair():
+    dot = LINE[[3, 3]]
+    found = metrics.match([dot, LINE], [LINE, dot])
+    np.testing.assert_array_equal(found.pairs, [[1, 0]])
+    assert (found.precision, found.recall) == (0.5, 0.5)
+
+
 def test_match_with_nothing_to_match():
     assert metrics.match([], [LINE]).recall == 0
     assert metrics.match([LINE], []).precision == 0

@@ -143,9 +143,10 @@ def match(
     # most pairs.
     cost = np.full((len(curves), len(truths)), 2 * tolerance + 1.0)
     both = [np.asarray(line, dtype=float) for line in (*curves, *truths)]
+    dots = {i for i, line in enumerate(both) if not np.ptp(line, axis=0).any()}  # in no pair
     for i, near in zip(range(len(curves)), neighbours(both, tolerance), strict=False):
         for j in near:
-            if (k := j - len(curves)) >= 0:
+            if (k := j - len(curves)) >= 0 and not dots & {i, j}:
                 cost[i, k] = min(average_dtw(curves[i], truths[k]), cost[i, k])
     rows, columns = linear_sum_assignment(cost)
     good = cost[rows, columns] <= tolerance

@@ -236,6 +236,9 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
     with pytest.raises(SystemExit):
         main("export-training a.tif a.csv -o b --split 0 0 0".split())
     assert "shares are (0.0, 0.0, 0.0)" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main("export-training a.tif a.csv -o b --split nan 0 0".split())
+    assert "--split is nan; give a number from 0" in capsys.readouterr().err
 
 
 def test_one_line_a_frame_or_one_a_curve(

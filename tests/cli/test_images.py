@@ -340,3 +340,9 @@ def test_an_overlay_takes_few_copies_of_a_large_frame(kind: str, peak_memory: An
     if kind != "bool":
         low, high = np.percentile(frame, [0.5, 99.5])
         np.testing.assert_array_equal(shown == 0, frame < low + (high - low) / 255)
+
+
+def test_infinite_pixels_are_white_or_black_in_an_overlay() -> None:
+    frame = np.random.default_rng(0).random((20, 30))
+    frame[3, 4:6] = np.inf, -np.inf
+    np.testing.assert_array_equal(grey(frame)[3, 4:6], [255, 0])

@@ -40,6 +40,7 @@ class Split:
         metadata={
             "help": "shares of the film (default: 0.8 0.1 0.1)",
             "metavar": ("TRAIN", "VAL", "TEST"),
+            "least": 0,
             "flag": "--split",
         },
     )
