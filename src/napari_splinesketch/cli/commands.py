@@ -100,9 +100,8 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
     work: Callable[..., Outcome] = resolve_name(f"napari_splinesketch.cli.{name}")
     with job.owning(), terminal.progress() as progress:
         outcome = work(job, progress)
-    left_out = [path for path in job.files("written") if path not in outcome.written]
-    none = (f"{path} is not written: no frame was refined" for path in left_out)
-    notes = *outcome.notes, *none
+    left_out = (path for path in job.files("written") if path not in outcome.written)
+    notes = *outcome.notes, *(f"{path} is not written: no frame was refined" for path in left_out)
     terminal.say(*notes)
     if job.json:
         written = [str(path) for path in outcome.written]

@@ -83,8 +83,6 @@ def suggest(
         Where the call makes no sense: no image, no finite pixel, a sensitivity outside 0 to 1,
         an unknown polarity, a half-width that no body of the image can have.
     """
-    if not 0 <= sensitivity <= 1:
-        raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
     return prepare(image, polarity, half_width).choose(sensitivity)
 
 
