@@ -86,6 +86,18 @@ def test_bright_dark_and_hollow_bodies_are_not_in_relief() -> None:
         assert NOTE not in refine(image, lines).model.notes
 
 
+def test_a_line_over_nothing_puts_no_clear_body_in_relief() -> None:
+    for seed in range(12):
+        scene = synthetic.scene(seed, shape=(100, 120), length=55.0, half_width=2.5, margin=8.0)
+        body = scene.centrelines[0]
+        corners = np.array([[20.0, 15.0], [20.0, 75.0], [80.0, 15.0], [80.0, 75.0]])
+        apart = np.linalg.norm(body[:, None] - np.add(corners, [0, 15]), axis=2).min(0)
+        stray = np.add(corners[apart.argmax()], [[0, 0], [1, 10], [-1, 20], [0, 30]])
+        found = refine(scene.image, [body[::33] + 0.7, stray])
+        assert NOTE not in found.model.notes, seed
+        assert average_dtw(found.curves[0].points, body) < 0.7, seed
+
+
 def test_raising_an_image_and_back_leaves_it_as_it_was() -> None:
     image = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(90, 120)), 3.0)
     image[[0, -1]] = image[:, [0, -1]] = np.median(image)

@@ -163,11 +163,13 @@ def _read(
             maybe_relief = scene.unclear(scenes)
         if maybe_relief:
             waiting.append((island, scenes))
-            bodies += _sides(island, scenes[0][1])
+            bodies += _sides(island, scenes)
         scene.tidy(scenes)
         if not maybe_relief:
             yield island, scenes
-    light = relief.lit_from(bodies)
+    if relief.lit_from([body for clear, body in bodies if not clear]) is None:
+        bodies = []
+    light = relief.lit_from([body for _, body in bodies])
     for island, scenes in waiting:
         if light is not None:
             pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
@@ -176,14 +178,16 @@ def _read(
         yield island, scenes
 
 
-def _sides(island: Island, seen: scene.Scene) -> Iterator[relief.Sides]:
-    """What is beside the sketches of an island, and beside its fixed curves, as in the image."""
+def _sides(island: Island, scenes: Scenes) -> Iterator[tuple[bool, relief.Sides]]:
+    """Whether a sketch or fixed curve is clearly bright or dark, and what is beside it."""
+    votes = {i: bright.vote for m, s in scenes for i, (bright, _) in zip(m, s.around, strict=True)}
     lines = [*island.sketches, *(curve[:, :2] for curve in island.fixed)]
     # What is beside a straight line by chance has one direction, too.
-    bent = [line for line in lines if len(line) > 2]
-    for line in heapq.nlargest(const.RELIEF_MOST, bent, key=lambda x: spline.arc_length(x)[-1]):
-        body = relief.sides(seen.ridges, line)
-        yield replace(body, normals=island.pose.turned_back(body.normals))
+    bent = [i for i, line in enumerate(lines) if len(line) > 2]
+    for i in heapq.nlargest(const.RELIEF_MOST, bent, lambda i: spline.arc_length(lines[i])[-1]):
+        body = relief.sides(scenes[0][1].ridges, lines[i])
+        body = replace(body, normals=island.pose.turned_back(body.normals))
+        yield abs(votes.get(i, 0.0)) >= const.RELIEF_VOTE, body
 
 
 def _fitted(
