@@ -220,9 +220,8 @@ def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iter
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         head = Labels()
-        for known in (drawn, images, job):  # the last word is the user's
+        for known in (drawn, images, job):  # the last word is the user's; an image's may be wrong
             if known and known.scale:
-                # A bad description of an image does no harm to its pixels.
                 with suppress(ValueError) if known is images else nullcontext():
                     head = Labels(scale=known.scale, units=known.units)
         settings = {

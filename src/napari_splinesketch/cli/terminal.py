@@ -64,9 +64,8 @@ def take_over() -> None:
 
     Only for a process that is the command: signals and warnings belong to the whole process.
     """
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed: a file that is written must not take its place
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+    # What is closed stays without a reader: a file that is written must not take its place.
+    sys.stdout, sys.stderr = (each or open(os.devnull, "w") for each in (sys.stdout, sys.stderr))
     warnings.showwarning = lambda message, *where, **more: say(message)
     handler = logging.StreamHandler()
     handler.setFormatter(_Plain())

@@ -65,10 +65,8 @@ def grey(frame: Real[np.ndarray, "H W"]) -> UInt8[np.ndarray, "H W"]:
     low, high = np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0)
     stretched = np.empty(frame.shape, np.uint8)
     for top in range(0, len(frame), STRIP):  # images are large
-        strip = frame[top : top + STRIP].astype(np.float64)
-        values = np.nan_to_num(strip, nan=low, posinf=high, neginf=low)
-        share = np.clip((values - low) / max(high - low, 1e-12), 0, 1)
-        stretched[top : top + STRIP] = 255 * share
+        values = np.clip(frame[top : top + STRIP].astype(np.float64), low, high) - low
+        stretched[top : top + STRIP] = 255 * np.nan_to_num(values / max(high - low, 1e-12))
     return stretched
 
 
