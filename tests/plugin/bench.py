@@ -4,11 +4,13 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
+from napari.utils.interactions import mouse_press_callbacks
 
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.saver import Saver
@@ -45,6 +47,15 @@ class Bench:
         layer = Shapes(list(lines), shape_type="path", name=name)
         self.viewer.add_layer(layer)
         return layer
+
+    def click(self, layer: Shapes, *points: tuple[float, float]) -> None:
+        """Click vertices of a polyline that is not ended yet."""
+        layer.mode = "add_polyline"
+        self.viewer.layers.selection.active = layer
+        for row, col in points:
+            pos = np.array([col, row])
+            event = {"position": (row, col), "pos": pos, "modifiers": (), "type": "mouse_press"}
+            mouse_press_callbacks(layer, SimpleNamespace(**event))
 
     def refine(self) -> None:
         """Refine what is new, and wait for the end."""

@@ -8,7 +8,9 @@ from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.drawn import FADED
+from napari_splinesketch.plugin.words import to_do
 
+from .bench import SOON, bench
 from .fakes import FakeEngine
 from .hand import QTest, canvas, canvas_point, choose, click, draw, fit_view, refine, until
 
@@ -126,3 +128,21 @@ def test_a_path_that_is_given_up_leaves_nothing_behind(
     assert dock.results.text() == "3 good"
     assert "could not be shown" not in dock.notice.text()
     until(lambda: np.allclose(layer.edge_color[:3, 3], FADED), 20)
+
+
+def test_a_line_that_is_being_drawn_waits_until_it_is_finished(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        layer, controller = made.controller.sketches, made.controller
+        assert layer is not None
+        made.click(layer, (80, 20))
+        said = to_do(controller.request())
+        assert "stray" not in said and "Enter ends a polyline" in said
+        made.click(layer, (80, 40), (90, 60))
+        controller.toggle_at_once()
+        assert controller.progress is None and len(fake.calls) == 1
+        layer.remove([])  # ends it, as Enter does
+        until(lambda: len(fake.calls) == 2, SOON)
+        made.rest()
+        assert len(controller.records()) == 3
+        assert "polyline" not in to_do(controller.request())

@@ -291,3 +291,24 @@ def test_suggested_lines_that_were_refined_stay_whatever_a_layer_rounds_them_to(
         made.controller.suggestions.suggest()
         made.rest()
         assert layer.nshapes == len(made.controller.records()) == 1
+
+
+def test_a_polyline_that_is_being_drawn_outlives_other_suggestions(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = Suggestions(tuple(LINES), np.array([0.9, 0.4]))
+    monkeypatch.setattr(engine, "suggest", lambda *task: found)
+    monkeypatch.setattr(Suggestions, "choose", lambda self, share: LINES[: round(2 * share)])
+    with bench() as made:
+        made.image()
+        layer = made.sketches([np.array([[10.0, 10], [10, 90]])])
+        made.controller.suggestions.sensitivity = 1
+        made.controller.suggestions.suggest()
+        made.rest()
+        made.click(layer, (80, 20), (80, 40), (90, 60))
+        made.controller.suggestions.change_sensitivity(0)
+        until(lambda: layer.nshapes == 2, SOON)
+        assert made.controller.notice.kind == "done"
+        assert [line[-1].tolist() for line in layer.data] == [[10, 90], [80, 40]]
+        made.click(layer, (30, 20), (30, 40), (30, 60))
+        assert layer.nshapes == 3

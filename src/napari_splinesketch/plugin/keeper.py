@@ -57,6 +57,7 @@ class Keeper:
     actions: Commands
     drawing: Drawing
     knots: KnotEditing | None = None
+    unfinished = False  # the last of the sketches is still being drawn
 
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
@@ -104,6 +105,7 @@ class Keeper:
         if new is not None:
             events = [getattr(new.events, name) for name in PLACED]
             if isinstance(new, Shapes):
+                self.unfinished = False
                 events += [new.events.mode, new.selected_data.events.items_changed]
             self._ends[kind] = listen(*[(event, self._on_seen) for event in events])
         self.changes.layers.emit()
@@ -134,7 +136,8 @@ class Keeper:
     def drawn(self) -> Drawn:
         """The lines of the frame in view."""
         image, layer = self.image, self.sketches
-        return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
+        there = image and layer and (self.viewer, layer, image, self.frame, self.unfinished)
+        return drawn_in(*there) if there else Drawn()
 
     def forget(self) -> None:
         """Look again at what is in view."""
@@ -273,9 +276,12 @@ class Keeper:
         self.changes.layers.emit()
 
     def _on_seen(self, event: Any) -> None:
-        self.changes.edited.emit()
-        added = getattr(event, "action", None) == ActionType.ADDED
-        if added and event.source is self._chosen[Shapes]:
+        action = getattr(event, "action", None)  # of the chosen sketches
+        if action in (ActionType.ADDING, ActionType.ADDED):
+            self.unfinished = action == ActionType.ADDING
+        if action != ActionType.ADDING:  # it is not there yet
+            self.changes.edited.emit()
+        if action == ActionType.ADDED:
             self.changes.drawn.emit()
 
     def _take(self, chosen: Settings) -> None:

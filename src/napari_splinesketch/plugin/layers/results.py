@@ -263,6 +263,8 @@ class Work:
         if layer not in self.viewer.layers:
             return
         gone = self._suggested.keys() - wanted
+        if gone:
+            layer.remove([])  # ends what is being drawn, by its number that is soon another's
         old = self.positions(gone)
         for one in gone:
             del self._suggested[one]
