@@ -14,6 +14,7 @@ from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.plots import Plot
 from napari_splinesketch.plugin.review import ReviewPanel
 
+from .bench import bench
 from .fakes import FakeEngine
 from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, refine, until
 
@@ -246,3 +247,14 @@ def test_a_row_of_another_frame_goes_there(
     viewer.dims.set_point(0, 4)
     until(lambda: ids(panel) == [3], 5)
     assert isinstance(viewer.layers["film curves"], Shapes)
+
+
+def test_delete_in_the_table_means_the_curve_not_a_line(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        panel = ReviewPanel(made.controller)
+        QTest.keyClick(panel.table, Qt.Key.Key_Down)
+        assert len(made.controller.selection) == 1
+        QTest.keyClick(panel.table, Qt.Key.Key_Delete)
+        assert len(made.controller.records()) == len(made.controller.state.deleted) == 1
+        panel.close()

@@ -20,6 +20,7 @@ from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.looks import COLOURS
+from napari_splinesketch.plugin.layers.results import ERASE
 from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
@@ -40,6 +41,7 @@ NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
 PADDING = 16
 MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown", "Home", "End")]
+ERASES = [getattr(Qt.Key, f"Key_{n}") for n in ERASE]
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
@@ -121,10 +123,11 @@ class CurvesModel(QtCore.QAbstractTableModel):
 
 
 class CurvesTable(qt.QTableView):
-    """Shows curves, one a row; all keys but those that move are the viewer's."""
+    """Shows curves, one a row; all keys but those that move or delete are the viewer's."""
 
     # The user went to a row: its record's key.
     picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
+    erased = QtCore.Signal()  # pyright: ignore[reportPrivateImportUsage]
 
     def __init__(self, model: CurvesModel):
         super().__init__()
@@ -158,8 +161,10 @@ class CurvesTable(qt.QTableView):
             self.setCurrentIndex(NO_INDEX if row is None else self._rows.index(row, 0))
 
     def keyPressEvent(self, e: QKeyEvent | None) -> None:
-        """Let the viewer have the keys that do not move through the rows."""
-        if e is not None and e.key() not in MOVES:
+        """Let the viewer have other keys; it would delete lines where a curve is meant."""
+        if e is not None and e.key() in ERASES:
+            self.erased.emit()
+        elif e is not None and e.key() not in MOVES:
             e.ignore()
         else:
             super().keyPressEvent(e)
@@ -213,6 +218,7 @@ class ReviewPanel(qt.QWidget):
         controller.order = lambda records: self.model.records
         self.model.modelReset.connect(lambda: self.table.show_selected(controller.selected))
         self.table.picked.connect(partial(go_to, controller))
+        self.table.erased.connect(changes.erased.emit)
         self.shown.activated.connect(self._show_rows)
         self.plotted.activated.connect(self.show_selected)
 
