@@ -9,6 +9,7 @@ from qtpy.QtCore import QPoint, Qt
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.knots import SIZE
 
+from .bench import SOON, bench
 from .fakes import FakeEngine
 from .hand import LEFT, NO_KEY, QTest, canvas, canvas_point, click, fit_view, refine, until
 
@@ -288,3 +289,21 @@ def test_knots_that_are_taken_back_or_kept(
     assert not controller.knots
     assert "film on the way" not in viewer.layers
     assert len(fake.calls) == 1
+
+
+def test_what_napari_selects_in_the_layer_of_curves_is_selected(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        assert controller.work is not None
+        curves = controller.work.layer("curves")
+        curves.selected_data = {0, 1}  # as its key A does
+        assert controller.selection == ((0, 1), (0, 2))
+        controller.delete()
+        until(lambda: not controller.drawing.runs, SOON)
+        assert curves.nshapes == 0
+        controller.undo()
+        until(lambda: curves.nshapes == 2, SOON)
+        assert len(controller.selection) == 2

@@ -237,6 +237,7 @@ class Work:
                 layer = slot.make(visible=False)
                 if role == "curves":
                     layer.mouse_drag_callbacks.append(self._on_press)
+                    layer.selected_data.events.items_changed.connect(self._on_chosen)
                     for key in ERASE:
                         layer.bind_key(key, lambda _: self.changes.erased.emit(), overwrite=True)
                 slot.veiled = True  # until it is shown, in these steps or in later ones
@@ -326,6 +327,12 @@ class Work:
                     mark.visible = event.source.visible
         self._update(*ASKED)
         self.changes.shown.emit()
+
+    def _on_chosen(self, *_: object) -> None:
+        """Select the curves that napari's own keys select: all of the frame."""
+        layer, shown = self._lines.layer, self._lines._shown
+        if layer is not None and layer.selected_data and layer.nshapes == len(shown):
+            self.select(tuple([model.key_of(shown[i]) for i in sorted(layer.selected_data)]))
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
         """Tell a click from a drag, where napari itself only moves the camera."""
