@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from qtpy.QtCore import QPoint, Qt
 
+from napari_splinesketch.plugin.commands import pick
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.knots import SIZE
+from napari_splinesketch.plugin.widgets import CommandButton
 
 from .bench import SOON, bench
 from .fakes import FakeEngine
@@ -307,3 +309,24 @@ def test_what_napari_selects_in_the_layer_of_curves_is_selected(
         controller.undo()
         until(lambda: curves.nshapes == 2, SOON)
         assert len(controller.selection) == 2
+
+
+def test_buttons_cut_and_extend_where_the_curve_was_clicked(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        controller.selected = (0, 1)
+        split, extend = (CommandButton(controller.actions, name) for name in ("split", "extend"))
+        made.viewer.cursor.position = (50, 127)  # on the way to the button
+        for button in (split, extend):
+            click(button)
+            assert "Click the curve there first" in controller.notice.text
+        made.viewer.cursor.position = (20, 30)
+        pick(controller)
+        made.viewer.cursor.position = (50, 127)
+        click(extend)
+        made.rest()
+        assert controller.records()[0].curve.points[:, 1].min() < 20
+        click(split)
+        first = controller.records()[0].curve.points[:, 1]
+        assert abs(first.max() - 30) < 1

@@ -90,12 +90,19 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 
 
 def _place_beside(c: Controller, record: Record) -> np.ndarray:
-    """Where the pointer is, px, if the curve is in the frame in view."""
+    """Where the pointer is, px, if the curve is in view; for a button, where it was clicked."""
     if problem := plane_problem(c.viewer, c.image):
         raise ValueError(problem)
     if record.frame != c.frame:
         raise ValueError(f"Curve {record.id} is in frame {record.frame}: go there first.")
-    return _place(c)
+    if c.actions.by_button and not _reached(record, c.clicked):
+        raise ValueError("Click the curve there first, or point there and press the key.")
+    return c.clicked if c.actions.by_button else _place(c)
+
+
+def _reached(record: Record, place: np.ndarray) -> bool:
+    near = max(REACH, editing.body_width(record.curve))
+    return editing.nearest(record.curve, place)[1] < near
 
 
 def _all_locked(controller: Controller) -> bool:
@@ -105,12 +112,11 @@ def _all_locked(controller: Controller) -> bool:
 
 def pick(controller: Controller, *, add: bool = False) -> None:
     """Select the curve that the pointer is at, beside those selected or instead of them."""
-    place, here = _place(controller), controller.records(controller.frame)
-    near = [(editing.nearest(record.curve, place)[1], record) for record in here]
-    reached = [(far, r) for far, r in near if far < max(REACH, editing.body_width(r.curve))]
+    controller.clicked = place = _place(controller)
+    reached = [record for record in controller.records(controller.frame) if _reached(record, place)]
     chosen = controller.selection if add else ()
     if reached:
-        key = key_of(min(reached, key=lambda pair: pair[0])[1])
+        key = key_of(min(reached, key=lambda record: editing.nearest(record.curve, place)[1]))
         chosen = tuple(k for k in chosen if k != key) if key in chosen else (*chosen, key)
     controller.select(chosen)
 
@@ -179,12 +185,13 @@ COMMANDS = (
     Command("flip", "Flip", "Shift+H", _shape("Flip", _flip),
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", _shape("Split", _split),
-            "Cut the curve where you point", "curve", ONE),
+            "Cut the curve where you point or, by the button, where you clicked it", "curve", ONE),
     Command("join", "Join", "Shift+J", _shape("Join", _join),
             "Join the two selected curves into one", "curve", TWO),
     Command("extend", "Extend", "Shift+N",
             lambda c: _shape("Extend", _extend)(c) and c.refine("selected"),
-            "Lengthen the end you point at, and refine", "curve", ONE),
+            "Lengthen the end you point at or, by the button, clicked near, and refine",
+            "curve", ONE),
     Command("lock", "Lock", "Shift+K", lambda c: c.lock(not _all_locked(c)),
             "Keep the selected curves as they are", "curve", ANY,
             label=lambda c: "Unlock" if _all_locked(c) else "Lock"),
@@ -234,12 +241,13 @@ class Commands:
         self._controller, self._viewer = controller, controller.viewer
         self.table = {command.id: command for command in table}
         self.keys: dict[str, str] = {}
+        self.by_button = False  # whether the pointer is at a button, not at a curve
         self._bound: dict[Any, Callable[[ViewerModel], None]] = {}
         self.rebind({})
 
-    def run(self, name: str) -> None:
+    def run(self, name: str, *, by_button: bool = False) -> None:
         """Do it, to the curve that is pointed at where none is selected; or say why not."""
-        command, c = self.table[name], self._controller
+        command, c, self.by_button = self.table[name], self._controller, by_button
         unselected = f"Select {command.curves}"
         if self.problem(name) == unselected and not c.selection:
             pick(c)

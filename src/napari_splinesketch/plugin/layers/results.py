@@ -28,7 +28,7 @@ their metadata, which other plugins may write to files."""
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
-ERASE = ("Delete", "Backspace")  # with which napari deletes shapes
+ERASE = ("Delete", "Backspace", "3")  # with which napari deletes shapes
 AFTER_MS = 120  # marks, halos and breadths follow the camera when it has stood still for so long
 
 
