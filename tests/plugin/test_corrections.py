@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.utils.key_bindings import coerce_keybinding
 from qtpy.QtCore import QPoint, Qt
 
 from napari_splinesketch.plugin.commands import pick
@@ -293,7 +294,7 @@ def test_knots_that_are_taken_back_or_kept(
     assert len(fake.calls) == 1
 
 
-def test_what_napari_selects_in_the_layer_of_curves_is_selected(
+def test_the_key_that_selects_all_shapes_selects_all_curves_of_the_frame(
     qapp: Any, fake: FakeEngine
 ) -> None:
     with bench() as made:
@@ -301,7 +302,7 @@ def test_what_napari_selects_in_the_layer_of_curves_is_selected(
         controller = made.controller
         assert controller.work is not None
         curves = controller.work.layer("curves")
-        curves.selected_data = {0, 1}  # as its key A does
+        curves.keymap[coerce_keybinding("A")](curves)
         assert controller.selection == ((0, 1), (0, 2))
         controller.delete()
         until(lambda: not controller.drawing.runs, SOON)

@@ -137,7 +137,7 @@ def test_a_line_that_is_being_drawn_waits_until_it_is_finished(qapp: Any, fake: 
         assert layer is not None
         made.click(layer, (80, 20))
         said = to_do(controller.request())
-        assert "stray" not in said and "Enter ends a polyline" in said
+        assert "stray" not in said and "a polyline ends with a double click" in said
         made.click(layer, (80, 40), (90, 60))
         controller.toggle_at_once()
         assert controller.progress is None and len(fake.calls) == 1

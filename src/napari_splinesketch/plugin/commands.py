@@ -101,8 +101,7 @@ def _place_beside(c: Controller, record: Record) -> np.ndarray:
 
 
 def _reached(record: Record, place: np.ndarray) -> bool:
-    near = max(REACH, editing.body_width(record.curve))
-    return editing.nearest(record.curve, place)[1] < near
+    return editing.nearest(record.curve, place)[1] < max(REACH, editing.body_width(record.curve))
 
 
 def _all_locked(controller: Controller) -> bool:
@@ -185,13 +184,12 @@ COMMANDS = (
     Command("flip", "Flip", "Shift+H", _shape("Flip", _flip),
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", _shape("Split", _split),
-            "Cut the curve where you point or, by the button, where you clicked it", "curve", ONE),
+            "Cut the curve where you point, or clicked it", "curve", ONE),
     Command("join", "Join", "Shift+J", _shape("Join", _join),
             "Join the two selected curves into one", "curve", TWO),
     Command("extend", "Extend", "Shift+N",
             lambda c: _shape("Extend", _extend)(c) and c.refine("selected"),
-            "Lengthen the end you point at or, by the button, clicked near, and refine",
-            "curve", ONE),
+            "Lengthen the end you point at, or clicked, and refine", "curve", ONE),
     Command("lock", "Lock", "Shift+K", lambda c: c.lock(not _all_locked(c)),
             "Keep the selected curves as they are", "curve", ANY,
             label=lambda c: "Unlock" if _all_locked(c) else "Lock"),
@@ -241,7 +239,6 @@ class Commands:
         self._controller, self._viewer = controller, controller.viewer
         self.table = {command.id: command for command in table}
         self.keys: dict[str, str] = {}
-        self.by_button = False  # whether the pointer is at a button, not at a curve
         self._bound: dict[Any, Callable[[ViewerModel], None]] = {}
         self.rebind({})
 

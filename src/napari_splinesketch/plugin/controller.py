@@ -9,7 +9,6 @@ from time import perf_counter
 from typing import Any
 from weakref import WeakSet
 
-import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
@@ -41,7 +40,7 @@ class Controller(Keeper):
         self.drawing = Drawing(self._on_not_shown)
         super().__init__(viewer)
         self.at_once = False
-        self.clicked = np.full(2, np.inf)  # where a curve was clicked last, px
+        self.clicked: Any = float("inf")  # where a curve was clicked last, px
         # In which curves are gone through: the worst first, or as a table shows them.
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown
@@ -72,6 +71,8 @@ class Controller(Keeper):
         problem = space.plane_problem(self.viewer, image)
         if problem or layer is None:
             return Plan(problem=problem or words.BEGIN)
+        if self.unfinished and drawn.drawing(self.viewer, layer):
+            return Plan(problem="Finish the line: a polyline ends with a double click or Enter.")
         frame, lines = self.frame, self.drawn
         about_curves = scope == "selected" and any(key[0] == frame for key in self.selection)
         if layer is self.viewer.layers.selection.active and not about_curves and scope != "all":

@@ -62,8 +62,7 @@ class Suggestions:
     def change_sensitivity(self, value: float) -> None:
         """Suggest other lines in the place of the last ones, soon."""
         self.sensitivity = value
-        if self._last is not None:
-            self._soon()
+        self._soon()
 
     def _on_suggested(self, work: Work, frame: int, found: engine.Suggestions) -> None:
         self._last, self._refused = (work, frame, found), {}

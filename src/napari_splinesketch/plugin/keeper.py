@@ -101,11 +101,10 @@ class Keeper:
     def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none."""
         self._ends.pop(kind, lambda: None)()
-        self._chosen[kind] = new
+        self._chosen[kind], self.unfinished = new, False
         if new is not None:
             events = [getattr(new.events, name) for name in PLACED]
             if isinstance(new, Shapes):
-                self.unfinished = False
                 events += [new.events.mode, new.selected_data.events.items_changed]
             self._ends[kind] = listen(*[(event, self._on_seen) for event in events])
         self.changes.layers.emit()
@@ -136,8 +135,7 @@ class Keeper:
     def drawn(self) -> Drawn:
         """The lines of the frame in view."""
         image, layer = self.image, self.sketches
-        there = image and layer and (self.viewer, layer, image, self.frame, self.unfinished)
-        return drawn_in(*there) if there else Drawn()
+        return drawn_in(self.viewer, layer, image, self.frame) if image and layer else Drawn()
 
     def forget(self) -> None:
         """Look again at what is in view."""
@@ -276,12 +274,10 @@ class Keeper:
         self.changes.layers.emit()
 
     def _on_seen(self, event: Any) -> None:
-        action = getattr(event, "action", None)  # of the chosen sketches
-        if action in (ActionType.ADDING, ActionType.ADDED):
-            self.unfinished = action == ActionType.ADDING
-        if action != ActionType.ADDING:  # it is not there yet
-            self.changes.edited.emit()
-        if action == ActionType.ADDED:
+        action, added = getattr(event, "action", None), ActionType.ADDED  # of the chosen sketches
+        self.unfinished = action == ActionType.ADDING or self.unfinished & (action != added)
+        self.changes.edited.emit()
+        if action == added:
             self.changes.drawn.emit()
 
     def _take(self, chosen: Settings) -> None:

@@ -127,11 +127,10 @@ class CurvesTable(qt.QTableView):
 
     # The user went to a row: its record's key.
     picked = QtCore.Signal(object)  # pyright: ignore[reportPrivateImportUsage]
-    erased = QtCore.Signal()  # pyright: ignore[reportPrivateImportUsage]
 
-    def __init__(self, model: CurvesModel):
+    def __init__(self, model: CurvesModel, erase: Callable[[], object]):
         super().__init__()
-        self._rows = model
+        self._rows, self._erase = model, erase
         self.setModel(model)
         self.setSortingEnabled(True)
         self.setSelectionBehavior(qt.QAbstractItemView.SelectionBehavior.SelectRows)
@@ -163,7 +162,7 @@ class CurvesTable(qt.QTableView):
     def keyPressEvent(self, e: QKeyEvent | None) -> None:
         """Let the viewer have other keys; it would delete lines where a curve is meant."""
         if e is not None and e.key() in ERASES:
-            self.erased.emit()
+            self._erase()
         elif e is not None and e.key() not in MOVES:
             e.ignore()
         else:
@@ -184,7 +183,7 @@ class ReviewPanel(qt.QWidget):
 
     def _build(self) -> None:
         self.model = CurvesModel(self)
-        self.table = CurvesTable(self.model)
+        self.table = CurvesTable(self.model, self.controller.changes.erased.emit)
         self.plots = CurvePlots(self.controller.viewer.theme)
         self.shown, self.plotted = qt.QComboBox(), qt.QComboBox()
         self.shown.addItems([name.capitalize() for name in SHOWN])
@@ -218,7 +217,6 @@ class ReviewPanel(qt.QWidget):
         controller.order = lambda records: self.model.records
         self.model.modelReset.connect(lambda: self.table.show_selected(controller.selected))
         self.table.picked.connect(partial(go_to, controller))
-        self.table.erased.connect(changes.erased.emit)
         self.shown.activated.connect(self._show_rows)
         self.plotted.activated.connect(self.show_selected)
 

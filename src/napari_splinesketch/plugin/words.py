@@ -82,8 +82,6 @@ def to_do(plan: "Plan") -> str:
     said = [plan.problem] if plan.problem else []
     if plan.decided and plan.targets:
         said.append(_decided(plan))
-    if plan.drawn.unfinished:
-        said.append("A double click or Enter ends a polyline.")
     if plan.drawn.strays:
         said.append(f"Skipped: {count(plan.drawn.strays, 'stray click')}.")
     if plan.drawn.unusable:

@@ -35,16 +35,10 @@ class Drawn:
     numbers: tuple[int, ...] = ()
     strays: int = 0  # left out, as too short to mean anything
     unusable: Mapping[str, int] = field(default_factory=dict)  # of other kinds: {"rectangle": 2}
-    unfinished: bool = False  # a polyline beside them waits for its next vertex
 
 
-def drawn_in(
-    viewer: ViewerModel, layer: Shapes, image: Image, frame: int, unfinished: bool = False
-) -> Drawn:
-    """Read the sketches of one frame, but for the last shape of the layer while it is `unfinished`.
-
-    A layer without an axis for frames belongs to all of them.
-    """
+def drawn_in(viewer: ViewerModel, layer: Shapes, image: Image, frame: int) -> Drawn:
+    """Read the sketches of one frame. A layer without an axis for frames belongs to all of them."""
     read = shapes_in(viewer, layer, image)
     if not read:
         return Drawn()
@@ -53,14 +47,12 @@ def drawn_in(
     here = space.from_world(viewer, layer, np.array(viewer.dims.point)[None, -layer.ndim :])
     seen = (np.round(first[:, :extra]) == np.round(here[:, :extra])).all(axis=1)
     kinds, lengths = layer.shape_type, model.lengths_of([line for _, line in read])
-    read = read[: len(read) - unfinished]
     there = [i for i, (at, _) in enumerate(read) if at == frame and seen[i]]
     usable = [i for i in there if kinds[i] in LINES]
     numbers = tuple([i for i in usable if lengths[i] >= SHORTEST])
     unusable = Counter([kinds[i] for i in there if kinds[i] not in LINES])
     lines = tuple([read[i][1] for i in numbers])
-    unfinished &= layer.mode == "add_polyline"
-    return Drawn(lines, numbers, len(usable) - len(numbers), unusable, unfinished)
+    return Drawn(lines, numbers, len(usable) - len(numbers), unusable)
 
 
 def shapes_in(viewer: ViewerModel, layer: Shapes, image: Image) -> list[tuple[int, model.Line]]:

@@ -237,9 +237,10 @@ class Work:
                 layer = slot.make(visible=False)
                 if role == "curves":
                     layer.mouse_drag_callbacks.append(self._on_press)
-                    layer.selected_data.events.items_changed.connect(self._on_chosen)
                     for key in ERASE:
                         layer.bind_key(key, lambda _: self.changes.erased.emit(), overwrite=True)
+                    for key in ("A", "Control-A"):  # napari's own select shapes, not curves
+                        layer.bind_key(key, lambda _: self._select_all(), overwrite=True)
                 slot.veiled = True  # until it is shown, in these steps or in later ones
                 yield
                 if role == "marks":  # to write text and to draw it first takes 0.1 s each
@@ -263,8 +264,7 @@ class Work:
         layer, wanted = self.sketches, self.state.suggestions
         if layer not in self.viewer.layers:
             return
-        gone = self._suggested.keys() - wanted
-        if gone:
+        if gone := self._suggested.keys() - wanted:
             layer.remove([])  # ends what is being drawn, by its number that is soon another's
         old = self.positions(gone)
         for one in gone:
@@ -328,11 +328,9 @@ class Work:
         self._update(*ASKED)
         self.changes.shown.emit()
 
-    def _on_chosen(self, *_: object) -> None:
-        """Select the curves that napari's own keys select: all of the frame."""
-        layer, shown = self._lines.layer, self._lines._shown
-        if layer is not None and layer.selected_data and layer.nshapes == len(shown):
-            self.select(tuple([model.key_of(shown[i]) for i in sorted(layer.selected_data)]))
+    def _select_all(self) -> None:
+        frame = space.current_frame(self.viewer, self.image)
+        self.select(tuple([key for key in self.state.by_key if key[0] == frame]))
 
     def _on_press(self, layer: Shapes, event: Any) -> Iterator[None]:
         """Tell a click from a drag, where napari itself only moves the camera."""
