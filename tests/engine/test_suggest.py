@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from suggested import FOUND, judged, on, worms
 
 from napari_splinesketch import suggest, synthetic
@@ -115,6 +116,22 @@ def test_crossing_bodies_go_straight_on() -> None:
     found = suggest(image)
     assert len(found) == 2
     assert {k for _, k in on(found, truth, 2.0)} == {0, 1}
+
+
+def test_bodies_packed_side_by_side_stand_out() -> None:
+    rows, columns = np.mgrid[:260, :260] - 130.0
+    cos, sin = np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))
+    across, along = rows * cos - columns * sin, rows * sin + columns * cos
+    image, truth, rng = np.zeros(rows.shape), [], np.random.default_rng(3)
+    for middle in (-40.5, 40.5):
+        for place in 11.0 * np.arange(-4.5, 5):
+            beside = np.hypot(across - place, np.clip(np.abs(along - middle) - 32.5, 0, None))
+            image = np.maximum(image, rng.uniform(0.7, 1) * np.clip(5.5 - beside, 0, 1))
+            ends = middle + np.array([-37.5, 37.5])
+            truth.append(130 + np.stack([place * cos + ends * sin, ends * cos - place * sin], 1))
+    image = ndimage.gaussian_filter(image, 2.5) + rng.normal(0, 0.02, image.shape)
+    found = {body for _, body in on(suggest(image, polarity="bright"), truth, FOUND)}
+    assert len(found) >= 0.5 * len(truth)
 
 
 def test_one_body_alone() -> None:

@@ -197,12 +197,14 @@ CONTRASTS = (0.2, 4.0)  # least and largest contrast of a body against the other
 
 # === Suggest
 # least strength against the usual body's at sensitivity 0, 0.5 and 1:
-SUGGEST_STRENGTH = (0.7, 0.62, 0.15)
+SUGGEST_STRENGTH = (0.75, 0.66, 0.15)
+# side of the blocks whose median height is what is usual; smaller ones hold packed bodies alone:
+SUGGEST_BLOCK_HW = 30.0
 SUGGEST_HIGHEST = 0.99  # quantile of an image's ridges that is the height of its bodies'
 # both polarities are offered where the weaker has this share of the stronger's lines:
 SUGGEST_BOTH = 0.6
 SUGGEST_WIDEST = 0.06  # largest half-width that is tried, as a share of the image's shorter side
-SUGGEST_BODY = (0.3, 0.5)  # hysteresis thresholds of the evidence
+SUGGEST_BODY = (0.3, 0.7)  # hysteresis thresholds of the evidence
 SUGGEST_SHORTEST_HW = 8.0  # shorter lines are not offered
 SUGGEST_WIDTH = 0.95  # a line has the smallest half-width whose ridges reach this share of the best
 SUGGEST_OFF = 1  # most rungs between that half-width and the one that the line was traced at

@@ -132,7 +132,7 @@ def _traced_at(
     height = max(float(np.quantile(ridges.heights(k, sign), const.SUGGEST_HIGHEST)) for k in rungs)
     found: list[Traced] = []
     for rung in rungs:
-        evidence = ridges.alone(rung, sign, height)
+        evidence = ridges.alone(rung, sign, height, const.SUGGEST_BLOCK_HW * WIDTHS[rung])
         evidence[~valid] = 0
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
         found += _traced(ridges, evidence, sign, rung, near)

@@ -83,14 +83,10 @@ class Ridges:
             self._evidence[asked] = found
         return self._evidence[asked]
 
-    def alone(
-        self, rung: int, sign: int, height: float, around: float | None = None
-    ) -> Float[Array, "H W"]:
+    def alone(self, rung: int, sign: int, height: float, around: float) -> Float[Array, "H W"]:
         """The same of one half-width without its neighbours; blocks have the side `around`, px."""
         mine, factor = self.heights(rung, sign), self.factor(rung)
-        block = max(
-            const.USUAL_BLOCK_HW * WIDTHS[rung] if around is None else around, const.USUAL_BLOCK_PX
-        )
+        block = max(around, const.USUAL_BLOCK_PX)
         left = (
             const.RIDGE_NOISE
             * self.noise
