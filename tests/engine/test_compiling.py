@@ -12,7 +12,9 @@ import pytest
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import compile_cache
+from napari_splinesketch.engine.fit import fitting, solver
 from napari_splinesketch.metrics import average_dtw
+from napari_splinesketch.paper import result
 
 from .scenes import frame, refined, sketches_of
 
@@ -65,6 +67,24 @@ def test_doubles_elsewhere_change_nothing():
     for a, b in zip(doubles.curves, refined(2, 2).curves, strict=True):
         np.testing.assert_allclose(a.points, b.points, atol=0.03)
         assert a.status == b.status
+
+
+@pytest.mark.parametrize(
+    ("preset", "module", "name"),
+    [("balanced", solver, "sweep"), ("paper", result, "fit_paper")],
+)
+def test_products_are_computed_with_all_bits(preset, module, name, monkeypatch):
+    """GPUs round their factors to eleven, unless they are told not to."""
+    said = []
+
+    def watched(*given: object) -> None:
+        said.append(jax.config.jax_default_matmul_precision)  # type: ignore[attr-defined]
+        raise fitting.Stopped
+
+    monkeypatch.setattr(module, name, watched)
+    made = frame()
+    refine(made.image, sketches_of(made), preset)
+    assert said == ["highest"]
 
 
 @pytest.mark.slow

@@ -197,7 +197,7 @@ CONTRASTS = (0.2, 4.0)  # least and largest contrast of a body against the other
 
 # === Suggest
 # least strength against the usual body's at sensitivity 0, 0.5 and 1:
-SUGGEST_STRENGTH = (0.75, 0.66, 0.15)
+SUGGEST_STRENGTH = (0.7, 0.62, 0.15)
 # side of the blocks whose median height is what is usual; smaller ones hold packed bodies alone:
 SUGGEST_BLOCK_HW = 30.0
 SUGGEST_HIGHEST = 0.99  # quantile of an image's ridges that is the height of its bodies'
