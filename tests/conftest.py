@@ -10,7 +10,6 @@ import tempfile
 import tracemalloc
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
