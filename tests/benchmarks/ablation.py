@@ -4,8 +4,9 @@
 
 Every row runs in a process of its own, since compiled programs hold what they were compiled with.
 Frames of two and three generated bodies, one trial of each stability case, generated images of
-foreign make, and the images of tests/data/real, with sketches as drawn and with right ones. Rows
-go to docs/benchmarks/ablation.csv; a row without a loss means that the mechanism should go.
+foreign make, and the images of tests/data/real, with sketches as drawn, with right ones and with
+lines of one stroke. Rows go to docs/benchmarks/ablation.csv; a row without a loss means that the
+mechanism should go.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import csv
 import fcntl
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, fields, replace
 from functools import partial
@@ -33,7 +34,7 @@ from stability_rows import FAR
 
 from napari_splinesketch import refine
 from napari_splinesketch.engine import constants
-from napari_splinesketch.engine.find import hollow, paths, scoring, strip
+from napari_splinesketch.engine.find import finding, hollow, paths, scoring, strip
 from napari_splinesketch.engine.fit import bands, fit_scene, fitting, pairs
 from napari_splinesketch.engine.fit.tube import INDEX
 from napari_splinesketch.engine.judge import doubt, position
@@ -59,7 +60,7 @@ class Row:
         The mechanism; empty for the engine as it is.
     where
         "generated", "stability", "foreign", "real", or "right" for real ones whose sketches were
-        right already.
+        right already, "stroke" for those drawn in one stroke.
     bodies, lost, silent
         How many; lost ones; lost ones that are not marked. Foreign and real bodies are lost where
         less than 90 % of curve and reference lie on each other.
@@ -110,9 +111,16 @@ def _everybody_alike() -> None:
     scene._rungs = without
 
 
+def _as_looked(scenes: Sequence[tuple[list[int], scene.Scene]], _: object) -> list[int]:
+    """The polarity that what is around each sketch tells, or else the other sketches."""
+    signs = {i: seen.sign for members, seen in scenes for i in members}
+    return [signs[i] for i in sorted(signs)]
+
+
 MECHANISMS: dict[str, Callable[[], None]] = {
     "": lambda: None,
     "polarity of each sketch": _set(constants, CLEAR_VOTE=2.0),
+    "polarity by the path of a clicked sketch": _set(finding, signs=_as_looked),
     "bodies in relief": _set(constants, RELIEF_EXPLAINED=np.inf),
     "half-width of each sketch": _everybody_alike,
     "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),
@@ -133,6 +141,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
     "curves that touch take turns": _set(fitting, _turns=lambda now, _: iter([now.tolist()])),
+    "careful strokes count as clicks": _set(finding, as_clicks=lambda sketch, *_: sketch),
     "clicked vertices are believed": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
     "clicks are measurements": _set(position, with_sketch=lambda knots, known, *_: (knots, known)),
@@ -179,6 +188,7 @@ def measure(without: str, frames: int) -> Iterator[Row]:
     real = list(real_cases.in_folders(real_cases.FOLDERS[:1]))
     images += [("real", case) for case in real]
     images += [("right", real_cases.jittered(case)) for case in real]
+    images += [("stroke", real_cases.freehand(case)) for case in real]
     for where, case in images:
         curves = refine(case.image, next(iter(case.sketches.values()))).curves
         for curve, reference in zip(curves, case.references, strict=True):
