@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import Any
 from weakref import WeakSet
 
+import numpy as np
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 from napari.utils.notifications import show_info
@@ -40,7 +41,7 @@ class Controller(Keeper):
         self.drawing = Drawing(self._on_not_shown)
         super().__init__(viewer)
         self.at_once = False
-        self.clicked: Any = float("inf")  # where a curve was clicked last, px
+        self.clicked = np.full(2, np.inf)  # where a curve was clicked last, px
         # In which curves are gone through: the worst first, or as a table shows them.
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown

@@ -30,8 +30,7 @@ class Suggestions:
 
     def choose(self, sensitivity: float = 0.5) -> tuple[Line, ...]:
         """The lines that stand out enough; a higher sensitivity, from 0 to 1, only adds lines."""
-        if not 0 <= sensitivity <= 1:
-            raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
+        _check_sensitivity(sensitivity)
         least = np.interp(sensitivity, (0, 0.5, 1), const.SUGGEST_STRENGTH)
         chosen = self.lines[: int((self.strength >= least).sum())]
         return tuple(sorted(chosen, key=lambda line: tuple(line.mean(0))))
@@ -83,7 +82,13 @@ def suggest(
         Where the call makes no sense: no image, no finite pixel, a sensitivity outside 0 to 1,
         an unknown polarity, a half-width that no body of the image can have.
     """
+    _check_sensitivity(sensitivity)  # before the work
     return prepare(image, polarity, half_width).choose(sensitivity)
+
+
+def _check_sensitivity(sensitivity: float) -> None:
+    if not 0 <= sensitivity <= 1:
+        raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
 
 
 def prepare(
