@@ -44,6 +44,16 @@ def test_curves_lie_between_the_bright_and_the_dark_sides(bodies: int) -> None:
     assert NOTE in found.model.notes
 
 
+def test_straight_lines_tell_relief_too() -> None:
+    scene = scene_of(8)
+    image, lines = lit(scene)
+    found = refine(image, [line[[0, -1]] for line in lines])
+    apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
+    assert NOTE in found.model.notes
+    assert np.median(apart) < 0.7
+    assert sum(one < 2 for one in apart) >= 7
+
+
 def test_the_picture_of_the_bodies_is_in_relief_too() -> None:
     image, lines = lit(scene_of(8))
     found = refine(image, lines)
@@ -56,8 +66,6 @@ def test_one_light_falls_on_bodies_that_are_far_from_each_other() -> None:
     scene = synthetic.scene(6, bodies=3, shape=shape, crossing=False, margin=20, bend=0.2)
     image, lines = lit(scene)
     assert np.diff(sorted(line[:, 1].mean() for line in lines)).min() > 250  # each is an island
-    lines[0] = lines[0][[0, -1]]  # of a straight line alone nobody can tell
-    assert NOTE not in refine(image, lines[:1]).model.notes
     found = refine(image, lines)
     apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
     assert max(apart) < 1.5
@@ -84,6 +92,14 @@ def test_bright_dark_and_hollow_bodies_are_not_in_relief() -> None:
     down, across = np.gradient(inside)
     for image in (scene.image, -scene.image, np.hypot(down, across)):
         assert NOTE not in refine(image, lines).model.notes
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_bodies_that_cross_are_not_in_relief(bodies: int) -> None:
+    for seed in range(1000, 1010):
+        scene = synthetic.scene(seed, bodies=bodies)
+        turned = [synthetic.rotate(curve, 20) for curve in scene.centrelines]
+        assert NOTE not in refine(scene.image, turned).model.notes, seed
 
 
 def test_a_line_over_nothing_puts_no_clear_body_in_relief() -> None:

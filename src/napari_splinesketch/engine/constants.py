@@ -67,16 +67,12 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 # pixel noise (measured):
 CHANCE_HEIGHT = 0.7
 RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
-# it is in relief where one light explains this share of the ridges beside its sketches at least
-RELIEF_EXPLAINED = 0.05
-# and this much more, divided by the number of sketches: few are explained by chance;
-RELIEF_ALONE = 0.42
-# and where sketches are off the middle between the bright and the dark ridge by no more than this
-# share of their distance, times the root of their number,
-RELIEF_MIDDLE = 0.25
-RELIEF_MOST = 64  # so many sketches at most are asked, the longest (speed)
-RELIEF_REACH_HW = 3.0  # if both ridges are looked for within this of the sketch ...
-RELIEF_REACH_PX = 2.0  # ... plus this
+# it is in relief where one light explains this share of its ridges:
+RELIEF_EXPLAINED = 0.0004
+RELIEF_RUNGS = 2  # half-widths that are asked, from that of the bodies' ridges up
+RELIEF_APART_HW = 2.0  # both ridges are looked for this far from the middle between them
+RELIEF_USUAL = 2.0  # ridges up to this height count as nothing, in units of what is usual
+RELIEF_PIXELS = 2**18  # about so many pixels of an image are asked (speed)
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)
 PROFILES_MOST = 120  # most profiles of a sketch (speed)

@@ -1,6 +1,5 @@
 """The public call: sketches in, curves out."""
 
-import heapq
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -9,6 +8,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 from jaxtyping import Real
+from scipy.linalg import block_diag
 
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
 from napari_splinesketch.engine import constants as const
@@ -147,7 +147,7 @@ def _read(
 
     Those that may be in relief come last, for one light falls on all of an image.
     """
-    waiting, bodies = [], []
+    waiting, moments = list[tuple[Island, Scenes]](), np.zeros((3, 3))
     for island in all_islands:
         pixels = checks.known(island.pose.cut(image))
         blank = checks.blank(pixels)
@@ -163,31 +163,18 @@ def _read(
             maybe_relief = scene.unclear(scenes)
         if maybe_relief:
             waiting.append((island, scenes))
-            bodies += _sides(island, scenes)
+            turn = block_diag(island.pose.turned_back(np.eye(2)), 1.0)
+            moments += turn.T @ scene.leaning(scenes) @ turn
         scene.tidy(scenes)
         if not maybe_relief:
             yield island, scenes
-    if relief.lit_from([body for clear, body in bodies if not clear]) is None:
-        bodies = []
-    light = relief.lit_from([body for _, body in bodies])
+    light = relief.lit_from(moments)
     for island, scenes in waiting:
         if light is not None:
             pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
             scenes = scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
             scene.tidy(scenes)
         yield island, scenes
-
-
-def _sides(island: Island, scenes: Scenes) -> Iterator[tuple[bool, relief.Sides]]:
-    """Whether a sketch or fixed curve is clearly bright or dark, and what is beside it."""
-    votes = {i: bright.vote for m, s in scenes for i, (bright, _) in zip(m, s.around, strict=True)}
-    lines = [*island.sketches, *(curve[:, :2] for curve in island.fixed)]
-    # What is beside a straight line by chance has one direction, too.
-    bent = [i for i, line in enumerate(lines) if len(line) > 2]
-    for i in heapq.nlargest(const.RELIEF_MOST, bent, lambda i: spline.arc_length(lines[i])[-1]):
-        body = relief.sides(scenes[0][1].ridges, lines[i])
-        body = replace(body, normals=island.pose.turned_back(body.normals))
-        yield abs(votes.get(i, 0.0)) >= const.RELIEF_VOTE, body
 
 
 def _fitted(

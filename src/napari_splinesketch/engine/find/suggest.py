@@ -13,7 +13,7 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.joining import joined
 from napari_splinesketch.engine.find.tracing import traced
 from napari_splinesketch.engine.look.band import band
-from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, rung_of
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
 from napari_splinesketch.engine.types import Array, Line, Polarity
@@ -194,7 +194,7 @@ def _bodies(evidence: Float[Array, "H W"], most: float) -> Bool[Array, "H W"]:
 
 def _heights(ridges: Ridges, rung: int, sign: int, points: Line) -> Float[Array, " P"]:
     """Height of the ridge of one half-width at some points."""
-    heights, factor = ridges.heights(rung, sign), ridges.factor(rung)
+    heights, factor = ridges.heights(rung, sign), factor_of(rung)
     at = np.rint((points + 0.5) / factor - 0.5).astype(int)
     return heights[tuple(np.clip(at, 0, np.array(heights.shape) - 1).T)]
 

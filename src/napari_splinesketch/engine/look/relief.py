@@ -3,65 +3,70 @@
 Differential interference contrast and oblique light show transparent bodies like that.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 from scipy import fft
 
 from napari_splinesketch.engine import constants as const
-from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.look.ridges import Ridges
-from napari_splinesketch.engine.look.sketched import ridges_beside
-from napari_splinesketch.engine.types import Array, Line
+from napari_splinesketch.engine.look.filters import median
+from napari_splinesketch.engine.look.ridges import (
+    WIDTHS,
+    Ridges,
+    factor_of,
+    rung_of,
+    smoothed,
+)
+from napari_splinesketch.engine.types import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Sides:
-    """What is beside the sketch of one body, at P points of it."""
+def leaning(
+    ridges: Ridges, flat: Float[Array, "H W"], half_width: float, height: float
+) -> Float[Array, "3 3"]:
+    """Which way it is from dark ridges to the bright ones beside them, all over an image.
 
-    normals: Float[Array, "P 2"]
-    lifted: Float[Array, " P"]
-    """By how much the side that the normal points to is brighter: bright ridges less dark ones."""
-    whole: Float[Array, " P"]
-    """The heights of all these ridges together."""
-    off: float
-    """How far the sketch is from the middle between the highest bright ridge and the highest dark
-    one, as a share of their distance."""
+    In relief one side of a body is brighter than the background, and the other as much darker.
+    `flat` is the image without background; `half_width` and `height` are about those of its ridges.
+
+    Returns
+    -------
+    Moments of the unit vectors that point to a bright ridge, midway between it and a dark one:
+    their products, weighed by the mean height of both; in the last column their sum, weighed by how
+    high and alike the two are, and the sum of the former weights.
+    """
+    moments = np.zeros((3, 3))
+    for rung in range(len(WIDTHS))[rung_of(half_width) :][: const.RELIEF_RUNGS]:
+        high, low = (ridges.heights(rung, sign) for sign in (1, -1))
+        above, factor = smoothed(flat, rung), factor_of(rung)
+        usual = max(median(np.abs(high).ravel()), const.RIDGE_FLOOR * height, 1e-30)
+        every = 1 + int(np.sqrt(high.size / const.RELIEF_PIXELS))
+        towards = np.array([slope[::every, ::every] for slope in np.gradient(high - low)])
+        middle = every * np.indices(towards.shape[1:]).reshape(2, -1)
+        towards = towards.reshape(2, -1) / (np.linalg.norm(towards, axis=0).ravel() + 1e-30)
+        away = const.RELIEF_APART_HW * WIDTHS[rung] / factor * towards
+        whole, sides = 0.0, []
+        for ridge, side in ((high, 1), (low, -1)):
+            row, column = np.rint(middle + side * away).astype(int)
+            at = row.clip(0, len(ridge) - 1), column.clip(0, ridge.shape[1] - 1)
+            both = np.array([ridge[at], side * above[at]]) / usual - const.RELIEF_USUAL
+            whole = whole + np.maximum(both[0], 0) / 2
+            sides.append(np.maximum(both.min(0), 0))
+        alike = np.minimum(*sides) ** 2 / (np.maximum(*sides) + 1e-30)
+        area = (every * factor) ** 2
+        moments[:2, :2] += area * (towards * whole) @ towards.T
+        moments[:2, 2] += area * towards @ alike
+        moments[2, 2] += area * whole.sum()
+    return moments
 
 
-def sides(ridges: Ridges, line: Line) -> Sides:
-    """The ridges on both sides of a sketch."""
-    points, offsets, heights = ridges_beside(ridges, line)
-    (bright, dark), (other, shade) = (
-        heights[:, :, there].max(2) for there in (offsets > 0, offsets < 0)
-    )
-    lifted, whole = bright - dark - other + shade, bright + dark + other + shade
-    usual = np.median(whole) + 1e-30
-    high, low = offsets[heights.argmax(2)]
-    middle = np.median((high + low) / 2 * np.sign(lifted))
-    off = abs(middle) / (np.median(np.abs(high - low)) + 1e-30)
-    return Sides(spline.normals(points), lifted / usual, whole / usual, float(off))
-
-
-def lit_from(bodies: Sequence[Sides]) -> Float[Array, "2"] | None:
+def lit_from(moments: Float[Array, "3 3"]) -> Float[Array, "2"] | None:
     """The direction that bodies are lit from, a unit vector; None if they are not in relief.
 
-    In relief a bright ridge is on one side of each sketch and a dark one on the other, both as far
-    away. Which side is bright, and how bright, follows from the sketch's direction alone.
+    In relief a body's direction alone tells which of its sides is bright, and how bright. `moments`
+    are those of `leaning`.
     """
-    if not bodies:
-        return None
-    normals = np.concatenate([body.normals for body in bodies])
-    lifted = np.concatenate([body.lifted for body in bodies])
-    whole = np.concatenate([body.whole for body in bodies])
-    towards = np.linalg.lstsq(normals, lifted)[0]
-    explained = (normals @ towards) @ lifted / (whole @ whole + 1e-30)
-    off = np.median([body.off for body in bodies])
-    if explained < const.RELIEF_EXPLAINED + const.RELIEF_ALONE / len(bodies):
-        return None
-    if off > const.RELIEF_MIDDLE * np.sqrt(len(bodies)):
+    moments = moments / (moments[2, 2] + 1e-30)
+    towards = np.linalg.lstsq(moments[:2, :2], moments[:2, 2])[0]
+    if moments[:2, 2] @ towards < const.RELIEF_EXPLAINED:
         return None
     return towards / np.linalg.norm(towards)
 

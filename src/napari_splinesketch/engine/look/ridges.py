@@ -21,6 +21,18 @@ def rung_of(half_width: float) -> int:
     return int(np.abs(np.log(np.array(WIDTHS) / half_width)).argmin())
 
 
+def factor_of(rung: int) -> int:
+    """By how much images are reduced for the half-width WIDTHS[rung]."""
+    return max(1, int(WIDTHS[rung] / const.RIDGE_REDUCED_PX))
+
+
+def smoothed(image: Float[Array, "H W"], rung: int) -> Float[Array, "h w"]:
+    """An image reduced by `factor_of`, and blurred for ridges of the half-width WIDTHS[rung]."""
+    factor = factor_of(rung)
+    sigma = max(const.RIDGE_BLUR_HW * WIDTHS[rung], const.RIDGE_BLUR_PX) / factor
+    return blurred(_reduce(image, factor), sigma, mode="nearest", truncate=3.0)
+
+
 class Ridges:
     """The ridges of an image, of any width and of both polarities, measured when asked for.
 
@@ -29,7 +41,6 @@ class Ridges:
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
         self._image, self.noise = image.astype(np.float32), noise
-        self._reduced: dict[int, Array] = {}
         self._heights: dict[tuple[int, int], Array] = {}
         self._evidence: dict[tuple[int, int, float], Array] = {}
 
@@ -40,28 +51,16 @@ class Ridges:
         """
         self._heights = {asked: of for asked, of in self._heights.items() if asked in heights}
         self._evidence = {asked: of for asked, of in self._evidence.items() if asked[0] in evidence}
-        if not self._heights:
-            self._reduced = {}
-
-    def factor(self, rung: int) -> int:
-        """By how much the image is reduced for the half-width WIDTHS[rung]."""
-        return max(1, int(WIDTHS[rung] / const.RIDGE_REDUCED_PX))
 
     def heights(self, rung: int, sign: int) -> Float[Array, "h w"]:
         """By how much pixels are above both their sides, or below for a sign of -1.
 
-        The image is reduced by `factor`.
+        The image is reduced by `factor_of`.
         """
         if (rung, sign) not in self._heights:
-            factor, width = self.factor(rung), WIDTHS[rung]
-            image = self._reduced.get(factor)
-            if image is None:
-                image = self._reduced.setdefault(factor, _reduce(self._image, factor))
-            sigma = max(const.RIDGE_BLUR_HW * width, const.RIDGE_BLUR_PX) / factor
-            smooth = blurred(image, sigma, mode="nearest", truncate=3.0)
-            self._heights[rung, 1], self._heights[rung, -1] = _heights(
-                smooth, (const.RIDGE_SIDE_HW * width + const.RIDGE_SIDE_PX) / factor
-            )
+            away = const.RIDGE_SIDE_HW * WIDTHS[rung] + const.RIDGE_SIDE_PX
+            both = _heights(smoothed(self._image, rung), away / factor_of(rung))
+            self._heights[rung, 1], self._heights[rung, -1] = both
         return self._heights[rung, sign]
 
     def evidence(self, rung: int, sign: int, height: float) -> Float[Array, "H W"]:
@@ -85,7 +84,7 @@ class Ridges:
 
     def alone(self, rung: int, sign: int, height: float, around: float) -> Float[Array, "H W"]:
         """The same of one half-width without its neighbours; blocks have the side `around`, px."""
-        mine, factor = self.heights(rung, sign), self.factor(rung)
+        mine, factor = self.heights(rung, sign), factor_of(rung)
         block = max(around, const.USUAL_BLOCK_PX)
         left = (
             const.RIDGE_NOISE

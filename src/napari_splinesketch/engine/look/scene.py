@@ -135,6 +135,13 @@ def unclear(scenes: Sequence[tuple[list[int], Scene]]) -> bool:
     return float(np.median(np.abs(votes))) < const.RELIEF_VOTE
 
 
+def leaning(scenes: Sequence[tuple[list[int], Scene]]) -> Float[Array, "3 3"]:
+    """What tells whether the bodies of an image are in relief; see `relief.leaning`."""
+    seen = scenes[0][1]
+    half_width, height = np.median([(one.half_width, one.height) for _, one in scenes], axis=0)
+    return relief.leaning(seen.ridges, seen.normal * seen.contrast, half_width, height)
+
+
 def _signs(votes: list[float], polarity: Polarity | Sequence[int]) -> list[int]:
     """1 for bright and -1 for dark: each sketch's own, or that of all where it is not clear."""
     if not isinstance(polarity, str):

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look.filters import median
-from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of
 from napari_splinesketch.engine.types import Array, Line
 
 
@@ -76,32 +76,6 @@ def _wanted(line: Line) -> range:
     return range(int(np.searchsorted(WIDTHS, widest, side="right")))
 
 
-def ridges_beside(
-    ridges: Ridges, line: Line
-) -> tuple[Line, Float[Array, " T"], Float[Array, "2 P T"]]:
-    """The bright ridges beside a sketch, and the dark ones.
-
-    Of the half-width whose lower ones of the two are highest.
-
-    Returns
-    -------
-    P points on the sketch; T distances along the normals there, px; heights, 0 at least, the nearer
-    the higher.
-    """
-    found, points = [], _places(line)
-    normals = spline.normals(points)
-    for rung in _wanted(line):
-        reach = const.RELIEF_REACH_HW * WIDTHS[rung] + const.RELIEF_REACH_PX
-        offsets = _offsets(reach)
-        both = [ridges.heights(rung, sign) for sign in (1, -1)]
-        near = 1 / (1 + (2 * offsets / reach) ** 2)
-        at = points[:, None] + offsets[None, :, None] * normals[:, None]
-        pixels, weight = _pixels(at, near, both[0].shape, ridges.factor(rung))
-        heights = np.maximum([of.ravel()[pixels] for of in both], 0) * weight
-        found.append((points, offsets, heights))
-    return max(found, key=lambda one: median(one[2].max(2)).min())
-
-
 def ridge_profile(
     ridges: Ridges, line: Line, reach: float, wanted: range, sign: int
 ) -> Float[Array, " R"]:
@@ -130,7 +104,7 @@ def _ridges(
     heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
     votes, first = np.zeros_like(heights), len(offsets) * np.arange(len(at))
     for rung in wanted:
-        factor = ridges.factor(rung)
+        factor = factor_of(rung)
         chance = (
             const.CHANCE_HEIGHT
             * ridges.noise
