@@ -43,7 +43,7 @@ USUAL_BLOCK_HW = 10.0  # side of the blocks whose median height is what is usual
 USUAL_BLOCK_PX = 16  # ... and its least value
 RIDGE_NOISE = 1.4  # noise of the difference of two smoothed pixels, in units of one's (√2)
 # pixels whose ridges are measured at a time, so that they stay in the cache (speed):
-RIDGE_CHUNK = 2**14
+RIDGE_CHUNK = 2**15
 RIDGE_FLOOR = 0.03  # ridges below this share of the bodies' count as nothing where all is smooth
 
 # === Look: background, contrast and what surrounds a sketch

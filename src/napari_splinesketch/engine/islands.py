@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -127,9 +128,10 @@ def split(
         low = np.array([box[:, 0].min(0) for box in boxes]).reshape(-1, 2)
         high = np.array([box[:, 1].max(0) for box in boxes]).reshape(-1, 2)
         below = (low[:, None] < high[None]).all(2)
-        count, label = connected_components(below & below.T, directed=False)
-        if count == len(groups):
+        meets = below & below.T
+        if meets.sum() == len(groups):
             break
+        count, label = connected_components(meets, directed=False)
         together = [{i for g, k in zip(groups, label, strict=True) if k == n for i in g}
                     for n in range(count)]  # fmt: skip
         groups = [[i for i in usable if i in group] for group in together]
@@ -149,17 +151,21 @@ def _posed(
 ) -> Island:
     """The island in the pose whose sorted sketches come first, or its pixels where these agree."""
     numbers, points = list(lines), np.concatenate(list(lines.values()))
-    cuts = np.cumsum([len(line) for line in lines.values()])[:-1]
+    ends = np.concatenate([line[[0, -1]] for line in lines.values()])
+    cuts = [0, *accumulate(map(len, lines.values()))]
+    poses = [Pose(window, bool(k & 4), (bool(k & 2), bool(k & 1))) for k in range(8)]
+    size = [s.stop - s.start for s in window]
+    # Shape and first end tell most of them apart.
+    firsts = [(size[:: -1 if p.swap else 1], min(p.inside(ends).tolist())) for p in poses]
     found = []
-    for swap, *reverse in np.ndindex(2, 2, 2):
-        pose = Pose(window, bool(swap), (bool(reverse[0]), bool(reverse[1])))
-        mine = np.split(pose.inside(points), cuts)
+    for pose in (p for p, first in zip(poses, firsts, strict=True) if first == min(firsts)):
+        turned = pose.inside(points)
+        mine = [turned[a:b] for a, b in pairwise(cuts)]
         backwards = [tuple(line[0]) > tuple(line[-1]) for line in mine]
         mine = [x[::-1] if back else x for x, back in zip(mine, backwards, strict=True)]
         key = [line.ravel().tolist() for line in mine]
         order = sorted(range(len(mine)), key=key.__getitem__)
-        size = [s.stop - s.start for s in window][:: -1 if swap else 1]
-        found.append(((size, [key[i] for i in order]), order, mine, backwards, pose))
+        found.append(([key[i] for i in order], order, mine, backwards, pose))
     first = min(key for key, *_ in found)
     best = [one[1:] for one in found if one[0] == first]
     if len(best) > 1:

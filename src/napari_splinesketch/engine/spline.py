@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
+from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -60,7 +61,7 @@ def apart(
     """(P,) distance of points to the nearest point of a line, px; infinite beyond `most`."""
     if len(points) * len(line) < const.FEW_PAIRS:
         away = np.sqrt(cdist(points, line, "sqeuclidean").min(1))
-        return np.where(away < most, away, np.inf)
+        return away if most == np.inf else np.where(away < most, away, np.inf)
     return KDTree(line).query(points, distance_upper_bound=most)[0]
 
 
@@ -108,8 +109,8 @@ def resample_each(
     counts = [max(8, int(length) + 1) for length in lengths] if counts is None else counts
     shares = zip(first, lengths, counts, strict=True)
     target = np.concatenate([start + length * _shares(n) for start, length, n in shares])
-    found = [np.interp(target, s, column) for column in points.T]
-    return np.split(np.stack(found, axis=1), np.cumsum(counts)[:-1])
+    found = np.stack([np.interp(target, s, column) for column in points.T], axis=1)
+    return [found[a:b] for a, b in pairwise(accumulate(counts, initial=0))]
 
 
 @lru_cache(maxsize=256)

@@ -101,10 +101,12 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
     rungs = list(seen.rungs)
     for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
         far = [rung for rung in dict.fromkeys(seen.others[i]) if abs(rung - usual) > 1]
-        costs = {rung: _cheapest(seen, sketch, rung) for rung in (usual, *far) if far}
-        for rung in far:
-            if costs[rung] < min(const.CLEAR_MARGIN, costs[rungs[i]] - const.CLEAR_MARGIN):
-                rungs[i] = rung
+        costs = {rung: _cheapest(seen, sketch, rung) for rung in far}
+        likely = [rung for rung in far if costs[rung] < const.CLEAR_MARGIN]
+        least = _cheapest(seen, sketch, usual) if likely else 0.0
+        for rung in likely:
+            if costs[rung] < least - const.CLEAR_MARGIN:
+                rungs[i], least = rung, costs[rung]
     return replace(seen, rungs=tuple(rungs))
 
 

@@ -16,8 +16,8 @@ FEATURES = ("unseen", "apart", "missed", "kink", "short", "long")
 
 def clicked(sketch: Line) -> bool:
     """Whether the vertices of a sketch were put on its body one by one."""
-    spaced = spline.arc_length(sketch)[-1] >= const.CLICKED_APART_PX * (len(sketch) - 1)
-    return len(sketch) in const.CLICKED and bool(spaced)
+    least = const.CLICKED_APART_PX * (len(sketch) - 1)
+    return len(sketch) in const.CLICKED and bool(spline.arc_length(sketch)[-1] >= least)
 
 
 def hit(half_width: float, clicked_length: float = 0.0) -> float:

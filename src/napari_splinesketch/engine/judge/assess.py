@@ -1,6 +1,7 @@
 """From fitted parameters to curves: points, widths, standard errors, and what looks wrong."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -64,7 +65,7 @@ def _caps(
     the curve, and all as far as a clicked sketch reaches into it.
     """
     count = len(body.knots)
-    at, ahead = (spline.basis(count, ENDS, order) @ body.knots for order in (0, 1))
+    at, ahead, *lines = (basis @ body.knots for basis in _end_bases(count))
     ahead *= np.array([[-1.0], [1.0]]) / (np.linalg.norm(ahead, axis=1, keepdims=True) + 1e-9)
     whole = _half_width(body.parameters, ENDS)
     cap = np.interp(body["tip"], const.BLUNT, (0, 1)) * whole
@@ -81,11 +82,18 @@ def _caps(
     caps = at + cap[:, None] * ahead
     inside = ((caps >= 0) & (caps <= np.array(seen.valid.shape) - 1)).all(1)
     away = np.linspace(0, 2 / count, const.CAP_POINTS)
-    lines = (spline.basis(count, u) @ body.knots for u in (-away, 1 + away))
     lengths = [spline.arc_length(line) for line in lines]
     return [
         float(np.interp(*one, away)) for one in zip(cap * (inside & tips), lengths, strict=True)
     ]
+
+
+@cache
+def _end_bases(count: int) -> list[Float[Array, "P K"]]:
+    """Bases of the ends, of the derivative there, and of points beyond the first and the last."""
+    away = np.linspace(0, 2 / count, const.CAP_POINTS)
+    places = (ENDS, 0), (ENDS, 1), (-away, 0), (1 + away, 0)
+    return [spline.basis(count, *place) for place in places]
 
 
 def _inside(body: Body, sketch: Float[Array, "N 2"], shape: tuple[int, ...]) -> tuple[float, float]:

@@ -23,7 +23,7 @@ def band(
     size = len(disc)
     step = max(radius / 3, 1.0)
     count = max(2, int(np.ceil(spline.arc_length(points)[-1] / step)) + 1)
-    for r, c in np.rint(spline.resample(points, count)).astype(int) - low:
+    for r, c in (np.rint(spline.resample(points, count)).astype(int) - low).tolist():
         if 0 <= r <= mask.shape[0] - size and 0 <= c <= mask.shape[1] - size:
             mask[r : r + size, c : c + size] |= disc
     inner = mask[reach : reach + rows, reach : reach + columns]

@@ -125,43 +125,29 @@ def _stretched(
 
 def _heights(smooth: Float[Array, "H W"], away: float) -> tuple[Array, Array]:
     """By how much pixels are above, and below, both their sides, in their best direction."""
-    reach = int(np.ceil(away))
+    reach, columns = int(np.ceil(away)), smooth.shape[1]
     wide = np.pad(smooth, reach, mode="edge")
-    found = np.empty_like(smooth), np.empty_like(smooth)
+    above, below = np.empty_like(smooth), np.empty_like(smooth)
     # Some rows after the other, so that what is computed stays in the cache.
-    rows = max(1, const.RIDGE_CHUNK // smooth.shape[1])
+    rows = min(max(1, const.RIDGE_CHUNK // columns), len(smooth))
+    angles = np.pi * np.arange(const.RIDGE_ANGLES) / const.RIDGE_ANGLES
+    steps = np.rint(away * np.stack([np.sin(angles), np.cos(angles)], axis=1)).astype(int).tolist()
+    room = np.empty((3, const.RIDGE_ANGLES, rows, columns), smooth.dtype)
     for first in range(0, len(smooth), rows):
-        here = slice(first, first + rows)
-        part = found[0][here], found[1][here]
-        _heights_of(smooth[here], wide[first : first + rows + 2 * reach], away, part)
-    return found
-
-
-def _heights_of(
-    smooth: Float[Array, "h W"],
-    wide: Float[Array, "h+2r W+2r"],
-    away: float,
-    found: tuple[Float[Array, "h W"], Float[Array, "h W"]],
-) -> None:
-    """The same for some rows, of which `wide` is what is around them."""
-    rows, columns = smooth.shape
-    reach = (wide.shape[1] - columns) // 2
-    sides, slopes = [], []
-    for angle in np.pi * np.arange(const.RIDGE_ANGLES) / const.RIDGE_ANGLES:
-        r, c = round(away * np.sin(angle)), round(away * np.cos(angle))
-        one = wide[reach + r : reach + r + rows, reach + c : reach + c + columns]
-        two = wide[reach - r : reach - r + rows, reach - c : reach - c + columns]
-        sides.append((np.maximum(one, two), np.minimum(one, two)))
-        slopes.append(np.subtract(*sides[-1]))
-        slopes[-1] *= const.RIDGE_SLOPE
-    above, below = found
-    above[:], below[:] = np.inf, -np.inf
-    for k, (most, least) in enumerate(sides):
-        slope = slopes[(k + const.RIDGE_ANGLES // 2) % const.RIDGE_ANGLES]
-        np.minimum(above, np.add(most, slope, out=most), out=above)
-        np.maximum(below, np.subtract(least, slope, out=least), out=below)
-    np.subtract(smooth, above, out=above)
-    np.subtract(below, smooth, out=below)
+        here = smooth[first : first + rows]
+        most, least, slopes = room[:, :, : len(here)]
+        for k, (r, c) in enumerate(steps):
+            one = wide[first + reach + r :, reach + c :][: len(here), :columns]
+            two = wide[first + reach - r :, reach - c :][: len(here), :columns]
+            np.maximum(one, two, out=most[k])
+            np.minimum(one, two, out=least[k])
+            np.subtract(most[k], least[k], out=slopes[k - const.RIDGE_ANGLES // 2])  # across
+        slopes *= const.RIDGE_SLOPE
+        most += slopes
+        least -= slopes
+        np.subtract(here, most.min(0), out=above[first : first + rows])
+        np.subtract(least.max(0), here, out=below[first : first + rows])
+    return above, below
 
 
 def _usual(height: Float[Array, "H W"], block: float) -> Float[Array, "H W"]:
