@@ -43,9 +43,10 @@ def thinner(knots: int, few: int) -> Float[Array, "few knots"]:
 
 def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     """(N,) arc length of a polyline (its first two columns) from its first point, px."""
-    steps = points[1:, :2] - points[:-1, :2]
+    square = points[1:] - points[:-1]
+    square *= square
     s = np.zeros(len(points))
-    np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2).cumsum(out=s[1:])
+    np.add.accumulate(np.sqrt(square[:, 0] + square[:, 1]), out=s[1:])
     return s
 
 
@@ -63,6 +64,12 @@ def apart(
         away = np.sqrt(cdist(points, line, "sqeuclidean").min(1))
         return away if most == np.inf else np.where(away < most, away, np.inf)
     return KDTree(line).query(points, distance_upper_bound=most)[0]
+
+
+def around(points: Float[Array, "P 2"], line: Float[Array, "N 2"], reach: float) -> Array:
+    """Numbers of the points within `reach` of the bounding box of a line; (P, 2) `all` is slow."""
+    sides = zip(points.T, line.min(0) - reach, line.max(0) + reach, strict=True)
+    return np.flatnonzero(np.logical_and(*((x > low) & (x < high) for x, low, high in sides)))
 
 
 def neighbours(curves: Sequence[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:

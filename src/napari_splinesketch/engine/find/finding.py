@@ -98,15 +98,13 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
     What is highest around a sketch may be another body, and a wide one is hit by more sketches: a
     path of the other half-width has to cost little, and much less than one of the usual.
     """
-    rungs = list(seen.rungs)
+    rungs, margin = list(seen.rungs), const.CLEAR_MARGIN
     for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
-        far = [rung for rung in dict.fromkeys(seen.others[i]) if abs(rung - usual) > 1]
-        costs = {rung: _cheapest(seen, sketch, rung) for rung in far}
-        likely = [rung for rung in far if costs[rung] < const.CLEAR_MARGIN]
-        least = _cheapest(seen, sketch, usual) if likely else 0.0
-        for rung in likely:
-            if costs[rung] < least - const.CLEAR_MARGIN:
-                rungs[i], least = rung, costs[rung]
+        for rung in (r for r in dict.fromkeys(seen.others[i]) if abs(r - usual) > 1):
+            cost = _cheapest(seen, sketch, rung)
+            if cost < margin and cost < _cheapest(seen, sketch, usual) - margin:
+                rungs[i] = rung
+                break
     return replace(seen, rungs=tuple(rungs))
 
 
@@ -122,13 +120,13 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
         return sketch
     near, hit = const.NARROW_HW * half_width + const.NARROW_PX, scoring.hit(half_width)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
-    seen = scoring.seen_at(evidence, spline.resample(path, const.SCORE_SAMPLES).T)
+    places = spline.resample(path, const.SCORE_SAMPLES).T
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
     beyond = np.linalg.norm(path[[0, -1]] - sketch[[0, -1]], axis=1)
     careful = (
         np.sqrt((off**2).mean()) <= const.MOVED_HITS * hit
         and beyond.min() <= const.STROKE_BEYOND * length
-        and scoring.unseen(seen) <= const.UNSEEN_MOST
+        and scoring.unseen(scoring.seen_at(evidence, places)) <= const.UNSEEN_MOST
     )
     count = min(const.VERTICES_MOST, most)
     while careful and count <= most:
@@ -326,8 +324,7 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
         return along
     points = np.concatenate([spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines])
     near = const.ON_BODY_HW * half_width
-    around = (graph.middles > points.min(0) - near) & (graph.middles < points.max(0) + near)
-    beside = np.flatnonzero(around.all(1))
+    beside = spline.around(graph.middles, points, near)
     along[beside] = spline.apart(graph.middles[beside], points, near) < near
     return along
 

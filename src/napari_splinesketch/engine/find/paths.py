@@ -36,11 +36,10 @@ def routes_of_sketch(
         return []
     line = spline.resample(sketch, max(20, int(length / (2 * half_width))))
     tree = KDTree(line)
-    around = (graph.nodes > line.min(0) - reach) & (graph.nodes < line.max(0) + reach)
-    nodes = np.flatnonzero(around.all(1))
-    away, at = np.full(len(around), np.inf), np.zeros(len(around), dtype=int)
+    nodes = spline.around(graph.nodes, line, reach)
+    away, at = np.full(len(graph.nodes), np.inf), np.zeros(len(graph.nodes), dtype=int)
     away[nodes], at[nodes] = tree.query(graph.nodes[nodes], distance_upper_bound=reach)
-    near = np.flatnonzero((away < reach)[graph.ends].all(1))
+    near = np.flatnonzero(np.logical_and(*(away < reach)[graph.ends.T]))
     apart = tree.query(graph.middles[near])[0]
     weight = const.ROUTE_LENGTH + const.ROUTE_UNSEEN * unseen[near] + (apart / tolerance) ** 2 / 8
     weight *= graph.lengths[near] / half_width

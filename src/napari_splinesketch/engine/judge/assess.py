@@ -92,8 +92,7 @@ def _caps(
 def _end_bases(count: int) -> list[Float[Array, "P K"]]:
     """Bases of the ends, of the derivative there, and of points beyond the first and the last."""
     away = np.linspace(0, 2 / count, const.CAP_POINTS)
-    places = (ENDS, 0), (ENDS, 1), (-away, 0), (1 + away, 0)
-    return [spline.basis(count, *place) for place in places]
+    return [spline.basis(count, *at) for at in ((ENDS, 0), (ENDS, 1), (-away, 0), (1 + away, 0))]
 
 
 def _inside(body: Body, sketch: Float[Array, "N 2"], shape: tuple[int, ...]) -> tuple[float, float]:
