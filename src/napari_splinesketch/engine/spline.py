@@ -74,10 +74,10 @@ def around(points: Float[Array, "P 2"], line: Float[Array, "N 2"], reach: float)
 
 def neighbours(curves: Sequence[Float[Array, "P 2"]], reach: float) -> Iterator[list[int]]:
     """Say of each curve which others' bounding boxes come within `reach` of its own."""
-    low = np.array([c.min(0) for c in curves]).reshape(-1, 2)
-    high = np.array([c.max(0) for c in curves]).reshape(-1, 2)
+    low = np.array([c.min(0) for c in curves]).reshape(-1, 2).T.copy()
+    high = np.array([c.max(0) for c in curves]).reshape(-1, 2).T.copy()
     for i in range(len(curves)):
-        near = ((low <= high[i] + reach) & (high >= low[i] - reach)).all(1)
+        near = ((low <= high[:, [i]] + reach) & (high >= low[:, [i]] - reach)).all(0)
         near[i] = False
         yield np.flatnonzero(near).tolist()
 

@@ -339,7 +339,7 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
         return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
-    own = int(np.clip(first_high(profile), rung - 1, near[-1]))
+    own = min(max(first_high(profile), rung - 1), near[-1])
     contrast = profile[own] / const.CREST / abs(seen.contrast)
     # From a thin beginning fewer neighbours are in reach; from a wide one the fit may not arrive.
     widest = WIDTHS[max(own, rung)]

@@ -76,7 +76,7 @@ def features(
             unseen(seen),
             np.log1p(apart.mean(0)),
             missed,
-            np.clip(sharpest - const.USUAL_BEND, 0, 1),
+            (sharpest - const.USUAL_BEND).clip(0, 1),
             np.maximum(1 - total / length, 0),
             np.minimum(np.maximum(total / length - 1, 0), 2),
         ]
@@ -150,7 +150,7 @@ def _nearest(at: Float[Array, "2 S C"], points: Float[Array, "V 2"]) -> Float[Ar
         away = cdist(points[first : first + many], samples, "sqeuclidean")
         away = away.reshape(-1, *at.shape[1:])
         ahead = away[:, :-1] - away[:, 1:] + square
-        part = np.clip(ahead * inverse, 0, 1)
+        part = (ahead * inverse).clip(0, 1)
         found.append((away[:, :-1] - part * (ahead - part * square)).min(1))
     return np.concatenate(found)
 

@@ -130,14 +130,14 @@ def _pixels(
     inside, flat = np.ones(at.shape[:2], dtype=bool), np.zeros(at.shape[:2], dtype=int)
     for x, size in zip(at.transpose(2, 0, 1), shape, strict=True):
         inside &= (x > -0.5) & (x < size * factor - 0.5)
-        flat = flat * size + np.clip(np.rint((x + 0.5) / factor - 0.5), 0, size - 1).astype(int)
+        flat = flat * size + np.rint((x + 0.5) / factor - 0.5).clip(0, size - 1).astype(int)
     return flat, near * inside
 
 
 def _places(line: Line) -> Float[Array, "P 2"]:
     """Where on a line profiles across it are read."""
     count = spline.arc_length(line)[-1] / const.PROFILE_STEP_PX
-    return spline.resample(line, int(np.clip(count, const.PROFILES_LEAST, const.PROFILES_MOST)))
+    return spline.resample(line, int(min(max(count, const.PROFILES_LEAST), const.PROFILES_MOST)))
 
 
 def _offsets(reach: float) -> Float[Array, " T"]:
