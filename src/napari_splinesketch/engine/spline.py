@@ -77,7 +77,8 @@ def neighbours(curves: Sequence[Float[Array, "P 2"]], reach: float) -> Iterator[
     low = np.array([c.min(0) for c in curves]).reshape(-1, 2).T.copy()
     high = np.array([c.max(0) for c in curves]).reshape(-1, 2).T.copy()
     for i in range(len(curves)):
-        near = ((low <= high[:, [i]] + reach) & (high >= low[:, [i]] - reach)).all(0)
+        meet = (low <= high[:, [i]] + reach) & (high >= low[:, [i]] - reach)
+        near = np.logical_and(*meet)
         near[i] = False
         yield np.flatnonzero(near).tolist()
 
