@@ -197,6 +197,12 @@ def printable(text: str) -> str:
     )
 
 
+def counted(number: int, thing: str) -> str:
+    """Say how many: "1 sketch", "7 sketches"."""
+    plural = f"{thing}es" if thing.endswith(("ch", "sh", "s", "x")) else f"{thing}s"
+    return f"{number} {thing if number == 1 else plural.replace('ys', 'ies')}"
+
+
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
     folder = target.parent / f".{uuid4().hex}.part"

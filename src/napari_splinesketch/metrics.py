@@ -34,7 +34,7 @@ def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarra
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.concatenate([[True], chords > 0])]
     if len(points) < 2:
-        raise ValueError(f"A curve needs two distinct points; got {np.shape(curve)} points.")
+        raise ValueError(f"A curve needs two distinct points; got {np.shape(curve)}.")
     t = np.concatenate([[0.0], np.cumsum(chords[chords > 0])])
     spline = CubicSpline(t, points)
     dense_t = np.interp(

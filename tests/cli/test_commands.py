@@ -129,7 +129,7 @@ def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     drawn = ["--picture", "p.png", "--image", "film.tif"]
     assert main(["compare", "a.csv", "t.csv", *drawn]) == 0
     out = capsys.readouterr().out
-    assert "1 curves, 1 truths, 1 pairs within 2 px" in out
+    assert "1 curve, 1 truth, 1 pair within 2 px" in out
     assert "median 0.5 px" in out
     picture = imageio.v3.imread("p.png")
     assert picture.shape[0] % 40 == 0

@@ -83,7 +83,7 @@ def test_lines_after_the_last_frame_are_counted(
     late = Label.from_sketch(LINE, frame=9, identity=4)
     write_labels("lines.csv", Labels((*read_labels("lines.csv").labels, late)), overwrite=True)
     assert track() == 0
-    said = "1 of the lines are in frames after 5, the last one, and left out"
+    said = "left out: 1 line in frames after 5, the last one"
     assert said in capsys.readouterr().err
 
 

@@ -103,7 +103,7 @@ def test_without_the_image_s_shape_the_masks_reach_as_far_as_the_bodies(tmp_path
 
 def test_bodies_without_width_are_counted(tmp_path: Path) -> None:
     losses = " ".join(write_labels(tmp_path / "a.masks.tif", FULL))
-    assert "1 curves have no known half-width" in losses
+    assert "no outline for 1 curve without a known half-width" in losses
     assert tifffile.imread(tmp_path / "a.masks.tif").shape == (5, 64, 96)
 
 

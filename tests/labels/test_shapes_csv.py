@@ -30,7 +30,7 @@ def test_lines_and_paths_are_sketches_and_the_rest_is_named(tmp_path: Path) -> N
     assert [(label.frame, label.curve) for label in labels.labels] == [(1, 0), (2, 2)]
     assert np.array_equal(labels.labels[0].points, [[2.1234567, 3], [4, 5], [7, 8.1]])
     assert {label.status for label in labels.labels} == {"sketch"}
-    assert labels.notes[0].startswith("left out 1 point, 1 polygon, 2 rectangle:")
+    assert labels.notes[0].startswith("left out 1 point, 1 polygon, 2 rectangles:")
 
 
 def test_a_film_round_trips_bit_for_bit_with_all_that_a_table_holds(tmp_path: Path) -> None:

@@ -91,11 +91,11 @@ NONSENSE: dict[str, tuple[Callable[[], object], str]] = {
     "status": (lambda: Label(0, 0, POINTS[:2], TWO, TWO, "fine"), "one of good, check"),  # pyright: ignore[reportArgumentType]
     "frame": (lambda: Label.from_sketch(POINTS, frame=-1), "frame is -1"),
     "twice": (lambda: Labels((Label.from_sketch(POINTS),) * 2), "occurs twice in frame 0"),
-    "scale": (lambda: Labels((), (0.0, 1.0)), "two numbers above 0"),
+    "scale": (lambda: Labels((), (0.0, 1.0)), r"\(y, x\) size of a pixel, from 1e-30 to 1e\+30"),
     "infinite width": (lambda: Label(0, 0, POINTS[:2], TWO * np.inf, TWO, "good"), "use NaN"),
     "units alone": (lambda: Labels((), None, "µm"), "give a pixel's size"),
     "no name": (lambda: Labels((), (1.0, 1.0), " "), "a unit's name"),
-    "ids": (lambda: Labels.from_curves([curve()], ids=[1, 2]), "1 curves but 2 ids"),
+    "ids": (lambda: Labels.from_curves([curve()], ids=[1, 2]), "1 curve but 2 ids"),
 }
 
 

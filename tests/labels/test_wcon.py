@@ -83,7 +83,7 @@ def test_a_file_of_another_program(tmp_path: Path) -> None:
     assert np.array_equal(labels.labels[0].points, [[4, 1], [5, 2], [7, 3]])
     assert (labels.scale, labels.units) == ((1.0, 1.0), "mm")
     assert labels.notes == (
-        "left out 1 animals: only lines of two or more points can be sketches",
+        "left out 1 animal: only lines of two or more points can be sketches",
         "the file has no pixel size: 1 mm is taken as 1 pixel",
     )
 

@@ -319,7 +319,9 @@ def test_a_page_beyond_the_film_is_left_out_and_said(home: Path) -> None:
     with bench() as again:
         again.image()
         again.resume()
-        assert "frame-000000007.json: is beyond the 1 frames" in again.controller.notice.text
+        assert (
+            "frame-000000007.json: is beyond the image, of 1 frame" in again.controller.notice.text
+        )
         assert len(again.controller.records()) == 2
 
 

@@ -19,6 +19,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import FrameReport, words
+from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label
 
@@ -68,7 +69,7 @@ def _opened(source: Source) -> Frames:
     except (ImageError, OSError) as error:
         raise UnreachableError(str(error)) from None
     if images.count != source.count:
-        counts = f"{images.count} frames; expected {source.count}"
+        counts = f"{counted(images.count, 'frame')}; expected {source.count}"
         raise UnreachableError(f"{source.pattern} has {counts}")
     return images
 

@@ -14,7 +14,7 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.reports import words
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, given
-from napari_splinesketch.files import is_inside
+from napari_splinesketch.files import counted, is_inside
 
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
@@ -128,7 +128,7 @@ def _convert(job: jobs.ConvertJob) -> int:
     notes = [*labels.head.notes, *losses]
     terminal.say(*notes)
     count = labels.facts.count
-    text = f"{count} {'curve' if count == 1 else 'curves'} written to {job.target}"
+    text = f"{counted(count, 'curve')} written to {job.target}"
     return _show(job, {"written": str(job.target), "curves": count, "notes": notes}, [text])
 
 
@@ -173,7 +173,7 @@ def _counts(folder: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
         yield f"{part:5} {counts['frames']:7d} {counts['bodies']:7d}"
     left_out = len(manifest["split"]["left_out"])
     if left_out:
-        yield f"{left_out} frames between the parts are left out"
+        yield f"left out between the parts: {counted(left_out, 'frame')}"
     yield f"written to {folder}"
 
 

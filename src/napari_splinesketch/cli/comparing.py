@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from napari_splinesketch import metrics
+from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.images.pictures import write_overlay
 from napari_splinesketch.labels import Label, Labels
@@ -26,8 +27,8 @@ def compare(labels: Labels, truth: Labels, *, tolerance: float) -> Comparison:
 def as_text(result: Comparison) -> list[str]:
     """Give the comparison in words."""
     lines = [
-        f"{result.curves} curves, {result.truths} truths, {result.pairs} pairs "
-        f"within {result.tolerance:g} px",
+        f"{counted(result.curves, 'curve')}, {counted(result.truths, 'truth')}, "
+        f"{counted(result.pairs, 'pair')} within {result.tolerance:g} px",
         f"precision {result.precision:.3f}, recall {result.recall:.3f}",
     ]
     if result.pairs:

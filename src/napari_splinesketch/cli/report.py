@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, Reports
+from napari_splinesketch.files import counted
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
@@ -54,15 +55,14 @@ def summary(frames: Reports) -> str:
     total = _total(frames)
     text, lost = _in_words(total), total["frames not refined"]
     if lost:
-        text += f"; {lost} {'frame' if lost == 1 else 'frames'} could not be refined"
-    count = f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'}"
+        text += f"; {counted(lost, 'frame')} could not be refined"
     seconds = sum(frame.seconds for frame in frames)
-    return f"{count}: {text}; {seconds:.1f} s"
+    return f"{counted(len(frames), 'frame')}: {text}; {seconds:.1f} s"
 
 
 def _in_words(total: dict[str, int]) -> str:
     if "sketch" in total:
-        return f"{total['sketch']} {'sketch' if total['sketch'] == 1 else 'sketches'}"
+        return counted(total["sketch"], "sketch")
     return ", ".join(f"{total[status]} {status}" for status in STATUSES if status in total)
 
 

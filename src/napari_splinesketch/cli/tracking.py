@@ -14,6 +14,7 @@ from napari_splinesketch.cli.jobs import TrackJob
 from napari_splinesketch.cli.run import Outcome, Run, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Curve, Refinement
+from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
 from napari_splinesketch.labels.types import in_frames
@@ -62,7 +63,7 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
 def _beyond(last: int, sketches: Labels) -> Iterator[str]:
     """Say which lines are left out, as no frame of theirs is tracked."""
     if number := sum(label.frame > last for label in sketches.labels):
-        yield f"{number} of the lines are in frames after {last}, the last one, and left out"
+        yield f"left out: {counted(number, 'line')} in frames after {last}, the last one"
 
 
 @dataclass(eq=False)

@@ -15,6 +15,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from napari_splinesketch.files import counted
 from napari_splinesketch.labels.format import Source, open_regular
 from napari_splinesketch.labels.types import MAX_INTEGER
 
@@ -105,7 +106,7 @@ def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
             if empty or len(fields) != size:
                 source.place = f"line {empty or table.line_num}"
                 found = 0 if empty else len(fields)
-                raise source.error(f"{found} fields; the header has {size}")
+                raise source.error(f"{counted(found, 'field')}; the header has {size}")
             yield table.line_num, fields
     except csv.Error as error:
         source.place = f"line {table.line_num}"

@@ -13,7 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
-from napari_splinesketch.files import atomic, printable, special
+from napari_splinesketch.files import atomic, counted, printable, special
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels
 
 LOSSES = {
@@ -21,7 +21,7 @@ LOSSES = {
     "provenance": "no place for provenance (version, settings, image, date)",
     "review": "no place for what you accepted, rejected or locked",
     "sampling": f"every body needs as many points: curves were resampled to {POINTS} points",
-    "width": "{without_width} curves have no known half-width, and therefore no outline",
+    "width": "no outline for {no_width} without a known half-width",
     "radius": "no unknown radius: where the half-width is not known, it is 0",
     "frames": "no frames: other programs see the curves of all frames at once",
     "shape": "the size of the image is not known: it ends where the bodies do",
@@ -123,7 +123,7 @@ class Source:
         """Put labels together with what was found beside them."""
         notes = self.notes
         if +self.left_out:
-            counts = ", ".join(f"{n} {what}" for what, n in sorted((+self.left_out).items()))
+            counts = ", ".join(counted(n, what) for what, n in sorted((+self.left_out).items()))
             left_out = f"left out {counts}: only lines of two or more points can be sketches"
             notes = [left_out, *notes]
         return replace(self.head, labels=labels, notes=tuple(map(printable, notes)))
@@ -223,8 +223,9 @@ class Format:
             "shape": head.shape is None,
             "empty": head.scale and not facts.count,
         }
+        no_width = counted(facts.without_width, "curve")
         said = (LOSSES.get(each, each) for each in self.losses if lost.get(each, True))
-        return tuple(f"{self.name}: {sentence.format(**vars(facts))}" for sentence in said)
+        return tuple(f"{self.name}: {each.format(no_width=no_width)}" for each in said)
 
     def _reader(self) -> Read:
         if self.read is None:

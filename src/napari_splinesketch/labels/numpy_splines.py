@@ -36,7 +36,7 @@ def read(source: Source) -> Iterator[Label]:
             if len(points) > 1:
                 yield Label.from_sketch(points, frame=frame, identity=number)
             else:
-                source.left_out["splines"] += 1
+                source.left_out["spline"] += 1
 
 
 def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2"]]:

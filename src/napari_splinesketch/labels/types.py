@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine.types import POINTS, Array, Curve
+from napari_splinesketch.files import counted
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
@@ -141,7 +142,7 @@ class Labels:
         object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
-            _check_pair("scale", "(y, x)", self.scale, 1 / MAX_SCALE, MAX_SCALE)
+            _check_pair("scale", "(y, x) size of a pixel", self.scale, 1 / MAX_SCALE, MAX_SCALE)
             object.__setattr__(self, "scale", tuple(map(float, self.scale)))
         if self.shape is not None:
             _check_pair("shape", "(H, W) of the image", self.shape, 1, MAX_COORDINATE)
@@ -183,7 +184,8 @@ class Labels:
         """
         identities = range(len(curves)) if ids is None else tuple(ids)
         if len(identities) != len(curves):
-            raise ValueError(f"{len(curves)} curves but {len(identities)} ids; give one each")
+            ids_given = counted(len(identities), "id")
+            raise ValueError(f"{counted(len(curves), 'curve')} but {ids_given}; give one each")
         labels = tuple(
             Label.from_curve(curve, frame=frame, identity=identity)
             for curve, identity in zip(curves, identities, strict=True)
@@ -324,4 +326,4 @@ def _problem(label: Label) -> str | None:
 
 def _check_pair(name: str, what: str, pair: Sequence[float], least: float, most: float) -> None:
     if len(pair) != 2 or not all(least <= each <= most for each in pair):
-        raise ValueError(f"{name} is {pair}; expected {what}, two numbers above 0")
+        raise ValueError(f"{name} is {pair}; expected {what}, from {least:g} to {most:g}")

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
+from napari_splinesketch.files import counted
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.csv_columns import whole
 from napari_splinesketch.labels.format import Format, Source, blamed
@@ -57,7 +58,7 @@ def read(source: Source) -> Iterator[Label]:
     source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
     scale = (source.head.scale if ours else None) or (1.0, 1.0)
     lines = [spine for spine in spines if len(spine[2]) > 1]
-    source.left_out["animals"] = len(spines) - len(lines)
+    source.left_out["animal"] = len(spines) - len(lines)
     times = {time: i for i, time in enumerate(sorted({time for _, time, _ in lines}))}
     names: dict[str, int] = {}
     for record, time, yx in lines:
@@ -108,7 +109,7 @@ def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Flo
     for i, (time, x, y) in enumerate(zip(when, xs, ys, strict=True)):
         cols, rows = _line(x) + ox[i], _line(y) + oy[i]
         if len(cols) != len(rows):
-            raise y.error(f"has {len(rows)} numbers, but x has {len(cols)}")
+            raise y.error(f"has {counted(len(rows), 'number')}, but x has {len(cols)}")
         yx = np.column_stack([rows, cols])
         yield record, time, yx[np.isfinite(yx).all(axis=1)]
 
@@ -125,7 +126,7 @@ def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]
             node = record[name]
             values = node.numbers() if isinstance(node.value, list) else [node.number()]
             if len(values) not in (1, count):
-                raise node.error(f"has {len(values)} numbers; expected {count}, as in t")
+                raise node.error(f"has {counted(len(values), 'number')}; expected {count}, as in t")
             return np.broadcast_to(values, count)
     return np.zeros(count)
 

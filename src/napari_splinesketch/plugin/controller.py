@@ -17,7 +17,7 @@ from qtpy.QtCore import QTimer
 from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
-from napari_splinesketch.files import same_file
+from napari_splinesketch.files import counted, same_file
 from napari_splinesketch.plugin import engine, files, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.films import Suggestions
@@ -228,12 +228,12 @@ class Controller(Keeper):
         labels = files.labels_of(work, rejected=False)
         written, left_out = len(labels.labels), len(work.records) - len(labels.labels)
         if not written:
-            self.say(f"Nothing was saved: {words.count(left_out, 'curve')} here, all rejected.")
+            self.say(f"Nothing was saved: {counted(left_out, 'curve')} here, all rejected.")
             return
 
         def done(lost: Sequence[str]) -> None:
-            without = f", without {words.count(left_out, 'rejected curve')}" if left_out else ""
-            text = f"Saved {words.count(written, 'curve')} to {name}{without}. "
+            without = f", without {counted(left_out, 'rejected curve')}" if left_out else ""
+            text = f"Saved {counted(written, 'curve')} to {name}{without}. "
             self.finish(f"{text}{words.together(lost)}".rstrip())
 
         order = partial(files.export, path, labels, overwrite)
@@ -304,7 +304,7 @@ class Controller(Keeper):
 
         def over() -> None:
             waited = perf_counter() - self._began
-            self.finish(f"Refined {words.count(len(fresh), 'curve')} in {waited:.1f} s.")
+            self.finish(f"Refined {counted(len(fresh), 'curve')} in {waited:.1f} s.")
             self._refine_at_once()
 
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)

@@ -18,6 +18,7 @@ from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtGui import QHideEvent, QShowEvent
 from superqt import QElidingLabel
 
+from napari_splinesketch.files import counted
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin import widgets as ui
@@ -308,7 +309,7 @@ class OfferBox(qt.QFrame):
             each.setVisible(bool(shown))
             each.setEnabled(self._controller.progress is None or each is self.decline)
         self.said.say(words.offered(list(offers.values())))
-        self.labels.setText(f"Continue with {words.count(curves, 'curve')}")
+        self.labels.setText(f"Continue with {counted(curves, 'curve')}")
         self.problem.say(words.notice("failed", problem))
         self.setVisible(bool(curves or offers or problem))
 

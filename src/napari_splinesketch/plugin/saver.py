@@ -20,7 +20,7 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
-from napari_splinesketch.files import owned
+from napari_splinesketch.files import counted, owned
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
@@ -237,7 +237,8 @@ class Saver(QObject):
             records, beyond = records_of(read_with(work.sketches), frame_count(work.image))
             controller.apply("Continue with labels", State(records=records))
             if beyond:
-                controller.say(f"{beyond} curves are beyond the last frame, and stay in the file.")
+                left = counted(beyond, "curve")
+                controller.say(f"Left in the file: {left} beyond the last frame.")
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""

@@ -22,7 +22,7 @@ from pydantic import AwareDatetime, FailFast, Field, NonNegativeInt, PlainSerial
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Curve, Status
-from napari_splinesketch.files import BusyError, atomic, owned
+from napari_splinesketch.files import BusyError, atomic, counted, owned
 from napari_splinesketch.grids import Grid, Patch
 from napari_splinesketch.labels import Label, LabelsError
 from napari_splinesketch.labels.types import MAX_COORDINATE, MAX_INTEGER
@@ -334,7 +334,7 @@ def read(path: Path, frames: int, size: tuple[int, int]) -> tuple[Session, tuple
         frame = EVERY if found[1] == "every" else int(found[1])
         try:
             if frame >= frames:
-                raise LabelsError(file, "", f"is beyond the {frames} frames of the image")
+                raise LabelsError(file, "", f"is beyond the image, of {counted(frames, 'frame')}")
             pages[frame] = Page.read(file, frame)
             if frame != EVERY and (picture := file.with_suffix(".npz")).exists():
                 patches[frame] = _read_patch(picture, size)

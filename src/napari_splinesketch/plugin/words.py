@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from napari_splinesketch.engine.types import Progress
+from napari_splinesketch.files import counted
 from napari_splinesketch.plugin import columns
 from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS, Look, three_digits
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
@@ -38,15 +39,9 @@ NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 
 
-def count(number: int, thing: str) -> str:
-    """Say how many: "1 sketch", "7 sketches"."""
-    plural = f"{thing}es" if thing.endswith(("ch", "sh", "s", "x")) else f"{thing}s"
-    return f"{number} {thing if number == 1 else plural.replace('ys', 'ies')}"
-
-
 def curves(keys: Sequence[Key]) -> str:
     """Name curves of one frame, or count those of several: "curve 3", "4 curves"."""
-    return f"curve {keys[0][1]}" if len(keys) == 1 else count(len(keys), "curve")
+    return f"curve {keys[0][1]}" if len(keys) == 1 else counted(len(keys), "curve")
 
 
 def button(plan: "Plan") -> str:
@@ -57,7 +52,7 @@ def button(plan: "Plan") -> str:
     if plan.scope == "selected":
         return f"Refine {number} selected"
     if new == number:
-        return f"Refine {count(number, 'new line')}"
+        return f"Refine {counted(number, 'new line')}"
     return f"Refine {new} new, {number - new} changed" if new else f"Refine {number} changed"
 
 
@@ -72,7 +67,7 @@ def nothing(plan: "Plan", refined: bool, layer: str) -> str:
             return "No line in this frame. To correct a curve, draw a line over it and refine."
         return f"Nothing to refine yet: draw a line over each body in {layer!r}."
     if plan.deleted:
-        left_out = f"Left out: {count(plan.deleted, 'line')} with a deleted curve."
+        left_out = f"Left out: {counted(plan.deleted, 'line')} with a deleted curve."
         return f"{left_out} Select a line to refine it all the same."
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
@@ -83,9 +78,9 @@ def to_do(plan: "Plan") -> str:
     if plan.decided and plan.targets:
         said.append(_decided(plan))
     if plan.drawn.strays:
-        said.append(f"Skipped: {count(plan.drawn.strays, 'stray click')}.")
+        said.append(f"Skipped: {counted(plan.drawn.strays, 'stray click')}.")
     if plan.drawn.unusable:
-        shapes = " and ".join(count(number, kind) for kind, number in plan.drawn.unusable.items())
+        shapes = " and ".join(counted(number, kind) for kind, number in plan.drawn.unusable.items())
         said.append(f"Not usable: {shapes}; draw lines, polylines or paths.")
     if plan.orphans:
         numbers = f"curve{'s' * (len(plan.orphans) > 1)} {_some(list(map(str, plan.orphans)))}"
@@ -94,7 +89,7 @@ def to_do(plan: "Plan") -> str:
 
 
 def _decided(plan: "Plan") -> str:
-    return f"Left out: {count(plan.decided, 'line')} with an accepted or locked curve."
+    return f"Left out: {counted(plan.decided, 'line')} with an accepted or locked curve."
 
 
 def summary(records: Sequence[Record]) -> str:
@@ -138,7 +133,7 @@ def suggested(number: int) -> str:
     """Say how many lines were suggested."""
     if not number:
         return "No further body stands out. Move the slider to the right to find fainter ones."
-    return f"Suggested {count(number, 'line')}. Correct or delete what is wrong, then refine."
+    return f"Suggested {counted(number, 'line')}. Correct or delete what is wrong, then refine."
 
 
 def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
@@ -148,7 +143,7 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
         if not frames:
             return f"Nothing had to change around frame {corrected}."
         span = f"from {frames[0]} to {frames[-1]}"
-        return f"Refitted {count(len(frames), 'frame')} around frame {corrected}, {span}."
+        return f"Refitted {counted(len(frames), 'frame')} around frame {corrected}, {span}."
     if not taken:
         return "Nothing was tracked."
     last, ended = taken[-1], dict[str, list[str]]()
@@ -157,14 +152,14 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
             why = one.missing.get(number, "")
             kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
             ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
-    arrived = count(len(last.ids) + len(last.given), "curve")
+    arrived = counted(len(last.ids) + len(last.given), "curve")
     text = [f"Tracked to frame {last.frame}: {arrived} there."]
     text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
     if entered := [str(one.frame) for one in taken for _ in one.entered]:
-        bodies, frames = count(len(entered), "body"), _some([*dict.fromkeys(entered)])
+        bodies, frames = counted(len(entered), "body"), _some([*dict.fromkeys(entered)])
         text.append(f"{bodies} came into view, without a curve: frame {frames}.")
     if drifting := sum(len(one.drifting) for one in taken):
-        text.append(f"{count(drifting, 'curve')} to check for drift.")
+        text.append(f"{counted(drifting, 'curve')} to check for drift.")
     bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
     return " ".join([*text, *bad[:1]])
 
@@ -173,9 +168,9 @@ def kept(taken: Sequence["Tracked"]) -> str:
     """Say what is kept of a tracking that was cancelled."""
     if not taken:
         return "Nothing was changed."
-    said = f"Kept: {count(len(taken), 'frame')} tracked by then."
+    said = f"Kept: {counted(len(taken), 'frame')} tracked by then."
     unsure = sum(UNDECIDED in curve.reasons for one in taken for curve in one.curves)
-    return f"{said} Track on to confirm {count(unsure, 'curve')}." if unsure else said
+    return f"{said} Track on to confirm {counted(unsure, 'curve')}." if unsure else said
 
 
 def stage(progress: Progress | None, left: float | None) -> str:
@@ -209,7 +204,7 @@ def offered(heads: Sequence["Head"]) -> str:
     layers = f" in {len(heads)} layers" if len(heads) > 1 else ""
     frames = max(held.frames for held in heads)
     where = f" in {frames} frames" if frames > 1 else ""
-    said = f"{count(sketches, 'sketch')} and {count(curves, 'curve')}{where}"
+    said = f"{counted(sketches, 'sketch')} and {counted(curves, 'curve')}{where}"
     return f"<b>Saved work</b>{layers} ({heads[0].saved.astimezone():%d %B %Y, %H:%M}): {said}."
 
 
