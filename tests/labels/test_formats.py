@@ -9,9 +9,9 @@ import roifile
 
 from napari_splinesketch.labels import Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.formats import FORMATS, WRITERS, writer_of
+from napari_splinesketch.labels.formats import FORMATS, WRITERS, claiming, writer_of
 
-from .samples import FULL, bent
+from .samples import FULL, bent, same_keys, same_points, same_sd, same_widths
 
 
 def test_an_unknown_ending_is_refused_and_the_known_ones_are_named(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_a_missing_file_is_the_systems_own_error(tmp_path: Path) -> None:
         read_labels(tmp_path / "none.csv")
 
 
-@pytest.mark.parametrize("name", ["a.csv", "a.geojson", "a.wcon"])
+@pytest.mark.parametrize("name", ["a.csv", "a.geojson", "a.wcon", "a.coco.json"])
 def test_what_the_user_said_of_a_curve_is_kept(tmp_path: Path, name: str) -> None:
     reviews = ("accepted", "open", "rejected")
     labels = [
@@ -95,6 +95,65 @@ def test_a_name_that_is_no_text_stops_no_writer(tmp_path: Path, writer: Format) 
     write_labels(tmp_path / f"a{writer.suffix}", labels)
     if writer.read:
         assert len(read_labels(tmp_path / f"a{writer.suffix}").labels) == 3
+
+
+BOTH = [form for form in WRITERS if form.read]
+
+
+@pytest.mark.parametrize("form", BOTH, ids=lambda form: form.name)
+def test_a_file_without_curves_is_read_as_none(tmp_path: Path, form: Format) -> None:
+    path = tmp_path / f"a{form.suffix}"
+    write_labels(path, [])
+    assert claiming(path)
+    assert read_labels(path).labels == ()
+
+
+def test_coco_is_read_back_as_it_was_written(tmp_path: Path) -> None:
+    labels = replace(
+        FULL, labels=(bent(0, 5), replace(bent(4, 9, shift=0.1), sd=np.full(20, np.inf)))
+    )
+    write_labels(tmp_path / "a.coco.json", labels)
+    back = read_labels(tmp_path / "a.coco.json")
+    assert (back.scale, back.units, back.shape) == (FULL.scale, FULL.units, FULL.shape)
+    assert back.provenance == FULL.provenance
+    assert same_points(back, labels)
+    assert same_keys(back, labels)
+    assert same_widths(back, labels)
+    assert same_sd(back, labels)
+
+
+def test_coco_of_other_programs_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.coco.json"
+    path.write_text('{"images": [{"id": 7}], "annotations": [{"image_id": 7, "keypoints": []}]}')
+    with pytest.raises(LabelsError, match=r"annotations\[0\]: not written by napari-splinesketch"):
+        read_labels(path)
+
+
+def test_sketches_are_written_too(tmp_path: Path) -> None:
+    lines = [[[0, 1], [2, 3.5]], np.array([[4, 5], [6, 7], [8, 9]])]
+    write_labels(tmp_path / "a.csv", (line for line in lines))
+    back = read_labels(tmp_path / "a.csv").labels
+    assert [label.points.tolist() for label in back] == [np.array(line).tolist() for line in lines]
+    assert [(label.frame, label.curve, label.status) for label in back] == [
+        (0, 0, "sketch"),
+        (0, 1, "sketch"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        (None, "sketches is None; give a list"),
+        ("a.csv", "sketches is 'a.csv'; give a list"),
+        ([1, 2], r"sketch 0 is 1|sketch 0 has shape \(\)"),
+        (np.zeros((2, 2)), r"sketch 0 has shape \(2,\); give \(N, 2\)"),
+        ([[[0, 0]]], r"points have shape \(1, 2\); expected \(N, 2\) with N at least 2"),
+    ],
+)
+def test_what_is_no_labels_is_said(tmp_path: Path, given: Any, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        write_labels(tmp_path / "a.csv", given)
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_table_says_where_a_review_is_wrong(tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ VALID: dict[tuple[str, str], Callable[[Path], Path]] = {
     ("ImageJ ROIs", ".zip"): stored_zip,
     ("ImageJ ROIs", ".roi"): single_roi,
     ("WCON", ".wcon"): written(".wcon"),
+    ("COCO keypoints", ".coco.json"): written(".coco.json"),
     ("WCON", ".json"): renamed(".wcon"),
     ("NumPy splines", ".npy"): npy,
     ("NumPy splines", ".npz"): npz,
@@ -117,7 +118,7 @@ def test_damaged_files_are_read_or_refused_but_never_crash(
     if not folder.exists():
         folder.mkdir()
         VALID[name](folder)
-    valid = next(path for path in folder.iterdir() if path.stem == "a" or ".shapes" in path.name)
+    valid = next(path for path in folder.iterdir() if path.name.startswith("a."))
     path = tmp_path / valid.name
     path.write_bytes(spoil(valid.read_bytes()))
     try:

@@ -223,7 +223,8 @@ def test_entries_of_one_name_are_all_read(tmp_path: Path) -> None:
 
 
 def test_a_zip_without_a_roi_is_refused(tmp_path: Path) -> None:
-    archive(tmp_path / "a.zip")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        file.writestr("readme.txt", "nothing")
     with pytest.raises(LabelsError, match=r"a\.zip: holds no ImageJ ROI"):
         read_labels(tmp_path / "a.zip")
 

@@ -247,7 +247,7 @@ FOREIGN: dict[str, Callable[[Path], Any]] = {
     "empty.csv": lambda path: path.touch(),
     "settings.json": lambda path: path.write_text('{"units": "um", "Features": [1]}'),
     "units.json": lambda path: path.write_text('{"units": {"length": "um"}, "data": []}'),
-    "labels.coco.json": lambda path: write_labels(path, Labels()),
+    "labels.coco.json": lambda path: path.write_text('{"annotations": []}'),
     "archive.zip": write_zip,
     "broken.zip": lambda path: path.write_bytes(b"PK\x03\x04"),
     "envi.roi": lambda path: path.write_text("; ENVI output of ROIs"),

@@ -1,19 +1,24 @@
-"""COCO: keypoints along each body, its outline as a polygon; (x, y), one image per frame."""
+"""COCO: keypoints along each body, its outline as a polygon; (x, y), one image per frame.
 
+Of files of other programs, keypoints may be anything: only ours are read.
+"""
+
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from napari_splinesketch.geometry import area, edges
-from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.json_tree import head_of, own_members, write_json
+from napari_splinesketch.labels import json_tree
+from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.masks import image_shape
 from napari_splinesketch.labels.types import AnyLabels, Label, evenly_sampled, in_frames
 
 CORNER = 0.5
 """Boxes and polygons count from the corner of the first pixel, keypoints from its centre, px."""
 VISIBLE = 2
+OURS = "napari-splinesketch"
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -31,13 +36,13 @@ def write(path: Path, labels: AnyLabels) -> None:
         "skeleton": [[i, i + 1] for i in range(1, size)],
     }
     root = {
-        "info": {"description": "napari-splinesketch", **head_of(labels.head)},
+        "info": {"description": OURS, **json_tree.head_of(labels.head)},
         "licenses": [],
         "images": images,
         "categories": [{"id": 1, "name": "body", "supercategory": "body", **skeleton}],
         "annotations": (_annotation(i, label) for i, label in enumerate(bodies, 1)),
     }
-    write_json(path, root)
+    json_tree.write_json(path, root)
 
 
 def image_name(labels: AnyLabels) -> str:
@@ -65,9 +70,29 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
         "area": 0.0 if polygon is None else area(polygon),
         "segmentation": [] if polygon is None else [(polygon + CORNER).ravel().tolist()],
         "track_id": label.curve,
-        "attributes": own_members(label),
+        "attributes": json_tree.own_members(label),
     }
 
 
+def read(source: Source) -> Iterator[Label]:
+    """Read the keypoints of a file that was written by us."""
+    kept: dict[str, Any] = {}
+    for body in json_tree.read_values(source.path, "annotations", kept):
+        source.place = body.place
+        if "track_id" not in body or "attributes" not in body:
+            raise source.error(f"not written by {OURS}; of COCO, nothing else is read")
+        points = body["keypoints"].numbers().reshape(-1, 3)[:, 1::-1]
+        frame, curve = body["image_id"].integer(), body["track_id"].integer()
+        yield json_tree.read_own(body["attributes"], frame, curve, points)
+    source.head = json_tree.read_head(json_tree.Node(source.path, "", kept)["info"])
+
+
 LOSSES = ("sampling", "width", "shape")
-FORMAT = Format("COCO keypoints", (".coco.json",), write=write, losses=LOSSES)
+
+
+def claims(ending: str, head: bytes) -> bool:
+    """Whether a file was written by us, by its description."""
+    return f'"{OURS}"'.encode() in head
+
+
+FORMAT = Format("COCO keypoints", (".coco.json",), read, write, LOSSES, claims)

@@ -1,10 +1,11 @@
 """Every format, and reading and writing labels in any of them."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from napari_splinesketch.engine.types import Curve, Refinement
+from napari_splinesketch.engine.types import Curve, Refinement, Sketches
 from napari_splinesketch.labels import (
     coco,
     geojson,
@@ -18,7 +19,7 @@ from napari_splinesketch.labels import (
     wcon,
 )
 from napari_splinesketch.labels.format import Format, LabelsError, open_regular
-from napari_splinesketch.labels.types import AnyLabels, Labels
+from napari_splinesketch.labels.types import AnyLabels, Label, Labels
 
 HEAD = 4096
 """Number of bytes by which formats are recognised."""
@@ -42,7 +43,8 @@ def claiming(path: str | os.PathLike[str]) -> Format | None:
 def reader_of(path: str | os.PathLike[str]) -> Format:
     """Find the format in which to read an existing file; by its name if its bytes fit none."""
     fitting = [form for form in READERS if form.ending(path)]
-    found = claiming(path) or next(iter(fitting), None)
+    longest = max(fitting, key=lambda form: len(form.ending(path)), default=None)
+    found = claiming(path) or longest
     if found is None:
         allowed = ", ".join(sorted({ending for form in READERS for ending in form.endings}))
         raise LabelsError(path, "", f"not a file of labels; expected one of {allowed}")
@@ -91,7 +93,7 @@ def open_labels(path: str | os.PathLike[str]) -> AnyLabels:
 
 def write_labels(
     path: str | os.PathLike[str],
-    labels: AnyLabels | Refinement | Sequence[Curve],
+    labels: AnyLabels | Refinement | Iterable[Curve] | Sketches,
     *,
     overwrite: bool = False,
 ) -> tuple[str, ...]:
@@ -102,8 +104,8 @@ def write_labels(
     path
         The file to write; its directory must exist. The ending of its name decides the format.
     labels
-        Labels, in memory or read frame by frame, a refinement, or refined curves; the last two
-        are taken as frame 0.
+        Labels, in memory or read frame by frame, or what is taken as frame 0: a refinement, refined
+        curves, or sketches (N, 2).
     overwrite
         Replace an existing file; otherwise it raises FileExistsError.
 
@@ -115,5 +117,14 @@ def write_labels(
     if isinstance(labels, Refinement):
         labels = Labels.from_curves(labels.curves, shape=labels.shape)
     elif not isinstance(labels, AnyLabels):
-        labels = Labels.from_curves(labels)
+        given: Any = labels
+        if isinstance(labels, Iterable) and not isinstance(labels, str):
+            given = list(labels)
+        if isinstance(given, list) and all(isinstance(each, Curve) for each in given):
+            labels = Labels.from_curves(given)
+        else:
+            from napari_splinesketch.engine.checks import checked_sketches  # loads SciPy
+
+            drawn = enumerate(checked_sketches(given))
+            labels = Labels(tuple(Label.from_sketch(line, identity=i) for i, line in drawn))
     return writer_of(path).write_whole(path, labels, overwrite=overwrite)

@@ -10,6 +10,7 @@ from typing import IO, cast
 import numpy as np
 from roifile import ROI_TYPE, ImagejRoi
 
+from napari_splinesketch.files import counted
 from napari_splinesketch.labels.format import Format, Source, blamed, numbered, open_regular
 from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 
@@ -21,6 +22,8 @@ MAX_FRAME = 2**31 - 2
 HEADER = 64
 """Size of each of a ROI's two headers, bytes."""
 OURS = "splinesketch."
+EMPTY = b"PK\x05\x06"
+"""How a zip without files begins."""
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -85,7 +88,7 @@ def _entries(source: Source) -> Iterator[bytes]:
                     content = _limited(source, packed, min(MAX_ENTRY, room))
                 room -= len(content)
                 yield content
-        if not source.place:
+        if archive.namelist() and not source.place:
             raise source.error("holds no ImageJ ROI (a file with the ending .roi)")
 
 
@@ -102,11 +105,11 @@ def _require_whole(content: bytes) -> None:
     if start == 0:  # as ImageJ wrote them before 2010, without a second header
         return
     if start < HEADER or len(content) < start + HEADER:
-        raise ValueError(f"cut off after {len(content)} bytes")
+        raise ValueError(f"cut off after {counted(len(content), 'byte')}")
     for place in (start + 16, start + 40):  # where its name and its properties are
         offset, length = struct.unpack(">ii", content[place : place + 8])
         if offset + 2 * length > len(content):
-            raise ValueError(f"cut off after {len(content)} bytes")
+            raise ValueError(f"cut off after {counted(len(content), 'byte')}")
 
 
 def _label(roi: ImagejRoi) -> tuple[Label, bool]:
@@ -130,7 +133,7 @@ def claims(ending: str, head: bytes) -> bool:
     """Whether this is a ROI, by its mark, or a zip of them, by its first file."""
     if ending == ".roi":
         return head.startswith(b"Iout")
-    return name_in_zip(head).endswith(b".roi")
+    return name_in_zip(head).endswith(b".roi") or head.startswith(EMPTY)
 
 
 def name_in_zip(head: bytes) -> bytes:

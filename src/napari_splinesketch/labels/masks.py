@@ -23,16 +23,10 @@ def write(path: Path, labels: AnyLabels) -> None:
 
     Where bodies overlap, the pixel belongs to the one in which it lies deeper.
     """
-    frames = in_frames(labels)
-    shape, highest = drawn_shape(labels), labels.facts.highest
-    count = int(frames.frames[-1]) + 1 if len(frames.frames) else 1
-    if count > MAX_FRAMES:
-        raise ValueError(
-            f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most that masks hold"
-        )
-    if highest >= np.iinfo(np.uint32).max:
-        raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
-    dtype = np.uint16 if highest < np.iinfo(np.uint16).max else np.uint32
+    frames, shape = in_frames(labels), drawn_shape(labels)
+    count, dtype = page_count(labels), np.uint16
+    if labels.facts.highest >= np.iinfo(dtype).max:
+        dtype = np.uint32
     given, drawn = frames.read(), np.zeros(count, bool)
     drawn[frames.frames] = True
 
@@ -57,6 +51,19 @@ def write(path: Path, labels: AnyLabels) -> None:
         compression="zlib",
         photometric="minisblack",
     )
+
+
+def page_count(labels: AnyLabels) -> int:
+    """Count the pages of masks; ValueError where masks cannot hold a frame or an identity."""
+    frames, highest = in_frames(labels).frames, labels.facts.highest
+    count = int(frames[-1]) + 1 if len(frames) else 1
+    if count > MAX_FRAMES:
+        raise ValueError(
+            f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most that masks hold"
+        )
+    if highest >= np.iinfo(np.uint32).max:
+        raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
+    return count
 
 
 def image_shape(labels: AnyLabels) -> tuple[int, int]:
