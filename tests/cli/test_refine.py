@@ -338,7 +338,7 @@ def test_lines_that_were_reviewed_are_said_to_be_open_again(
     write_labels("sketches.csv", Labels((known,)), overwrite=True)
     assert refine() == 0
     told = "".join(capsys.readouterr())
-    assert "1 of the lines were reviewed or locked; they are refined again, and open" in told
+    assert "1 reviewed or locked line refined again, and open" in told
 
 
 AT_A_TERMINAL = """
@@ -421,6 +421,10 @@ REFUSED = {
     "same name": (["--masks", "a.tif", "--reconstruction", "a.tif"], "the same name"),
     "units alone": (["--units", "µm"], "--units needs --pixel-size"),
     "three sizes": (["--pixel-size", "1", "2", "3"], "has 3 numbers"),
+    "no such pixels": (["--pixel-size", "1e40"], "size of a pixel, from 1e-30 to 1e+30"),
+    "too thin": (["--half-width", "0.01"], "half_width is 0.01; give 0.2 to 30 px"),
+    "too wide": (["--half-width", "1e4"], "half_width is 10000.0; give 0.2 to 30 px"),
+    "seed": (["--seed", "9999999999"], "seed is 9999999999; give a whole number up to"),
     "unknown ending": (["-o", "labels.xls"], "no format has this ending"),
     "no such channel": (["--channel", "2"], "no axis"),
 }
@@ -441,12 +445,28 @@ def test_what_cannot_work_is_refused_before_any_work(
 
 
 @pytest.mark.parametrize(
-    "more", [["--half-width", "0"], ["--half-width", "nan"], ["--preset", "best"], ["--what"]]
+    "more",
+    [
+        ["--half-width", "0"],
+        ["--half-width", "nan"],
+        ["--preset", "best"],
+        ["--what"],
+    ],
 )
 def test_wrong_options_are_argparse_s_errors(folder: Path, more: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         refine(*more)
     assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("more", [["-o", "a.csv", "--masks", "a.tif"], ["-o", "a.masks.tif"]])
+def test_identities_that_masks_cannot_hold_are_refused_before_any_work(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    write_labels("sketches.csv", Labels((Label.from_sketch(LINE, identity=2**40),)), overwrite=True)
+    assert refine(*more) == 2
+    assert "identity 1099511627776 does not fit into a pixel" in capsys.readouterr().err
+    assert engine.calls == []
 
 
 def test_existing_files_are_replaced_when_asked(folder: Path, engine: FakeEngine) -> None:

@@ -33,7 +33,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
     Finished frames are kept beside the output until all outputs are written.
     """
     sketches = in_frames(open_labels(job.sketches))
-    with open_run(job, report, sketches.head) as work:
+    with open_run(job, report, sketches) as work:
         work.count, work.alike = len(sketches.frames), bool(job.masks or job.reconstruction)
         options = {name: getattr(job, name) for name in OPTIONS}
         kept = job.reconstruction is not None

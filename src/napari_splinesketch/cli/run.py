@@ -26,11 +26,12 @@ from napari_splinesketch.batch.partial import Partial
 from napari_splinesketch.batch.reports import FrameReport, Reports, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
-from napari_splinesketch.files import atomic, checksum_of_file
-from napari_splinesketch.images.frames import Frames, checksum, open_frames
-from napari_splinesketch.labels import Label, Labels, table
+from napari_splinesketch.engine.checks import check_call, check_options
+from napari_splinesketch.files import atomic, checksum_of_file, counted
+from napari_splinesketch.images.frames import Frames, ImageError, checksum, open_frames
+from napari_splinesketch.labels import Label, Labels, masks, table
 from napari_splinesketch.labels.formats import writer_of
-from napari_splinesketch.labels.types import ByFrame
+from napari_splinesketch.labels.types import AnyLabels, ByFrame
 
 FREE = {"image", "output", "sketches", "pixel_size", "units", "masks", "overlay", "reconstruction"}
 FREE |= {"json", "overwrite", "resume", "verbose", "jobs", "scheduler"}
@@ -208,19 +209,27 @@ def is_judged(line: Label) -> bool:
 def judged(number: int) -> Iterator[str]:
     """Say what becomes of lines that somebody has reviewed or locked."""
     if number:
-        yield f"{number} of the lines were reviewed or locked; they are refined again, and open"
+        yield f"{counted(number, 'reviewed or locked line')} refined again, and open"
 
 
 @contextmanager
-def open_run(job: FrameJob, report: Report, drawn: Labels | None = None) -> Iterator[Run]:
+def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> Iterator[Run]:
     """Open the image of a job; on success, outputs take their places and finished frames go.
 
-    `report` is called with the number of frames that are done, and with their total; `drawn` gives
-    the size of a pixel where neither the job nor the image does.
+    `report` is called with the number of frames that are done, and with their total; what is
+    `drawn` gives the size of a pixel where neither the job nor the image does. What every frame or
+    the last output would fail for is refused at once.
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
+        check_call(None, getattr(job, "seed", 0))
+        if drawn and (getattr(job, "masks", None) or writer_of(job.output) is masks.FORMAT):
+            masks.page_count(drawn)
+        if job.half_width is not None:
+            with suppress(ImageError):  # frames that cannot be read are reported one by one
+                check_options(images[0].shape, job.polarity, job.half_width)
         head = Labels()
-        for known in (drawn, images, job):  # the last word is the user's; an image's may be wrong
+        # The last word is the user's; an image's may be wrong.
+        for known in (drawn and drawn.head, images, job):
             if known and known.scale:
                 with suppress(ValueError) if known is images else nullcontext():
                     head = Labels(scale=known.scale, units=known.units)
