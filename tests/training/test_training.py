@@ -199,6 +199,40 @@ def test_what_is_no_training_set_is_said(tmp_path: Path, folder: Path) -> None:
         read_training(folder)
 
 
+NEWER = '{"format": "napari-splinesketch training set", "version": "two"}'
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("manifest.json", None, "no training set: it has no manifest.json"),
+        ("manifest.json", "{", "is damaged"),
+        ("manifest.json", "[]", "expected 'napari-splinesketch training set'"),
+        (
+            "manifest.json",
+            '{"format": "napari-splinesketch training set", "version": "2"}',
+            "at most",
+        ),
+        ("frames.csv", None, "no training set: it has no frames.csv"),
+        ("frames.csv", "", "it has no columns frame and split"),
+        ("frames.csv", "frame,split\none,train\n", "is damaged.*'one'"),
+        ("frames.csv", "split,frame\ntrain\n", "is damaged"),
+    ],
+)
+def test_a_damaged_training_set_is_said(
+    folder: Path, name: str, content: str | None, reason: str
+) -> None:
+    export_training(folder, IMAGES, REVIEWED)
+    if content is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_text(content)
+    with pytest.raises(ValueError, match=reason) as caught:
+        read_training(folder)
+    assert name in str(caught.value)
+    assert str(folder) in str(caught.value)
+
+
 def test_the_command_says_how_to_accept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

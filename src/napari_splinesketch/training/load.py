@@ -1,12 +1,12 @@
 """Reading a training set back, one frame at a time."""
 
-import csv
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from csv import DictReader
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import tifffile
@@ -101,18 +101,31 @@ def read_training(folder: str | os.PathLike[str], part: Part | None = None) -> T
     Raises
     ------
     ValueError
-        Where the folder is no training set, or of a newer version.
+        Where the folder is no training set, damaged, or of a newer version.
     """
     if part not in (None, *PARTS):
         raise ValueError(f"part is {part!r}; choose one of {', '.join(PARTS)}, or None for all")
     folder = Path(folder)
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ValueError(f"{folder} is no training set: it has no {MANIFEST}") from None
-    if manifest.get("format") != FORMAT or manifest.get("version", 0) > VERSION:
+    manifest = _read(folder / MANIFEST, json.load)
+    known = isinstance(manifest, dict) and manifest.get("format") == FORMAT
+    if not known or manifest.get("version", 0) not in range(VERSION + 1):
         raise ValueError(f"{folder / MANIFEST}: expected {FORMAT!r}, version {VERSION} at most")
-    with (folder / FRAMES).open(encoding="utf-8", newline="") as file:
-        rows = csv.DictReader(file)
-        frames = tuple(int(row["frame"]) for row in rows if part in (None, row["split"]))
-    return TrainingSet(folder, manifest, frames)
+
+    def numbers(table: TextIO) -> tuple[int, ...]:
+        rows = DictReader(table)
+        if not {"frame", "split"} <= set(rows.fieldnames or ()):
+            raise ValueError("it has no columns frame and split")
+        return tuple(int(row["frame"]) for row in rows if part in (None, row["split"]))
+
+    return TrainingSet(folder, manifest, _read(folder / FRAMES, numbers))
+
+
+def _read(path: Path, read: Callable[[TextIO], Any]) -> Any:
+    """Read a file of a training set; ValueError where it is not there or damaged."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return read(file)
+    except FileNotFoundError:
+        raise ValueError(f"{path.parent} is no training set: it has no {path.name}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is damaged ({error}); write the training set again") from None
