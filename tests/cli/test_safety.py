@@ -269,6 +269,17 @@ def test_whoever_reads_the_output_may_stop(arguments: str) -> None:
     assert Path("labels.csv").exists() == ("--json" in arguments)
 
 
+@POSIX
+@pytest.mark.parametrize(("source", "code"), [("sketches.csv", 0), ("none.csv", 2)])
+def test_whoever_reads_the_messages_may_stop(source: str, code: int) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    run = subprocess.run(command("convert", source, "out.zip"), stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    assert run.returncode == code
+    assert Path("out.zip").exists() == (code == 0)
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_report_that_cannot_be_written_is_said() -> None:
     with open("/dev/full", "w") as full:

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TextIO
 
 from napari_splinesketch.files import printable
 
@@ -18,9 +19,12 @@ _interrupted = False
 
 
 def say(*lines: object) -> None:
-    """Print lines on the standard error."""
-    for line in lines:
-        print(printable(str(line)), file=sys.stderr)
+    """Print lines on the standard error; they are dropped where it cannot be written."""
+    try:
+        for line in lines:
+            print(printable(str(line)), file=sys.stderr)
+    except OSError:
+        _drop(sys.stderr)
 
 
 def tell(lines: Iterable[str]) -> bool:
@@ -32,17 +36,17 @@ def tell(lines: Iterable[str]) -> bool:
         sys.stdout.writelines(f"{printable(line)}\n" for line in lines)
         sys.stdout.flush()
     except BrokenPipeError:
-        _drop_output()
+        _drop(sys.stdout)
     except OSError as error:
-        _drop_output()
+        _drop(sys.stdout)
         say(f"standard output: {error.strerror}; files are written, the report is incomplete")
         return False
     return True
 
 
-def _drop_output() -> None:
-    """Discard what is still to be written to the standard output."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _drop(stream: TextIO) -> None:
+    """Discard what is still to be written to a stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 @contextmanager
@@ -67,6 +71,8 @@ def take_over() -> None:
     # What is closed stays without a reader: a file that is written must not take its place.
     sys.stdout, sys.stderr = (each or open(os.devnull, "w") for each in (sys.stdout, sys.stderr))
     warnings.showwarning = lambda message, *where, **more: say(message)
+    # Where Ctrl-C meets a destructor, Python tells of it with a traceback and goes on.
+    sys.unraisablehook = lambda told: None if _interrupted else sys.__unraisablehook__(told)
     handler = logging.StreamHandler()
     handler.setFormatter(_Plain())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
