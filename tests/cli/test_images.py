@@ -291,6 +291,11 @@ def channels(path: Path) -> str:
     return str(path / "a.tif")
 
 
+def colour_planes(path: Path) -> str:
+    write(path / "a.tif", FRAMES[:3], photometric="rgb", planarconfig="separate")
+    return str(path / "a.tif")
+
+
 def stack_in_folder(path: Path) -> str:
     write(path / "a.tif", FRAMES)
     return str(path)
@@ -307,6 +312,10 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
     "planes and times": (two_axes, "choose one plane with --z"),
     "channels": (channels, "4 channels; choose one with --channel"),
+    "planes of colours": (
+        colour_planes,
+        "a.tif has 3 colour planes; choose one with --channel, from 0; if they are frames, save",
+    ),
     "a stack in a folder": (stack_in_folder, "4 frames; expected one per file"),
 }
 

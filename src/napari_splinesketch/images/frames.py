@@ -18,6 +18,8 @@ from napari_splinesketch.files import is_inside, same_file
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
 STILLS = (".png", ".jpg", ".jpeg", ".bmp")
+COLOUR_PLANES = "colour planes", "; if they are frames, save them as grey ones"
+"""What some programs also make of a film of three frames."""
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 
 
@@ -229,7 +231,8 @@ def choose_planes(
         if wanted is not None:
             place[at] = wanted
         elif size > 1 and axis in "CS":
-            raise ImageError(f"{name} has {size} channels; choose one with --channel")
+            kind, more = ("channels", "") if axis == "C" else COLOUR_PLANES
+            raise ImageError(f"{name} has {size} {kind}; choose one with --channel, from 0{more}")
         elif size > 1 and frames is not None:
             remedy = "choose one plane with --z" if z is None else "save one as an image of its own"
             raise ImageError(f"{name} has two axes of frames, {axes[frames]} and {axis}; {remedy}")

@@ -87,8 +87,9 @@ def suggest(
 
 
 def _check_sensitivity(sensitivity: float) -> None:
-    if not 0 <= sensitivity <= 1:
-        raise ValueError(f"sensitivity is {sensitivity}; give a number from 0 to 1.")
+    value = np.asarray(sensitivity)
+    if value.ndim or value.dtype.kind not in "biuf" or not 0 <= value <= 1:
+        raise ValueError(f"sensitivity is {sensitivity!r}; give a number from 0 to 1.")
 
 
 def prepare(
