@@ -139,6 +139,8 @@ def match(
     tolerance
         Largest average DTW of a pair, px.
     """
+    if not tolerance >= 0:
+        raise ValueError(f"tolerance is {tolerance}; give a distance from 0, px.")
     # Average DTW is at least the distance between some two points, so that bounding boxes settle
     # most pairs.
     cost = np.full((len(curves), len(truths)), 2 * tolerance + 1.0)

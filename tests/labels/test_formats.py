@@ -129,6 +129,13 @@ def test_coco_of_other_programs_is_refused(tmp_path: Path) -> None:
         read_labels(path)
 
 
+def test_some_of_a_file_s_labels_keep_frame_number_and_review(tmp_path: Path) -> None:
+    some = [replace(label, review="accepted") for label in FULL.labels if label.frame]
+    write_labels(tmp_path / "a.csv", some)
+    back = read_labels(tmp_path / "a.csv").labels
+    assert [(label.frame, label.curve, label.review) for label in back] == [(4, 5, "accepted")]
+
+
 def test_sketches_are_written_too(tmp_path: Path) -> None:
     lines = [[[0, 1], [2, 3.5]], np.array([[4, 5], [6, 7], [8, 9]])]
     write_labels(tmp_path / "a.csv", (line for line in lines))
@@ -143,10 +150,10 @@ def test_sketches_are_written_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
-        (None, "sketches is None; give a list"),
-        ("a.csv", "sketches is 'a.csv'; give a list"),
-        ([1, 2], r"sketch 0 is 1|sketch 0 has shape \(\)"),
-        (np.zeros((2, 2)), r"sketch 0 has shape \(2,\); give \(N, 2\)"),
+        (None, "labels is None .*; give Labels, a refinement, or a list of curves or of sketches"),
+        ("a.csv", "labels is 'a.csv'"),
+        ({0: [[1, 2], [3, 4]]}, "labels is {0: "),
+        (np.zeros((2, 2)), r"labels is array.*shape \(2,\)"),
         ([[[0, 0]]], r"points have shape \(1, 2\); expected \(N, 2\) with N at least 2"),
     ],
 )

@@ -3,7 +3,10 @@
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
+
+import numpy as np
 
 from napari_splinesketch.engine.types import Curve, Refinement, Sketches
 from napari_splinesketch.labels import (
@@ -93,7 +96,7 @@ def open_labels(path: str | os.PathLike[str]) -> AnyLabels:
 
 def write_labels(
     path: str | os.PathLike[str],
-    labels: AnyLabels | Refinement | Iterable[Curve] | Sketches,
+    labels: AnyLabels | Refinement | Iterable[Label | Curve] | Sketches,
     *,
     overwrite: bool = False,
 ) -> tuple[str, ...]:
@@ -104,8 +107,8 @@ def write_labels(
     path
         The file to write; its directory must exist. The ending of its name decides the format.
     labels
-        Labels, in memory or read frame by frame, or what is taken as frame 0: a refinement, refined
-        curves, or sketches (N, 2).
+        Labels, in memory or read frame by frame, or a list of some; or, taken as frame 0, a
+        refinement, refined curves, or sketches (N, 2).
     overwrite
         Replace an existing file; otherwise it raises FileExistsError.
 
@@ -117,14 +120,23 @@ def write_labels(
     if isinstance(labels, Refinement):
         labels = Labels.from_curves(labels.curves, shape=labels.shape)
     elif not isinstance(labels, AnyLabels):
-        given: Any = labels
-        if isinstance(labels, Iterable) and not isinstance(labels, str):
-            given = list(labels)
-        if isinstance(given, list) and all(isinstance(each, Curve) for each in given):
-            labels = Labels.from_curves(given)
-        else:
-            from napari_splinesketch.engine.checks import checked_sketches  # loads SciPy
-
-            drawn = enumerate(checked_sketches(given))
-            labels = Labels(tuple(Label.from_sketch(line, identity=i) for i, line in drawn))
+        labels = _of_one_frame(labels)
     return writer_of(path).write_whole(path, labels, overwrite=overwrite)
+
+
+def _of_one_frame(lines: Any) -> Labels:
+    """Label curves and sketches; labels stay as they are."""
+    found = list[Label]()
+    try:
+        for i, line in enumerate(lines):
+            if isinstance(line, Curve):
+                line = Label.from_curve(line, identity=i)
+            elif not isinstance(line, Label):
+                line = Label.from_sketch(np.asarray(line, np.float64), identity=i)
+            found.append(line)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"labels is {short(lines)} ({error}); give Labels, a refinement, or a list of curves "
+            "or of sketches (N, 2)"
+        ) from None
+    return Labels(tuple(found))

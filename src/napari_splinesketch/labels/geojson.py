@@ -64,6 +64,8 @@ def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
     for feature in json_tree.read_values(source.path, ARRAY, kept):
         yield from _labels(source, feature)
     root = json_tree.Node(source.path, "", kept)
+    if ARRAY not in root and "type" not in root:
+        raise root.error("has no 'type': neither GeoJSON nor another format that is read")
     if ARRAY not in root and root["type"].expected(str) != "FeatureCollection":
         yield from _labels(source, root)
     elif root[ARRAY].value != []:
