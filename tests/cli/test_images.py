@@ -150,6 +150,34 @@ def test_colour_becomes_luminance(tmp_path: Path) -> None:
         assert np.allclose(frames[0], (90, 10, 50) @ LUMINANCE, atol=2)
 
 
+def test_a_channel_of_colours_is_that_channel(tmp_path: Path) -> None:
+    colour = np.random.default_rng(0).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+    write(tmp_path / "a.tif", colour)
+    write(tmp_path / "film.tif", np.stack([colour, colour]))
+    imageio.v3.imwrite(tmp_path / "a.png", colour)
+    for name in ("a.tif", "film.tif", "a.png"):
+        with open_frames(str(tmp_path / name), channel=1) as frames:
+            assert np.array_equal(frames[0], colour[..., 1]), name
+        with pytest.raises(ImageError, match=r"3 along axis .; there is no 3"):
+            open_frames(str(tmp_path / name), channel=3).__enter__()
+        with pytest.raises(ImageError, match="no axis for --z; leave it out"):
+            open_frames(str(tmp_path / name), z=0).__enter__()
+
+
+def test_channels_that_lie_together_are_no_colours(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (20, 30, 4), dtype=np.uint8)
+    for count in (2, 4):
+        kind = {"photometric": "minisblack", "planarconfig": "contig"}
+        write(tmp_path / "a.tif", pixels[..., :count], **kind)
+        with pytest.raises(ImageError, match=f"has {count} channels; choose one with --channel"):
+            open_frames(str(tmp_path / "a.tif")).__enter__()
+        with open_frames(str(tmp_path / "a.tif"), channel=1) as frames:
+            assert np.array_equal(frames[0], pixels[..., 1])
+    write(tmp_path / "b.tif", pixels[..., :2], **kind, extrasamples=["unassalpha"])
+    with open_frames(str(tmp_path / "b.tif")) as frames:
+        assert np.array_equal(frames[0], pixels[..., 0])
+
+
 def test_a_folder_and_a_glob_are_films_in_natural_order(tmp_path: Path) -> None:
     for number, frame in zip((1, 2, 10, 11), FRAMES, strict=True):
         imageio.v3.imwrite(tmp_path / f"f{number}.png", frame)
@@ -302,6 +330,7 @@ def stack_in_folder(path: Path) -> str:
 
 
 HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
+    "no name": (lambda path: "", "the image has no name; give a file"),
     "missing": (lambda path: str(path / "none.tif"), "no such image"),
     "empty folder": (str, "no folder or glob with images"),
     "another kind of file": (word_file, "not an image; expected one of .tif"),

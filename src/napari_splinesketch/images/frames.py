@@ -47,9 +47,11 @@ class Frames:
     """Physical unit, or None."""
     files: Sequence[Path] = ()
     """The file of each frame, where each has one of its own."""
+    channel: int | None = None
+    """Which of the colours is wanted, from 0; None for luminance."""
 
     def __getitem__(self, index: int) -> Real[np.ndarray, "H W"]:
-        """Read a frame; colour becomes luminance (Rec. 709)."""
+        """Read a frame; colour becomes luminance (Rec. 709), or one of its channels."""
         if not 0 <= index < self.count:
             raise ImageError(f"no frame {index}: {self.name} has {self.count}, counted from 0")
         try:
@@ -58,6 +60,8 @@ class Frames:
             raise
         except Exception as error:  # image libraries raise anything on a broken file
             raise ImageError(f"{self.name}, frame {index}: cannot be read ({error})") from error
+        if self.channel is not None:
+            return pixels[..., self.channel]
         if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
             return pixels[..., :3].astype(np.float32) @ LUMINANCE
         if pixels.ndim == 3 and pixels.shape[2] == 2:  # grey and how opaque it is
@@ -89,6 +93,8 @@ def open_frames(
         Which plane, where an image has both planes and times, from 0.
     """
     path = Path(pattern)
+    if not pattern:
+        raise ImageError("the image has no name; give a file, a folder, a glob or a URL")
     if path.is_file():
         return _file(path, channel, z)
     if is_url(pattern) or _is_zarr(path):
@@ -131,13 +137,13 @@ def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextMana
 
         return open_tiff(path, channel, z)
     if suffix in STILLS + FILMS:
-        return _still_or_film(path, suffix in FILMS)
+        return _still_or_film(path, suffix in FILMS, channel, z)
     allowed = ", ".join((*TIFFS, *STILLS, *FILMS))
     raise ImageError(f"{path}: not an image; expected one of {allowed}, OME-Zarr or a folder")
 
 
 @contextmanager
-def _still_or_film(path: Path, moves: bool) -> Iterator[Frames]:
+def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) -> Iterator[Frames]:
     import imageio.v3
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
@@ -154,7 +160,11 @@ def _still_or_film(path: Path, moves: bool) -> Iterator[Frames]:
             why = f"{path}: cannot be read as {kind} ({error}); save it again"
             raise ImageError(why) from error
         count = count or sum(1 for _ in imageio.v3.imiter(path, plugin=plugin))
-        yield Frames(path.name, count, lambda i: file.read(index=i) if first is None else first)
+        colours = (3,) if first is None else first.shape[2:]
+        if channel is not None or z is not None:
+            choose_planes(path.name, "S" * len(colours), colours, channel, z)
+        read = file.read if first is None else lambda index: first
+        yield Frames(path.name, count, lambda i: read(index=i), channel=channel)
 
 
 @contextmanager

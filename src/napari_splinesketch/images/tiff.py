@@ -11,6 +11,7 @@ import tifffile
 from napari_splinesketch.images.frames import Frames, ImageError, choose_planes
 
 MICROMETRE = {"um", "micron", "microns", "micrometer", "\\u00b5m", "μm", "µm"}
+ALPHAS = {tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
 
 
@@ -23,7 +24,19 @@ def open_tiff(path: Path, channel: int | None, z: int | None) -> Iterator[Frames
             series, size = file.series[0], _scale(file)
         except Exception as error:  # tifffile raises anything on a broken file
             raise ImageError(f"{path}: cannot be read as TIFF ({error})") from error
-        yield Frames(path.name, *_frames(file, series, path, channel, z), *size)
+        own = _channel(series, path.name, channel)
+        planes = _frames(file, series, path, channel if own is None else None, z)
+        yield Frames(path.name, *planes, *size, channel=own)
+
+
+def _channel(series: tifffile.TiffPageSeries, name: str, channel: int | None) -> int | None:
+    """Give the channel that is wanted of pixels that hold several; None for all, as colours."""
+    many, page = series.axes.endswith("YXS") and "C" not in series.axes, series.keyframe
+    grey = page.photometric in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.MINISWHITE)
+    if many and (channel is not None or (grey and not set(page.extrasamples) & ALPHAS)):
+        choose_planes(name, "C", series.shape[-1:], channel, None)
+        return channel
+    return None
 
 
 def _frames(
