@@ -259,7 +259,7 @@ def test_a_film_that_a_worker_finds_changed_is_not_mistaken(tmp_path: Path) -> N
     tifffile.imwrite(tmp_path / "film.tif", film(3), photometric="minisblack")
     source = Source(str(tmp_path / "film.tif"), None, None, 3)
     assert np.array_equal(source.read(1), film(3)[1])
-    with pytest.raises(ValueError, match="has 3 frames; expected 4"):
+    with pytest.raises(ValueError, match="the number of frames is 3; expected 4"):
         Source(str(tmp_path / "film.tif"), None, None, 4).read(1)
 
 

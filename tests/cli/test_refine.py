@@ -415,6 +415,7 @@ def test_a_damaged_note_of_an_interrupted_run_is_said(
 
 REFUSED = {
     "input": (["--overlay", "film.tif"], "film.tif is read by this command"),
+    "no library": (["-o", "labels.slp"], "SLEAP files need sleap-io; pip install sleap-io"),
     "no folder": (["--masks", "none/m.tif"], "no such folder"),
     "not a TIFF": (["--masks", "m.png"], "m.png: expected a name that ends with .tif or .tiff"),
     "not a picture": (["--overlay", "o.csv"], "ends with .png"),
@@ -435,9 +436,11 @@ def test_what_cannot_work_is_refused_before_any_work(
     folder: Path,
     engine: FakeEngine,
     capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
     more: list[str],
     reason: str,
 ) -> None:
+    monkeypatch.setitem(sys.modules, "sleap_io", None)
     assert refine(*more) == 2
     assert reason in capsys.readouterr().err
     assert engine.calls == []
@@ -466,6 +469,18 @@ def test_identities_that_masks_cannot_hold_are_refused_before_any_work(
     write_labels("sketches.csv", Labels((Label.from_sketch(LINE, identity=2**40),)), overwrite=True)
     assert refine(*more) == 2
     assert "identity 1099511627776 does not fit into a pixel" in capsys.readouterr().err
+    assert engine.calls == []
+
+
+def test_an_image_too_large_for_masks_is_refused_before_any_work(
+    folder: Path,
+    engine: FakeEngine,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("napari_splinesketch.labels.masks.MAX_PIXELS", 2399)
+    assert refine("--masks", "a.tif") == 2
+    assert "40 × 60 px are too large" in capsys.readouterr().err
     assert engine.calls == []
 
 

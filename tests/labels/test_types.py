@@ -95,7 +95,7 @@ NONSENSE: dict[str, tuple[Callable[[], object], str]] = {
     "infinite width": (lambda: Label(0, 0, POINTS[:2], TWO * np.inf, TWO, "good"), "use NaN"),
     "units alone": (lambda: Labels((), None, "µm"), "give a pixel's size"),
     "no name": (lambda: Labels((), (1.0, 1.0), " "), "a unit's name"),
-    "ids": (lambda: Labels.from_curves([curve()], ids=[1, 2]), "1 curve but 2 ids"),
+    "ids": (lambda: Labels.from_curves([curve()], ids=[1, 2]), "not as many, but 1 and 2"),
 }
 
 

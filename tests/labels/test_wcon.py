@@ -128,11 +128,11 @@ MALFORMED = {
         "data[0]",
         "t, x and y have 2, 1 and 1 elements",
     ),
-    "short y": ({"units": UNITS, "data": [{**GOOD, "y": [[3]]}]}, "data[0].y[0]", "x has 2"),
+    "short y": ({"units": UNITS, "data": [{**GOOD, "y": [[3]]}]}, "data[0].y[0]", "that of x is 2"),
     "origin": (
         {"units": UNITS, "data": [{**GOOD, "ox": [1, 2]}]},
         "data[0].ox",
-        "has 2 numbers; expected 1",
+        "its length is 2; expected 1",
     ),
     "twice": ({"units": UNITS, "data": [GOOD, GOOD]}, "data[1]", "occurs twice"),
     "our id": (

@@ -19,7 +19,6 @@ from napari_splinesketch import __version__
 from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import FrameReport, words
-from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
 from napari_splinesketch.labels import Label
 
@@ -69,8 +68,8 @@ def _opened(source: Source) -> Frames:
     except (ImageError, OSError) as error:
         raise UnreachableError(str(error)) from None
     if images.count != source.count:
-        counts = f"{counted(images.count, 'frame')}; expected {source.count}"
-        raise UnreachableError(f"{source.pattern} has {counts}")
+        counts = f"{images.count}; expected {source.count}"
+        raise UnreachableError(f"{source.pattern}: the number of frames is {counts}")
     return images
 
 

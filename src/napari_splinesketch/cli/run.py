@@ -222,11 +222,15 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         check_call(None, getattr(job, "seed", 0))
-        if drawn and (getattr(job, "masks", None) or writer_of(job.output) is masks.FORMAT):
+        masked = getattr(job, "masks", None) or writer_of(job.output) is masks.FORMAT
+        if masked and drawn:
             masks.page_count(drawn)
-        if job.half_width is not None:
+        if masked or job.half_width is not None:
             with suppress(ImageError):  # frames that cannot be read are reported one by one
-                check_options(images[0].shape, job.polarity, job.half_width)
+                height, width = images[0].shape
+                check_options((height, width), job.polarity, job.half_width)
+                if masked:
+                    masks.drawn_shape(Labels(shape=(height, width)))
         head = Labels()
         # The last word is the user's; an image's may be wrong.
         for known in (drawn and drawn.head, images, job):

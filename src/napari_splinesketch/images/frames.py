@@ -18,8 +18,6 @@ from napari_splinesketch.files import is_inside, same_file
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
 STILLS = (".png", ".jpg", ".jpeg", ".bmp")
-COLOUR_PLANES = "colour planes", "; if they are frames, save them as grey ones"
-"""What some programs also make of a film of three frames."""
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 
 
@@ -241,7 +239,8 @@ def choose_planes(
         if wanted is not None:
             place[at] = wanted
         elif size > 1 and axis in "CS":
-            kind, more = ("channels", "") if axis == "C" else COLOUR_PLANES
+            kind = "channels" if axis == "C" else "colour planes"
+            more = "" if axis == "C" else "; if they are frames, save them as grey ones"
             raise ImageError(f"{name} has {size} {kind}; choose one with --channel, from 0{more}")
         elif size > 1 and frames is not None:
             remedy = "choose one plane with --z" if z is None else "save one as an image of its own"

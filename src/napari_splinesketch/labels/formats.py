@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from reprlib import repr as short
 from typing import Any
@@ -55,13 +56,16 @@ def reader_of(path: str | os.PathLike[str]) -> Format:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
-    """Find the format in which a file of this name is written."""
+    """Find the format in which a file of this name is written; ValueError where none can be."""
     name = Path(path).name
     fitting = [form for form in WRITERS if name.lower().endswith(form.suffix)]
     if not fitting:
         allowed = ", ".join(f"{form.suffix} ({form.name})" for form in WRITERS)
         raise ValueError(f"{name}: no format has this ending; expected one of {allowed}")
-    return max(fitting, key=lambda form: len(form.suffix))
+    found = max(fitting, key=lambda form: len(form.suffix))
+    if found.needs and not find_spec(found.needs.replace("-", "_")):
+        raise ValueError(f"{found.name} files need {found.needs}; pip install {found.needs}")
+    return found
 
 
 def read_labels(path: str | os.PathLike[str]) -> Labels:

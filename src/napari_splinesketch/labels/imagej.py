@@ -10,7 +10,6 @@ from typing import IO, cast
 import numpy as np
 from roifile import ROI_TYPE, ImagejRoi
 
-from napari_splinesketch.files import counted
 from napari_splinesketch.labels.format import Format, Source, blamed, numbered, open_regular
 from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 
@@ -22,8 +21,6 @@ MAX_FRAME = 2**31 - 2
 HEADER = 64
 """Size of each of a ROI's two headers, bytes."""
 OURS = "splinesketch."
-EMPTY = b"PK\x05\x06"
-"""How a zip without files begins."""
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -105,11 +102,11 @@ def _require_whole(content: bytes) -> None:
     if start == 0:  # as ImageJ wrote them before 2010, without a second header
         return
     if start < HEADER or len(content) < start + HEADER:
-        raise ValueError(f"cut off after {counted(len(content), 'byte')}")
+        raise ValueError(f"cut off at byte {len(content)}")
     for place in (start + 16, start + 40):  # where its name and its properties are
         offset, length = struct.unpack(">ii", content[place : place + 8])
         if offset + 2 * length > len(content):
-            raise ValueError(f"cut off after {counted(len(content), 'byte')}")
+            raise ValueError(f"cut off at byte {len(content)}")
 
 
 def _label(roi: ImagejRoi) -> tuple[Label, bool]:
@@ -130,10 +127,10 @@ def _label(roi: ImagejRoi) -> tuple[Label, bool]:
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Whether this is a ROI, by its mark, or a zip of them, by its first file."""
+    """Whether this is a ROI, by its mark, or a zip of them, by its first file, or an empty one."""
     if ending == ".roi":
         return head.startswith(b"Iout")
-    return name_in_zip(head).endswith(b".roi") or head.startswith(EMPTY)
+    return name_in_zip(head).endswith(b".roi") or head.startswith(b"PK\x05\x06")
 
 
 def name_in_zip(head: bytes) -> bytes:

@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.files import counted
 from napari_splinesketch.labels.format import LabelsError, blamed, open_regular
 from napari_splinesketch.labels.types import Label, Labels
 
@@ -308,5 +307,5 @@ def _pair(head: Node, name: str) -> tuple[float, float] | None:
         return None
     values = [node.integer() if name == "shape" else node.number() for node in head[name]]
     if len(values) != 2:
-        raise head[name].error(f"has {counted(len(values), 'number')}; expected 2")
+        raise head[name].error(f"its length is {len(values)}; expected 2")
     return values[0], values[1]

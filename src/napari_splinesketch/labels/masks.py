@@ -58,9 +58,7 @@ def page_count(labels: AnyLabels) -> int:
     frames, highest = in_frames(labels).frames, labels.facts.highest
     count = int(frames[-1]) + 1 if len(frames) else 1
     if count > MAX_FRAMES:
-        raise ValueError(
-            f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most that masks hold"
-        )
+        raise ValueError(f"frame {count - 1} is beyond {MAX_FRAMES} frames, the most of masks")
     if highest >= np.iinfo(np.uint32).max:
         raise ValueError(f"identity {highest} does not fit into a pixel; number curves from 0")
     return count
@@ -76,7 +74,8 @@ def drawn_shape(labels: AnyLabels) -> tuple[int, int]:
     """Give the shape of an image that is to be drawn; ValueError where it is too large."""
     height, width = image_shape(labels)
     if height * width > MAX_PIXELS:
-        raise ValueError(f"{height} × {width} px are too large; give the image's shape")
+        size = f"{height} × {width} px are too large to be drawn, {MAX_PIXELS} at most"
+        raise ValueError(f"{size}; leave masks out, or give the image's shape if it is smaller")
     return height, width
 
 

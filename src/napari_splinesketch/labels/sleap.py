@@ -18,10 +18,7 @@ MOST = 400  # points of a curve: HDF5 keeps their names in one attribute, of 64 
 
 def write(path: Path, labels: AnyLabels) -> None:
     """Write user instances on a video of the image's name; frames count from 0."""
-    try:
-        sleap_io = import_module("sleap_io")
-    except ImportError:
-        raise ValueError("SLEAP files need sleap-io; pip install sleap-io") from None
+    sleap_io = import_module("sleap_io")
     size, bodies = evenly_sampled(labels)
     if size > MOST:
         raise ValueError(

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from napari_splinesketch.engine.types import POINTS, Array, Curve
-from napari_splinesketch.files import counted
 
 LabelStatus = Literal["good", "check", "failed", "sketch"]
 STATUSES: tuple[LabelStatus, ...] = get_args(LabelStatus)
@@ -184,8 +183,8 @@ class Labels:
         """
         identities = range(len(curves)) if ids is None else tuple(ids)
         if len(identities) != len(curves):
-            ids_given = counted(len(identities), "id")
-            raise ValueError(f"{counted(len(curves), 'curve')} but {ids_given}; give one each")
+            numbers = f"{len(curves)} and {len(identities)}"
+            raise ValueError(f"curves and ids are not as many, but {numbers}; give one each")
         labels = tuple(
             Label.from_curve(curve, frame=frame, identity=identity)
             for curve, identity in zip(curves, identities, strict=True)

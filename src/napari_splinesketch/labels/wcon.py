@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.files import counted
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.csv_columns import whole
 from napari_splinesketch.labels.format import Format, Source, blamed
@@ -109,7 +108,7 @@ def _spines(record: json_tree.Node) -> Iterator[tuple[json_tree.Node, float, Flo
     for i, (time, x, y) in enumerate(zip(when, xs, ys, strict=True)):
         cols, rows = _line(x) + ox[i], _line(y) + oy[i]
         if len(cols) != len(rows):
-            raise y.error(f"has {counted(len(rows), 'number')}, but x has {len(cols)}")
+            raise y.error(f"its length is {len(rows)}, but that of x is {len(cols)}")
         yx = np.column_stack([rows, cols])
         yield record, time, yx[np.isfinite(yx).all(axis=1)]
 
@@ -126,7 +125,7 @@ def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]
             node = record[name]
             values = node.numbers() if isinstance(node.value, list) else [node.number()]
             if len(values) not in (1, count):
-                raise node.error(f"has {counted(len(values), 'number')}; expected {count}, as in t")
+                raise node.error(f"its length is {len(values)}; expected {count}, as in t")
             return np.broadcast_to(values, count)
     return np.zeros(count)
 
