@@ -22,6 +22,13 @@ def test_an_unknown_ending_is_refused_and_the_known_ones_are_named(tmp_path: Pat
         read_labels(tmp_path / "labels.txt")
 
 
+@pytest.mark.parametrize(("name", "kind"), [("a.swc", "SWC"), ("A.SLP", "SLEAP")])
+def test_what_is_only_written_is_said(tmp_path: Path, name: str, kind: str) -> None:
+    (tmp_path / name).write_text("")
+    with pytest.raises(LabelsError, match=f"{kind} can be written only; expected one of"):
+        read_labels(tmp_path / name)
+
+
 def test_the_longest_ending_decides_and_case_does_not_matter() -> None:
     assert writer_of("a.shapes.csv").name == "napari Shapes CSV"
     assert writer_of("A.SHAPES.CSV").name == "napari Shapes CSV"

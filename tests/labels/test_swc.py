@@ -19,7 +19,7 @@ def test_losses_are_said(tmp_path: Path) -> None:
         "no frames",
         "no unknown radius",
     ]
-    with pytest.raises(LabelsError, match="not a file of labels"):
+    with pytest.raises(LabelsError, match="SWC can be written only"):
         read_labels(tmp_path / "a.swc")
 
 

@@ -51,7 +51,9 @@ def reader_of(path: str | os.PathLike[str]) -> Format:
     found = claiming(path) or longest
     if found is None:
         allowed = ", ".join(sorted({ending for form in READERS for ending in form.endings}))
-        raise LabelsError(path, "", f"not a file of labels; expected one of {allowed}")
+        ours = (f"{form.name} can be written only" for form in WRITERS if form.ending(path))
+        what = next(ours, "not a file of labels")
+        raise LabelsError(path, "", f"{what}; expected one of {allowed}")
     return found
 
 
