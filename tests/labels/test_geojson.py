@@ -81,6 +81,18 @@ def test_lines_of_other_programs_are_sketches(tmp_path: Path, wrap) -> None:
     )
 
 
+@pytest.mark.parametrize(("times", "frames"), [((0, 0), [4, 7]), ((0, 3), [0, 3])])
+def test_lines_on_planes_without_times_are_in_the_frame_of_their_plane(
+    tmp_path: Path, times: tuple[int, int], frames: list[int]
+) -> None:
+    lines = [
+        {"type": "LineString", "coordinates": LINE, "plane": {"c": -1, "z": z, "t": t}}
+        for z, t in zip((4, 7), times, strict=True)
+    ]
+    (tmp_path / "a.geojson").write_text(json.dumps(lines))
+    assert [label.frame for label in read_labels(tmp_path / "a.geojson").labels] == frames
+
+
 def feature(coordinates: object, **properties: object) -> dict[str, object]:
     geometry = {"type": "LineString", "coordinates": coordinates}
     return {"type": "Feature", "geometry": geometry, "properties": properties}

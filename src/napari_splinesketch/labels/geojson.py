@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,22 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
-    """Give each line, and whether it has a number."""
+    """Give each line, and whether it has a number.
+
+    Planes are the frames of lines that were not written by us, where all are at time 0.
+    """
+    others = list[tuple[Label, int]]()
+    for label, z in _found(source):
+        if z is None:
+            yield label, True
+        else:
+            others.append((label, z))
+    timed = any(label.frame for label, _ in others)
+    yield from ((label if timed else replace(label, frame=z), False) for label, z in others)
+
+
+def _found(source: Source) -> Iterator[tuple[Label, int | None]]:
+    """Give each line, and the plane of those that were not written by us."""
     kept: dict[str, Any] = {}
     for feature in json_tree.read_values(source.path, ARRAY, kept):
         yield from _labels(source, feature)
@@ -74,7 +90,7 @@ def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
         source.head = json_tree.read_head(root[OURS])
 
 
-def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, bool]]:
+def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, int | None]]:
     geometry = feature["geometry"] if "geometry" in feature else feature
     kind = geometry["type"].expected(str)
     if kind in OTHERS:
@@ -87,16 +103,17 @@ def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, bo
     own = properties[OURS] if OURS in properties else None
     for line in [lines] if kind == "LineString" else lines:
         points = line.places()[:, ::-1] - CORNER
+        z = None
         if own:
             source.place = own.place
             label = json_tree.read_own(own, own["frame"].integer(), own["curve"].integer(), points)
         else:
-            plane = geometry.member("plane", dict, {})
-            frame = geometry["plane"]["t"].integer() if plane.get("t") is not None else 0
+            plane = geometry["plane"] if "plane" in geometry else feature
+            frame, z = (plane[axis].integer() if axis in plane else 0 for axis in "tz")
             source.place = line.place
             label = Label.from_sketch(points, frame=frame)
         source.place = line.place
-        yield label, own is not None
+        yield label, z
 
 
 def claims(ending: str, head: bytes) -> bool:
