@@ -162,6 +162,9 @@ def test_a_folder_that_is_not_there_names_the_file(inside: Path) -> None:
     with pytest.raises(FileNotFoundError) as caught:
         write("nowhere/out.csv")
     assert caught.value.filename == str(inside / "nowhere" / "out.csv"), "not a temporary one"
+    with pytest.raises(FileNotFoundError) as caught, owned("nowhere/out.csv"):
+        pass
+    assert caught.value.filename == str(inside / "nowhere" / "out.csv"), "not its lock"
 
 
 def test_other_errors_are_as_they_were() -> None:

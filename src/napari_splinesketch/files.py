@@ -208,16 +208,23 @@ def _beside(target: Path) -> Iterator[Path]:
     folder = target.parent / f".{uuid4().hex}.part"
     clear = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
-        try:
+        with _named(target):
             folder.mkdir(0o700)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(target)) from error
         yield folder
     finally:
         try:
             clear()
         finally:  # once more, should Ctrl-C have stopped it
             clear()
+
+
+@contextmanager
+def _named(target: Path) -> Iterator[None]:
+    """Let an error of the system name the file that is wanted, rather than a temporary one."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(target)) from error
 
 
 @contextmanager
@@ -262,7 +269,8 @@ def _refuse_existing(path: Path) -> None:
 def _take(lock: Path, target: Path) -> int:
     """Open a lock file and own it; BusyError where somebody else does."""
     while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+        with _named(target):
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
         try:
             if not _lock(descriptor):
                 raise BusyError(f"{target} is being written by {_owner(descriptor)}")
