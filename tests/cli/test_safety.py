@@ -336,6 +336,29 @@ def test_ctrl_c_at_any_moment_is_one_line(module: str) -> None:
     assert not list(Path().glob(".*"))
 
 
+LOADED = """
+import signal, sys
+from napari_splinesketch.cli import terminal
+signal.signal(signal.SIGALRM, terminal._interrupt)
+try:
+    signal.setitimer(signal.ITIMER_REAL, {after})
+    import jaxlib._jax
+    while True:
+        pass
+except KeyboardInterrupt:
+    sys.exit("jaxlib._jax" not in sys.modules and 1)
+"""
+
+
+@POSIX
+@pytest.mark.parametrize("after", [0.002, 0.005, 0.01, 0.02])
+def test_ctrl_c_while_c_is_loaded_waits_for_it(after: float) -> None:
+    code = "import jaxlib.cpu_feature_guard\n" + LOADED.format(after=after)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode in (0, 1), run.stderr
+    assert run.stderr == ""
+
+
 def test_what_a_library_makes_of_ctrl_c_is_no_frame_s_fault(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

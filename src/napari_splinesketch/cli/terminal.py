@@ -4,9 +4,11 @@ import logging
 import os
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 from typing import TextIO
 
@@ -89,6 +91,11 @@ def was_interrupted() -> bool:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _interrupted
     _interrupted = True
+    while frame:
+        if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):  # C++ dies of exceptions
+            threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+            return
+        frame = frame.f_back
     raise KeyboardInterrupt
 
 
