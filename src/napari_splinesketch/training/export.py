@@ -214,15 +214,10 @@ def _whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder; make it first")
-    if os.path.lexists(target):
-        if not overwrite:
-            raise FileExistsError(
-                f"{target} exists already; choose another name or add --overwrite"
-            )
-        if not _is_set(target):
-            raise FileExistsError(
-                f"{target} is no training set, or has other files in it, and is not replaced"
-            )
+    if os.path.lexists(target) and not (overwrite and _is_set(target)):
+        foreign = "is no training set, or has other files in it, and is not replaced"
+        again = "exists already; choose another name or ask for it to be overwritten"
+        raise FileExistsError(f"{target} {foreign if overwrite else again}")
     with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
         yield temporary
 
