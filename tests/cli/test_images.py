@@ -3,6 +3,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import imageio.v3
 import numpy as np
 import pytest
@@ -148,6 +149,15 @@ def test_colour_becomes_luminance(tmp_path: Path) -> None:
     )
     with open_frames(str(tmp_path / "inks.jpg")) as frames:
         assert np.allclose(frames[0], (90, 10, 50) @ LUMINANCE, atol=2)
+
+
+def test_colours_of_16_bits_keep_them(tmp_path: Path) -> None:
+    colour = np.random.default_rng(0).integers(0, 4095, (20, 30, 3), dtype=np.uint16)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(colour))
+    with open_frames(str(tmp_path / "a.png")) as frames:
+        assert np.allclose(frames[0], colour @ LUMINANCE)
+    with open_frames(str(tmp_path / "a.png"), channel=2) as frames:
+        assert np.array_equal(frames[0], colour[..., 2])
 
 
 def test_a_channel_of_colours_is_that_channel(tmp_path: Path) -> None:

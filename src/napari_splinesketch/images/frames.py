@@ -18,6 +18,8 @@ from napari_splinesketch.files import is_inside, same_file
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 TIFFS = (".tif", ".tiff", ".lsm", ".stk")
 STILLS = (".png", ".jpg", ".jpeg", ".bmp")
+DEPTH = 24
+"""Place in a PNG of the byte that tells the bits of a number."""
 FILMS = (".avi", ".mp4", ".mov", ".mkv", ".webm")
 
 
@@ -142,6 +144,7 @@ def _file(path: Path, channel: int | None, z: int | None) -> AbstractContextMana
 
 @contextmanager
 def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) -> Iterator[Frames]:
+    import imagecodecs
     import imageio.v3
 
     if moves and not find_spec("av"):  # imageio's own message does not say how to install it
@@ -153,6 +156,10 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
             count = (file.properties().n_images or 0) if moves else 1
             inks = not moves and file.metadata(index=0)["mode"] == "CMYK"
             first = None if moves else file.read(index=0, mode="RGB" if inks else None)
+            if first is not None and first.ndim == 3 and path.suffix.lower() == ".png":
+                content = path.read_bytes()
+                if content[DEPTH] == 16:  # of which Pillow keeps 8
+                    first = imagecodecs.png_decode(content)
         except Exception as error:  # image libraries raise anything on a broken file
             kind = "a film" if moves else path.suffix[1:].upper()
             why = f"{path}: cannot be read as {kind} ({error}); save it again"
