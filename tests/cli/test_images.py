@@ -319,6 +319,12 @@ def empty_zarr(path: Path) -> str:
     return str(path / "a.zarr")
 
 
+def zarr_of_colours(path: Path) -> str:
+    zarr = pytest.importorskip("zarr")
+    zarr.create_array(path / "a.zarr", data=np.zeros((20, 30, 3), np.uint8))
+    return str(path / "a.zarr")
+
+
 def two_axes(path: Path) -> str:
     write(path / "a.tif", np.stack([FRAMES] * 2), imagej=True, metadata={"axes": "TZYX"})
     return str(path / "a.tif")
@@ -349,6 +355,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], str], str]] = {
     "empty PNG": (empty_png, "can not handle the given uri.); save it again"),
     "not a film": (not_a_film, "cannot be read as a film"),
     "empty Zarr": (empty_zarr, "cannot be read as OME-Zarr"),
+    "Zarr of colours": (zarr_of_colours, "(20, 30, 3); expected rows and columns (y, x) last"),
     "planes and times": (two_axes, "choose one plane with --z"),
     "channels": (channels, "4 channels; choose one with --channel"),
     "planes of colours": (

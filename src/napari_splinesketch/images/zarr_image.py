@@ -17,6 +17,8 @@ from napari_splinesketch.images.frames import (
 )
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
+COLUMNS = 5
+"""Least columns of frames: a last axis of fewer is one of colours."""
 PAUSES = (1.0, 5.0)
 """Pause before a server that failed is asked again, s."""
 
@@ -56,8 +58,9 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
     except Exception as error:  # zarr raises anything on a broken store, and where none answers
         remedy = "; check the address, and whether its server answers" if is_url(address) else ""
         raise ImageError(f"{address}: cannot be read as OME-Zarr ({error}){remedy}") from error
-    if leading < 0 or not axes.endswith("YX"):
-        raise ImageError(f"{address}: axes are {axes}; expected rows and columns (y, x) last")
+    if leading < 0 or not axes.endswith("YX") or (leading and shape[-1] < COLUMNS):
+        what = f"axes are {axes} of {shape}"
+        raise ImageError(f"{address}: {what}; expected rows and columns (y, x) last")
     name = PurePath(address.split("?")[0]).name
     count, place = choose_planes(name, axes[:leading], shape[:leading], channel, z)
 
