@@ -180,7 +180,12 @@ MALFORMED = {
     "negative curve": (f"{HEADER}\n0,-1{ROW0[3:]}\n", 2, "curve is '-1'"),
     "huge frame": (f"{HEADER}\n{'9' * 19}{ROW0[1:]}\n{'9' * 19}{ROW1[1:]}\n", 2, "2^63"),
     "point missing": (f"{HEADER}\n{ROW0}\n{ROW1.replace('0,0,1', '0,0,2')}\n", 3, "point is 2"),
-    "one point": (f"{HEADER}\n{ROW0}\n", 2, "N at least 2"),
+    "one point": (f"{HEADER}\n{ROW0}\n", 2, "curve 0 of frame 0: one row; expected at least 2"),
+    "rows of two curves mixed": (
+        "curve,row,col\n1,0,0\n2,0,0\n1,1,1\n2,1,1\n",
+        2,
+        "curve 1 of frame 0: one row; expected at least 2, which follow one another",
+    ),
     "infinite place": (f"{HEADER}\n{ROW0.replace('2.0', 'inf')}\n{ROW1}\n", 2, "finite"),
     "negative width": (f"{HEADER}\n{ROW0}\n{ROW1.replace('6.0,1', '6.0,-1')}\n", 2, "negative"),
     "unknown status": (f"{HEADER}\n{ROW0[:-4]}ok\n{ROW1[:-4]}ok\n", 2, "status is 'ok'"),

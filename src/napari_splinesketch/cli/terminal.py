@@ -93,7 +93,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     _interrupted = True
     while frame:
         if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):  # C++ dies of exceptions
-            threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+            threading.Timer(0.05, signal.raise_signal, (number,)).start()
             return
         frame = frame.f_back
     raise KeyboardInterrupt

@@ -91,6 +91,9 @@ def read(source: Source) -> Iterator[Label]:
     """Read a table back; points, if they are numbered, count from 0."""
     scale = _Scale(source)
     for lines, columns in read_curves(source, KINDS, REQUIRED, BY, COUNT):
+        if len(lines) < 2:
+            where = f"curve {columns['curve']} of frame {columns.get('frame', 0)}"
+            raise ValueError(f"{where}: one row; expected at least 2, which follow one another")
         scale.add(lines, columns)
         yield _label(columns)
     source.place = "line 2"
