@@ -174,16 +174,17 @@ def test_a_channel_of_colours_is_that_channel(tmp_path: Path) -> None:
             open_frames(str(tmp_path / name), z=0).__enter__()
 
 
-def test_channels_that_lie_together_are_no_colours(tmp_path: Path) -> None:
+def test_channels_that_lie_together_and_inks_are_no_colours(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (20, 30, 4), dtype=np.uint8)
-    for count in (2, 4):
-        kind = {"photometric": "minisblack", "planarconfig": "contig"}
+    for count, photometric in ((2, "minisblack"), (4, "minisblack"), (4, "separated")):
+        kind = {"photometric": photometric, "planarconfig": "contig"}
         write(tmp_path / "a.tif", pixels[..., :count], **kind)
         with pytest.raises(ImageError, match=f"has {count} channels; choose one with --channel"):
             open_frames(str(tmp_path / "a.tif")).__enter__()
         with open_frames(str(tmp_path / "a.tif"), channel=1) as frames:
             assert np.array_equal(frames[0], pixels[..., 1])
-    write(tmp_path / "b.tif", pixels[..., :2], **kind, extrasamples=["unassalpha"])
+    kind |= {"photometric": "minisblack", "extrasamples": ["unassalpha"]}
+    write(tmp_path / "b.tif", pixels[..., :2], **kind)
     with open_frames(str(tmp_path / "b.tif")) as frames:
         assert np.array_equal(frames[0], pixels[..., 0])
 

@@ -11,6 +11,7 @@ import tifffile
 from napari_splinesketch.images.frames import Frames, ImageError, choose_planes
 
 MICROMETRE = {"um", "micron", "microns", "micrometer", "\\u00b5m", "μm", "µm"}
+COLOURS = {tifffile.PHOTOMETRIC.RGB, tifffile.PHOTOMETRIC.YCBCR}
 ALPHAS = {tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA}
 Scale = tuple[tuple[float, float], str] | tuple[None, None]
 
@@ -32,8 +33,9 @@ def open_tiff(path: Path, channel: int | None, z: int | None) -> Iterator[Frames
 def _channel(series: tifffile.TiffPageSeries, name: str, channel: int | None) -> int | None:
     """Give the channel that is wanted of pixels that hold several; None for all, as colours."""
     many, page = series.axes.endswith("YXS") and "C" not in series.axes, series.keyframe
-    grey = page.photometric in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.MINISWHITE)
-    if many and (channel is not None or (grey and not set(page.extrasamples) & ALPHAS)):
+    colours = page.photometric in COLOURS and series.shape[-1] in (3, 4)
+    clear = series.shape[-1] == 2 and set(page.extrasamples) & ALPHAS
+    if many and (channel is not None or not (colours or clear)):
         choose_planes(name, "C", series.shape[-1:], channel, None)
         return channel
     return None
