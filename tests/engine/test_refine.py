@@ -61,6 +61,15 @@ def test_curves_come_in_the_order_of_the_sketches():
         assert miss(curve, same.points) < 0.5
 
 
+@pytest.mark.parametrize("offset", [1e8, -1e8])
+def test_values_far_from_zero_hide_no_body(offset: float):
+    image = frame(1, 3).image.astype(np.float64)
+    far = refine(image + offset, sketches_of(frame(1, 3)))
+    for curve, same in zip(far.curves, refined(1, 3).curves, strict=True):
+        assert miss(curve, same.points) < 0.3
+    assert len(suggest(image + offset)) == len(suggest(image)) > 0
+
+
 def test_a_curve_is_the_natural_spline_through_its_knots():
     for curve in refined(1, 3).curves:
         through = CubicSpline(np.arange(len(curve.knots)), curve.knots[:, :2], bc_type="natural")

@@ -44,6 +44,9 @@ USUAL_BLOCK_PX = 16  # ... and its least value
 RIDGE_NOISE = 1.4  # noise of the difference of two smoothed pixels, in units of one's (√2)
 # pixels whose ridges are measured at a time, so that they stay in the cache (speed):
 RIDGE_CHUNK = 2**15
+# unused pixels after each row: where rows lie a power of two of bytes apart, as those of images of
+# 1024 columns do, the pixels of a column push each other out of the cache (speed):
+ROW_APART = 16
 RIDGE_FLOOR = 0.03  # ridges below this share of the bodies' count as nothing where all is smooth
 
 # === Look: background, contrast and what surrounds a sketch

@@ -118,7 +118,7 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
     most = min(const.CLICKED[-1], int(length / const.CLICKED_APART_PX))
     if scoring.clicked(sketch) or not const.CLICKED[0] <= most < len(sketch):
         return sketch
-    near, hit = const.NARROW_HW * half_width + const.NARROW_PX, scoring.hit(half_width)
+    near, hit = scoring.close(half_width), scoring.hit(half_width)
     (path,) = strip.paths_along(evidence, sketch, half_width, near)
     places = spline.resample(path, const.SCORE_SAMPLES).T
     off = spline.apart(spline.resample(sketch, const.SCORE_SAMPLES), path)
@@ -167,8 +167,8 @@ def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> 
 
 def _near(sketch: Line, half_width: float) -> float:
     """How far from its sketch a path along it may be, px."""
-    reach, close = reach_of(sketch, half_width), const.NARROW_HW * half_width + const.NARROW_PX
-    return min(reach, close) if scoring.clicked(sketch) else reach
+    reach = reach_of(sketch, half_width)
+    return min(reach, scoring.close(half_width)) if scoring.clicked(sketch) else reach
 
 
 def usual_length(sketches: list[Line]) -> float:

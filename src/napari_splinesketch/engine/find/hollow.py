@@ -38,7 +38,7 @@ def _around(seen: Scene, sketch: Line, rung: int) -> Iterator[tuple[int, Line]]:
     wider = range(rung + 2, int(np.searchsorted(WIDTHS, const.WIDEST_SHARE * length, side="right")))
     if not wider:
         return
-    near = const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX
+    near = scoring.close(WIDTHS[rung])
     heights = ridge_profile(seen.ridges, sketch, near, wider, seen.sign)[wider.start :]
     # The rims are ridges too, at half-widths of their own: each that stands out is tried.
     dips = 1 + np.flatnonzero((heights[1:-1] < heights[:-2]) & (heights[1:-1] < heights[2:]))

@@ -25,6 +25,11 @@ def hit(half_width: float, clicked_length: float = 0.0) -> float:
     return const.HIT_HW * half_width + const.HIT_PX + const.HIT_SHARE * clicked_length
 
 
+def close(half_width: float) -> float:
+    """How near to the line of a clicked sketch a path along it is looked for, px."""
+    return const.NARROW_HW * half_width + const.NARROW_PX
+
+
 def moved(sketch: Line, path: Line, half_width: float) -> bool:
     """Whether a sketch has the shape of a path: it may have been moved off it as a whole."""
     at = spline.resample(path, const.SCORE_SAMPLES).T[:, :, None]

@@ -4,17 +4,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Array
-
-ROW_APART = 16
-"""Unused pixels after each row: where rows lie a power of two of bytes apart, as those of images of
-1024 columns do, the pixels of a column push each other out of the cache."""
 
 
 def blurred(image: Float[Array, "H W"], sigma: float, **how) -> Float[Array, "H W"]:
     """The same as `scipy.ndimage.gaussian_filter`; `how` is passed on to it."""
     rows, columns = image.shape
-    found = np.empty((rows, columns + ROW_APART), image.dtype)[:, :columns]
+    found = np.empty((rows, columns + const.ROW_APART), image.dtype)[:, :columns]
     found[:] = image
     return ndimage.gaussian_filter(found, sigma, output=found, **how)
 

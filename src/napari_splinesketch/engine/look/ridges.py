@@ -40,7 +40,9 @@ class Ridges:
     """
 
     def __init__(self, image: Float[Array, "H W"], noise: float):
-        self._image, self.noise = image.astype(np.float32), noise
+        self._image, self.noise = np.empty(image.shape, np.float32), noise
+        # Large values have no small differences in single precision.
+        np.subtract(image, image.min(), out=self._image, casting="same_kind")
         self._heights: dict[tuple[int, int], Array] = {}
         self._evidence: dict[tuple[int, int, float], Array] = {}
 
