@@ -13,6 +13,8 @@ from napari_splinesketch import suggest, synthetic
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.find.suggest import _bodies, prepare
+from napari_splinesketch.engine.look.ridges import Ridges
+from napari_splinesketch.engine.types import Progress
 
 
 def test_bodies_are_parts_that_are_large_and_certain_enough() -> None:
@@ -213,3 +215,41 @@ def test_bright_and_dark_bodies_are_both_found_where_both_are_clear() -> None:
     found = {p: on(suggest(image, polarity=p), lines, FOUND) for p in ("auto", "bright", "dark")}
     bodies = {p: {body for _, body in pairs} for p, pairs in found.items()}
     assert bodies == {"auto": {0, 1, 2, 3}, "bright": {0, 2}, "dark": {1, 3}}
+
+
+def test_progress_never_falls_and_a_cancel_ends_the_work() -> None:
+    image = synthetic.scene(3, shape=(90, 100), length=60.0).image
+    told: list[Progress] = []
+    lines = suggest(image, on_progress=told.append)
+    assert len(lines) == len(suggest(image)) > 0
+    shares = [progress.fraction for progress in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    assert {progress.stage for progress in told} == {"looking for bodies"}
+    for enough in range(1, len(told)):
+        heard: list[Progress] = []
+
+        def tell(now: Progress, heard: list[Progress] = heard, enough: int = enough) -> bool:
+            heard.append(now)
+            return len(heard) < enough
+
+        assert suggest(image, on_progress=tell) == ()
+        assert len(heard) == enough
+    with pytest.raises(ValueError, match="on_progress is 7"):
+        suggest(image, on_progress=7)  # pyright: ignore[reportArgumentType]
+
+
+def test_large_images_keep_less_and_have_the_same_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = synthetic.scene(3, shape=(90, 100), length=60.0).image
+    kept = prepare(image)
+    monkeypatch.setattr("napari_splinesketch.engine.find.suggest.LARGE", 0)
+    held: list[int] = []
+    keep = Ridges.keep
+    monkeypatch.setattr(
+        Ridges, "keep", lambda self, *more: (keep(self, *more), held.append(len(self._heights)))[0]
+    )
+    freed = prepare(image)
+    assert max(held) <= 4
+    assert len(held) > 4
+    np.testing.assert_array_equal(freed.strength, kept.strength)
+    assert all(map(np.array_equal, freed.lines, kept.lines))

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from napari.components import ViewerModel
+from napari.settings import get_settings
 from npe2 import PluginManifest
 from qtpy.QtCore import QEvent
 from qtpy.QtWidgets import QApplication
@@ -58,7 +59,8 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
 
 @pytest.fixture(autouse=True)
 def own_data_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: Any) -> None:
-    """Let no test find what another one saved."""
+    """Let no test find what another one saved, nor where."""
+    get_settings().application.save_history = []
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
 
 

@@ -331,3 +331,16 @@ def test_buttons_cut_and_extend_where_the_curve_was_clicked(qapp: Any, fake: Fak
         click(split)
         first = controller.records()[0].curve.points[:, 1]
         assert abs(first.max() - 30) < 1
+
+
+def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        made.begin()
+        made.controller.selected = 0, 1
+        made.controller.toggle_knots()
+        assert "Drag the knots" in made.controller.notice.text
+        made.controller.undo()
+        assert not made.controller.knots
+        assert made.controller.notice.text == "Undone: refine 2 curves."

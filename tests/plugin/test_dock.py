@@ -244,6 +244,28 @@ def test_export_proposes_a_name_that_can_be_written(
     assert asked == [Path.home() / "plate.zarr 0  well _labels.csv"] * 2
 
 
+def test_export_proposes_the_image_s_own_folder_or_the_last_one(
+    viewer: Any, dock: SplinesketchDock, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sketched(viewer)
+    refine(dock)
+    asked = []
+    monkeypatch.setattr(
+        QFileDialog,
+        "getSaveFileName",
+        lambda *given: asked.append(Path(given[2]).parent) or (str(tmp_path / "a.csv"), ""),
+    )
+    image = dock.controller.image
+    assert image is not None
+    for path in (None, tmp_path / "plate" / "cells.tif", "https://some.where/plate.zarr"):
+        if path is not None:
+            (tmp_path / "plate").mkdir(exist_ok=True)
+            monkeypatch.setattr(image, "_source", Source(path=str(path)))
+        click(dock.export)
+        rest(dock)
+    assert asked[1:] == [tmp_path / "plate", tmp_path]
+
+
 @pytest.mark.parametrize(
     ("typed", "kind", "written"),
     [

@@ -627,3 +627,51 @@ def test_curves_that_cannot_be_brought_back_stay_in_their_files(
         assert "napari does not like it" in again.controller.notice.text
         until(lambda: counts(home) == [(2, 2), (2, 0)], SOON)
     assert {path: path.read_bytes() for path in files} == files
+
+
+def test_lines_are_saved_beside_the_image_that_they_were_drawn_on(home: Path) -> None:
+    with bench() as made:
+        first = made.image()
+        lines = made.sketches()
+        made.saver.flush()
+        second = made.image(seed=1)
+        made.saver.flush()
+        assert made.controller.sketches is lines, "they may be refined there, too"
+        assert [(head["image"]["name"], head["sketches"]) for head in heads(home)] == [
+            (first.name, 2)
+        ]
+        lines.add([[5, 10], [5, 60]], shape_type="line")
+        made.saver.flush()
+        saved = {head["image"]["name"]: head["sketches"] for head in heads(home)}
+        assert saved == {first.name: 3, second.name: 3}, "which of them it is over, nobody knows"
+        made.refine()
+        made.saver.flush()
+        curves = {head["image"]["name"]: head["curves"] for head in heads(home)}
+        assert curves == {first.name: 0, second.name: 3}
+
+
+def test_lines_that_are_pasted_are_saved(home: Path) -> None:
+    with bench() as made:
+        made.image()
+        lines = made.sketches()
+        made.saver.flush()
+        lines.mode, lines.selected_data = "select", {0}
+        lines._copy_data()
+        lines._paste_data()
+        until(lambda: counts(home) == [(3, 0)], SOON)
+
+
+def test_results_are_not_drawn_into_after_a_view_in_3d(home: Path) -> None:
+    with bench() as made:
+        made.begin()
+        until(lambda: not made.controller.drawing.runs, SOON)
+        work = made.controller.work
+        assert work is not None
+        for ndisplay in (3, 2):
+            made.viewer.dims.ndisplay = ndisplay
+            until(lambda: not made.controller.drawing.runs, SOON)
+        for role in ("curves", "marks"):
+            assert not work.layer(role).editable
+        curves = work.layer("curves")
+        curves.mode = "select"
+        assert curves.mode == "pan_zoom", "a line that is moved there would be no curve"

@@ -10,7 +10,8 @@ from napari_splinesketch.data import IMAGES, SampleName, load_sample
 from napari_splinesketch.metrics import average_dtw, resample
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
-from .hand import refine
+from .bench import saved_files
+from .hand import refine, until
 
 
 @pytest.mark.parametrize("name", IMAGES)
@@ -57,3 +58,17 @@ def test_a_sample_is_ready_to_refine(
         ]
         for line, sketch in zip(truth.data, viewer.layers["generated sketches"].data, strict=True):
             assert 1 < average_dtw(line, sketch) < 15
+
+
+def test_lines_of_a_sample_are_saved_once_they_are_touched(
+    viewer: Any, dock: SplinesketchDock, npe2pm_installed: None
+) -> None:
+    viewer.open_sample("napari-splinesketch", "worms_swimming")
+    until(lambda: dock.saver.place is not None, 20)
+    place, layer = dock.saver.place, viewer.layers["swimming worms sketches"]
+    assert place is not None
+    dock.saver.flush()
+    assert not saved_files(place.parent)
+    layer.data = [line + 0.5 for line in layer.data]
+    dock.saver.flush()
+    assert saved_files(place.parent, "session.json")

@@ -17,6 +17,7 @@ from napari_splinesketch.plugin.layers.space import (
     placement,
     plane_problem,
     screen_pixel,
+    times_of,
     to_pixels,
     to_world,
     view_of,
@@ -190,3 +191,22 @@ def test_sketches_drawn_on_a_turned_image_land_under_the_mouse(
     seen = canvas_point(viewer, viewer.layers["film curves"].data_to_world(curve[-1]))
     wanted = canvas_point(viewer, world[-1])
     assert (seen - wanted).manhattanLength() <= 12
+
+
+@pytest.mark.parametrize(
+    ("shape", "labels", "said"),
+    [
+        ((5,), "zyx", "3"),
+        ((2, 5), "tzyx", "0, z 3"),
+        ((5, 2), "ztyx", "1, z 1"),
+        ((2, 5), None, "0, plane 3"),
+        ((4, 1), "tzyx", "3"),
+        ((), "yx", "0"),
+    ],
+)
+def test_a_frame_is_named_by_its_time_and_plane(
+    shape: tuple[int, ...], labels: str | None, said: str
+) -> None:
+    image = Image(np.zeros((*shape, 8, 9)), axis_labels=labels)
+    assert times_of(image).place(3) == said
+    assert times_of(None).place(3) == "3"

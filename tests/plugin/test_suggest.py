@@ -11,7 +11,8 @@ from qtpy.QtCore import Qt
 from napari_splinesketch import suggest
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine.find.suggest import Suggestions
-from napari_splinesketch.plugin import engine
+from napari_splinesketch.engine.types import OnProgress, Progress
+from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
 from .bench import LINES, SOON, bench
@@ -312,3 +313,43 @@ def test_a_polyline_that_is_being_drawn_outlives_other_suggestions(
         assert [line[-1].tolist() for line in layer.data] == [[10, 90], [80, 40]]
         made.click(layer, (30, 20), (30, 40), (30, 60))
         assert layer.nshapes == 3
+
+
+def test_suggest_is_stopped_and_a_second_press_waits_for_the_first_to_end(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside, most, told = list[int](), list[int](), list[bool | None]()
+    go = threading.Event()
+
+    def prepare(image: np.ndarray, *, on_progress: OnProgress, **how: Any) -> Suggestions:
+        inside.append(1)
+        most.append(len(inside))
+        assert go.wait(SOON)
+        told.append(on_progress(Progress("looking for bodies", 0.5)))
+        inside.pop()
+        return Suggestions(tuple(LINES), np.ones(len(LINES)))
+
+    monkeypatch.setattr("napari_splinesketch.engine.find.suggest.prepare", prepare)
+    with bench() as made:
+        made.image()
+        layer, c = made.sketches([]), made.controller
+        c.suggestions.suggest()
+        c.suggestions.suggest()
+        until(lambda: most, SOON)
+        c.cancel()
+        assert c.notice.text == "Cancelled. Nothing was changed."
+        c.suggestions.suggest()
+        until(lambda: c.progress and c.progress.stage == "waiting for what was cancelled", SOON)
+        c.cancel()
+        c.suggestions.suggest()
+        go.set()
+        made.rest()
+        until(lambda: layer.nshapes == len(LINES), SOON)
+    assert told == [False, True], "the one that was cancelled while it waited never began"
+    assert max(most) == 1
+
+
+def test_the_end_of_the_slider_promises_nothing_fainter() -> None:
+    assert words.suggested(0, 0.5).endswith("to find fainter ones.")
+    assert words.suggested(0, 1) == "No further body stands out."
+    assert words.suggested(1, 1).startswith("Suggested 1 line. ")

@@ -16,6 +16,7 @@ from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.films import Tracking, bodies_at, confirmed, taken_in
+from napari_splinesketch.plugin.layers.space import times_of
 from napari_splinesketch.plugin.model import Record, State
 from napari_splinesketch.tracking import Tracked, View
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
@@ -374,6 +375,13 @@ def test_curves_are_carried_along_time_in_the_plane_in_view(
     assert {frame for frame, _ in keys(film)} == set(there[:2])
     click(film.track.buttons["track"])
     over(film)
+    assert film.notice.text().startswith("✓ Tracked to frame 2: "), "by its time"
+    assert film.controller.steps.done == "Track to frame 2"
+    first = film.controller.state.records[0]
+    plane = f"0, z {1 if labels[0] == 't' else 0}"
+    film.controller.selected = first.frame, first.id
+    assert film.curve.title.text() == f"Curve 1 of frame {plane}: good"
+    assert times_of(film.controller.image).place(first.frame) == plane
     assert {frame for frame, _ in keys(film)} == set(there)
     click(film.track.buttons["next_frame"])
     over(film)

@@ -99,3 +99,10 @@ def test_long_words_can_be_broken_and_others_are_left_alone() -> None:
 
 def test_refitting_that_changes_nothing_says_so() -> None:
     assert words.tracked([], 4) == "Nothing had to change around frame 4."
+
+
+def test_a_frame_of_a_film_with_planes_is_named_by_time_and_plane() -> None:
+    (one,) = records(("good", ()))
+    assert (
+        words.selected([one], 3, lambda frame: f"{frame}, z 1") == "Curve 1 of frame 0, z 1: good"
+    )

@@ -13,18 +13,16 @@ from napari.utils.colormaps.standardize_color import transform_color
 
 from napari_splinesketch.engine.types import Curve, Status
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS, severity
-from napari_splinesketch.plugin.layers.space import Ruler, Times
+from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Record, key_of, once
 from napari_splinesketch.tracking.over_time import mean_curvature, mean_speed
 
 STATUS_WORDS: dict[Status, str] = {"good": "good", "check": "to check", "failed": "failed"}
 REVIEWS = {"open": "", "accepted": "✓ accepted", "rejected": "✗ rejected"}
-PIXELS, FILM = Ruler(), Times(2**31)  # where no image says more
+PIXELS, FILM = ruler_of(None), times_of(None)  # where no image says more
 
-Beside = Callable[[Record], Sequence[Curve | None]]
-"""The curves of a record's body at the times before and after its own, where there are any."""
-Value = Callable[[Record, Ruler, Beside], Any]
-"""What is said of a curve in a ruler's unit, maybe with its body's curves at other times."""
+Beside = Callable[[Record], Sequence[Curve | None]]  # its body's, at the times before and after
+Value = Callable[[Record, Ruler, Beside], Any]  # in the ruler's unit
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def three_digits(value: float) -> str:
 
 COLUMNS = (
     Column("id", "Curve", "Number of the curve", lambda r, *_: r.id, "number", width="■ 0000"),
-    Column("frame", "Frame", "Its frame", lambda r, *_: r.frame, "number", width="0000"),
+    Column("frame", "Frame", "Its frame", lambda r, *_: r.frame, "number", width="0, z 00"),
     Column("reasons", "Reasons", "Why it needs review",
            lambda r, *_: "; ".join(r.curve.reasons), width="0" * 34),
     Column("status", "Status",
@@ -109,8 +107,7 @@ COLUMNS = (
            "Mean over the body's points, from its curves in the frames beside", _speed, "number"),
     Column("locked", "", "Whether it stays as it is", lambda r, *_: r.locked),
 )  # fmt: skip
-COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}
-"""What the colour of a curve may say."""
+COLOURED = {c.name.removesuffix("_mean"): c for c in COLUMNS if c.colour}  # what colours may say
 Look = tuple[str, Ruler]  # what it says, and in which unit
 # Viridis without its darkest end, which is lost on a dark image.
 RAMP = ("#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")

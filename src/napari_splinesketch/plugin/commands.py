@@ -12,7 +12,7 @@ from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
 from napari_splinesketch.plugin.layers.looks import severity
-from napari_splinesketch.plugin.layers.space import from_world, look_at, plane_problem
+from napari_splinesketch.plugin.layers.space import from_world, look_at, plane_problem, times_of
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
 if TYPE_CHECKING:
@@ -41,10 +41,6 @@ class Command:
     label: Callable[[Controller], str] | None = None  # of the button, if not the name
     about: Callable[[Controller], str] = lambda c: ""  # at the end of the tooltip
     meanwhile: bool = False  # also while something runs
-
-
-def _flip(c: Controller, *records: Record) -> list[Record]:
-    return [replace(record, curve=editing.flipped(record.curve)) for record in records]
 
 
 def _split(c: Controller, record: Record) -> list[Record]:
@@ -94,7 +90,8 @@ def _place_beside(c: Controller, record: Record) -> np.ndarray:
     if problem := plane_problem(c.viewer, c.image):
         raise ValueError(problem)
     if record.frame != c.frame:
-        raise ValueError(f"Curve {record.id} is in frame {record.frame}: go there first.")
+        there = times_of(c.image).place(record.frame)
+        raise ValueError(f"Curve {record.id} is in frame {there}: go there first.")
     if c.actions.by_button and not _reached(record, c.clicked):
         raise ValueError("Click the curve there first, or point there and press the key.")
     return c.clicked if c.actions.by_button else _place(c)
@@ -181,7 +178,8 @@ COMMANDS = (
             "Drag the knots of the selected curve", "curve", ONE,
             problem=lambda c: RUNNING if c.progress and not c.knots else "",
             label=lambda c: "Done" if c.knots else "Knots", meanwhile=True),
-    Command("flip", "Flip", "Shift+H", _shape("Flip", _flip),
+    Command("flip", "Flip", "Shift+H",
+            _shape("Flip", lambda c, *of: [replace(r, curve=editing.flipped(r.curve)) for r in of]),
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", _shape("Split", _split),
             "Cut the curve where you point, or clicked it", "curve", ONE),

@@ -1,6 +1,7 @@
 """What would be refined, what runs, what came of it."""
 
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -18,14 +19,10 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.files import counted, same_file
-from napari_splinesketch.plugin import engine, files, words
+from napari_splinesketch.plugin import engine, files, films, knots, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
-from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.keeper import Keeper, Kind
-from napari_splinesketch.plugin.knots import KnotEditing
-from napari_splinesketch.plugin.layers import drawn, space
-from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
-from napari_splinesketch.plugin.layers.results import WORKS, Work
+from napari_splinesketch.plugin.layers import drawn, pictures, results, space
 from napari_splinesketch.plugin.model import History, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
@@ -38,23 +35,23 @@ class Controller(Keeper):
     """Does what the user asks for; widgets show what came of it."""
 
     def __init__(self, viewer: ViewerModel):
-        self.drawing = Drawing(self._on_not_shown)
+        self.drawing = pictures.Drawing(self._on_not_shown)
         super().__init__(viewer)
-        self.at_once = False
+        self.at_once = self._closed = False
         self.clicked = np.full(2, np.inf)  # where a curve was clicked last, px
         # In which curves are gone through: the worst first, or as a table shows them.
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown
-        self._closed = False
         self.plan = lru_cache(2)(make_plan)  # the same question has the same answer
         self._pair = self.image, self.sketches
         self._job: engine.Job | None = None
+        self._turn = threading.Lock()  # of one thread at a time: what is cancelled takes a while
         self._cancelled: Callable[[], str] = lambda: ""
-        self._on: Work | None = None
+        self._on: results.Work | None = None
         self._frames = 0  # of that image, as it began
         self._told = WeakSet[Image]()
         self._began = 0.0
-        self.suggestions = Suggestions(self)
+        self.suggestions = films.Suggestions(self)
         self.actions = Commands(self)
         self.actions.rebind(self.settings.keys)
         self.changes.clicked.connect(lambda shift: pick(self, add=shift))
@@ -108,21 +105,21 @@ class Controller(Keeper):
         lines = tuple(target.start for target in wanted.targets)
         block = space.block_around(image, wanted.frame, lines)
         run = partial(engine.run, block, lines, wanted.fixed, self.how(image))
+        done = partial(self._on_refined, work, wanted)
 
-        def see(progress: Progress) -> None:
-            if progress.centrelines:
-                work.move(wanted.frame, progress.centrelines)
+        def see(now: Progress) -> object:
+            return now.centrelines and work.move(wanted.frame, now.centrelines)
 
-        self.start(run, partial(self._on_refined, work, wanted), "Refining", see, on=work)
+        self.start(run, done, "Refining", see, on=work)
 
     def start(
         self,
         work: Callable[[OnProgress], Any],
         done: Callable[[Any], None],
         name: str,
-        see: Callable[[Progress], None] = lambda progress: None,
+        see: Callable[[Progress], object] = lambda progress: None,
         cancelled: Callable[[], str] = lambda: "Nothing was changed.",
-        on: Work | None = None,
+        on: results.Work | None = None,
     ) -> None:
         """Do something in a thread, called "Refining" or the like, with its progress in the dock.
 
@@ -134,6 +131,12 @@ class Controller(Keeper):
             return
         if self.knots:
             self.knots.close()
+
+        def in_turn(on_progress: OnProgress) -> Any:
+            if self._turn.locked():
+                on_progress(Progress("waiting for what was cancelled", 0.0))
+            with self._turn:
+                return work(on_progress) if on_progress(Progress("starting", 0.0)) else None
 
         def show(outcome: Any) -> None:
             self._job = None  # it can no longer be cancelled
@@ -152,7 +155,7 @@ class Controller(Keeper):
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
         self._frames = space.frame_count(on.image) if on else 0
-        self._job = engine.Job(work)
+        self._job = engine.Job(in_turn)
         self._job.progressed.connect(self._on_progress)
         self._job.progressed.connect(see)
         self._job.done.connect(show)
@@ -203,7 +206,7 @@ class Controller(Keeper):
         elif record.locked:
             self.say("The curve is locked.")
         else:
-            self.knots = KnotEditing(self, self.work, record)
+            self.knots = knots.KnotEditing(self, self.work, record)
             self.changes.mode.emit()
 
     def draw(self, *, or_select: bool = False) -> None:
@@ -280,7 +283,7 @@ class Controller(Keeper):
     def is_meant(self) -> bool:
         """Whether a key is meant for us: an image, lines or results are active, or no layer."""
         layer = self.viewer.layers.selection.active
-        return layer is None or isinstance(layer, Image | Shapes) or is_result(layer)
+        return layer is None or isinstance(layer, Image | Shapes) or pictures.is_result(layer)
 
     def _on_progress(self, progress: Progress) -> None:
         self.progress = progress
@@ -293,7 +296,7 @@ class Controller(Keeper):
         _log.error("The results could not be shown", exc_info=error)
         self.finish(f"The results could not be shown. {error}", "failed")
 
-    def _on_refined(self, work: Work, plan: Plan, refined: Refined) -> None:
+    def _on_refined(self, work: results.Work, plan: Plan, refined: Refined) -> None:
         ids = [target.id for target in plan.targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         pairs = zip(plan.targets, curves, strict=True)
@@ -333,7 +336,7 @@ class Controller(Keeper):
         there = set(self.viewer.layers)
         for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
             self.works.remove(work)
-            vars(work.sketches)[WORKS].remove(work)
+            vars(work.sketches)[results.WORKS].remove(work)
             half = self.drawing.runs.pop(work, None)  # what is half shown goes with it
             if half or work.image not in there:
                 # Later: napari is still busy with the layer that it tells of.

@@ -20,12 +20,10 @@ from superqt import QElidingLabel
 
 from napari_splinesketch.files import counted
 from napari_splinesketch.labels.formats import WRITERS
-from napari_splinesketch.plugin import engine, words
+from napari_splinesketch.plugin import engine, files, words
 from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.engine import Job
-from napari_splinesketch.plugin.files import open_tables
-from napari_splinesketch.plugin.layers.space import frame_count, ruler_of
+from napari_splinesketch.plugin.layers.space import frame_count, ruler_of, times_of
 from napari_splinesketch.plugin.saver import Saver
 
 if TYPE_CHECKING:
@@ -39,8 +37,7 @@ MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { wid
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
 """The formats as a file dialog lists them, the first one proposed, and how their names end."""
 DEFAULT = WRITERS[0].suffix
-NO_NAME = r'[\\/:*?"<>|]'
-"""What names of layers may hold and names of files may not, on some system or other."""
+NO_NAME = r'[\\/:*?"<>|]'  # in names of layers, but on some system not in those of files
 _open: WeakSet["SplinesketchDock"] = WeakSet()
 
 
@@ -62,11 +59,11 @@ class SplinesketchDock(qt.QWidget):
         self.controller = Controller(self._viewer)
         self.panel: ReviewPanel | None = None
         self.saver = Saver(self.controller, self)
-        open_tables()
+        files.open_tables()
         self._build()
         self._lay_out()
         self._connect()
-        job = Job(engine.warm_up, parent=self)
+        job = engine.Job(engine.warm_up, parent=self)
         job.done.connect(self._settle)
         QTimer.singleShot(WARM_UP_AFTER_MS, job.start)
 
@@ -236,7 +233,8 @@ class SplinesketchDock(qt.QWidget):
 
     def _show_selected(self) -> None:
         controller, chosen = self.controller, self.controller.selected_records()
-        self.curve.show_state(words.selected(chosen, controller.frame))
+        place = times_of(controller.image).place
+        self.curve.show_state(words.selected(chosen, controller.frame, place))
         self.track.show_state()
         said = words.doubts(chosen) or self._to_do
         self.hint.say("" if controller.progress or controller.knots else escape(said, quote=False))
@@ -271,14 +269,10 @@ class SplinesketchDock(qt.QWidget):
         self.saved.setToolTip(f"{place or said}\nChange it under Settings")
 
     def _ask_where(self) -> None:
-        image = self.controller.image
-        if image is None:
+        if (image := self.controller.image) is None:
             return
-        near = Path(image.source.path).parent if image.source.path else Path.home()
-        folder = near if near.is_dir() else Path.home()  # an image may come from a server
         name = f"{re.sub(NO_NAME, ' ', image.name)}_labels{DEFAULT}"
-        proposed, kinds = str(folder / name), ";;".join(KINDS)
-        chosen, kind = qt.QFileDialog.getSaveFileName(self, "Export curves", proposed, kinds)
+        chosen, kind = ui.ask_where(self, "Export curves", image, name, ";;".join(KINDS))
         if chosen:
             path = with_ending(chosen, KINDS.get(kind, DEFAULT))
             # The dialog has asked about the name as it was typed.

@@ -77,9 +77,8 @@ def suggest(
     from napari_splinesketch.engine.find.suggest import prepare
 
     on_progress(Progress("reading the image", 0.0))
-    grid, pixels = block.grid, block.read()
-    on_progress(Progress("looking for bodies", 0.2))
-    found = prepare(pixels, **_options(how, grid.size))
+    grid = block.grid
+    found = prepare(block.read(), on_progress=on_progress, **_options(how, grid.size))
     lines = [grid.to_image(line) for line in found.lines]
     new = model.new_among(lines, [*drawn, *(record.curve.points for record in here)])
     # Nor one that Refine would take for a curve drawn again.

@@ -32,9 +32,9 @@ from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.pictures import OWNER, OWNERS, ROLE
+from napari_splinesketch.plugin.layers.pictures import OWNER, OWNERS, ROLE, SAMPLE
 from napari_splinesketch.plugin.layers.space import in_stack, pixel_size, placement, size_of
-from napari_splinesketch.plugin.model import Record
+from napari_splinesketch.plugin.model import Record, prints_of
 from napari_splinesketch.synthetic import rotate, scene
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 PLUGIN = "napari-splinesketch"
-READ = "the file does not say why"
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
 KNOT_MISS = 0.2  # most that knots of curves from a file may miss their points by, px (rms)
 LayerData = tuple[Any, dict[str, Any], str]
@@ -231,7 +230,7 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
         count = next(few, Settings.knots[-1])
         width = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, POINTS), even.half_width)
         knots = np.column_stack([spline.fit_knots(even.points, count), width])
-        reasons = () if status == "good" else (READ,)
+        reasons = () if status == "good" else ("the file does not say why",)
         # How well it explained the image is in no file.
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
         number, line = label.curve + first, label.points
@@ -261,7 +260,9 @@ def generated() -> list[LayerData]:
 
 def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[LayerData]:
     axes = {"axis_labels": AXES[-image.ndim :]}
-    look = _lines(name + SUFFIX, lines, image.shape[-2:])
+    known = prints_of([np.float32(line).astype(float) for line in lines])  # as layers give them
+    kept = {"metadata": {SAMPLE: [line.hex() for line in known]}}
+    look = _lines(name + SUFFIX, lines, image.shape[-2:]) | kept
     return [(image, {"name": name} | axes, "image"), (list(lines), look | axes, "shapes")]
 
 

@@ -76,7 +76,8 @@ class Suggestions:
     def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
         """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""
         work, frame, found = self._last
-        step = f"{SUGGEST} in frame {frame}" if space.frame_count(work.image) > 1 else SUGGEST
+        where = f" in frame {space.times_of(work.image).place(frame)}"
+        step = SUGGEST + where * (space.frame_count(work.image) > 1)
         if work not in self._controller.drawing.runs:  # all that was suggested is drawn
             there, moved = work.state.suggestions.items(), work.touched()
             self._refused |= {m: line for m, line in there if m in moved and m[0] == frame}
@@ -87,7 +88,7 @@ class Suggestions:
 
         def over() -> None:
             there = work.positions(state.suggestions.keys() - refined.suggestions)
-            tell(words.suggested(len(there)))
+            tell(words.suggested(len(there), self.sensitivity))
 
         if state.suggestions.keys() != work.state.suggestions.keys():
             what = step if first or work.history.done != step else ""
@@ -98,10 +99,9 @@ class Suggestions:
 
 def tracking_problem(c: Controller, way: int) -> str:
     """Why there is nothing to carry on (1) or back (-1), or nothing."""
-    image = c.image
-    if (problem := space.plane_problem(c.viewer, image)) or image is None:
+    if problem := space.plane_problem(c.viewer, c.image):
         return problem
-    if c.frame == space.times_of(image).of(c.frame)[min(-way, 0)]:
+    if c.frame == space.times_of(c.image).of(c.frame)[min(-way, 0)]:
         return "This is the last frame" if way > 0 else "This is the first frame"
     known = any(record.usable for record in c.records(c.frame))
     return "" if known else "There are no curves in this frame: refine it first"
@@ -149,7 +149,7 @@ def around_problem(c: Controller) -> str:
 
 def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
     """Give all times, the state at them, the one in view, and the bodies corrected there."""
-    times = space.times_of(c.image).of(c.frame) if c.image else range(c.frame + 1)
+    times = space.times_of(c.image).of(c.frame)
     state, now = at_times(c.state, times), times.index(c.frame)
     chosen = [(now, number) for frame, number in c.selection if frame == c.frame]
     return times, state, now, corrected_at(state, now, chosen)
@@ -163,7 +163,7 @@ def around(c: Controller) -> None:
         curves = {t: {r.id: r.curve for r in known[t] if r.usable} for t in known}
         carry = partial(tracking.around, there=lambda frame: curves.get(frame, {}))
         ways = range(at + 1, len(times)), range(at - 1, -1, -1)
-        Tracking(c, c.work, times, ways, corrected=c.frame).start(carry, bodies)
+        Tracking(c, c.work, times, ways, corrected=at).start(carry, bodies)
 
 
 @dataclass(eq=False)
@@ -200,16 +200,16 @@ class Tracking:
         """Take over the frames that are done by now."""
         controller, work = self.controller, self.work
         done = [self.results.pop(0) for _ in range(len(self.results))]
-        done = [replace(one, frame=self.times[one.frame]) for one in done]
         if done:
             what = f"Refit around frame {self.corrected}"
             if self.corrected is None:
-                what = f"Track to frame {self.times[self.frames[-1]]}"
+                what = f"Track to frame {self.frames[-1]}"
             again = bool(self._taken) and work.history.done == what  # nothing done in between
             state = work.state
             for one in done:
                 before = self._taken.get(one.frame)
-                state = taken_in(state, one, before.ids if before else ())
+                there = replace(one, frame=self.times[one.frame])
+                state = taken_in(state, there, before.ids if before else ())
                 # The pictures of a long film would fill the memory.
                 self._taken[one.frame] = replace(one, view=None, refinement=None)
             controller.apply("" if again else what, state, work=work)

@@ -15,7 +15,6 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, files, words
-from napari_splinesketch.plugin.choices import PLACED, Settings, listen
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import WORKS, Work
@@ -79,7 +78,7 @@ class Keeper:
         for work in self.works:
             self._attend(work)
         layers, groups = viewer.layers.events, choices.groups().values()
-        self._end = listen(
+        self._end = choices.listen(
             (layers.inserted, lambda event: self._take_up(event.value)),
             (layers.removed, self._on_removed),
             (layers.reordered, lambda event: self.changes.layers.emit()),
@@ -95,18 +94,17 @@ class Keeper:
 
     def layers(self, kind: type[L]) -> list[L]:
         """Give the layers of a kind to choose from, topmost first."""
-        layers = reversed(self.viewer.layers)
-        return [layer for layer in layers if isinstance(layer, kind) and not is_result(layer)]
+        return [x for x in reversed(self.viewer.layers) if isinstance(x, kind) and not is_result(x)]
 
     def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none."""
         self._ends.pop(kind, lambda: None)()
         self._chosen[kind], self.unfinished = new, False
         if new is not None:
-            events = [getattr(new.events, name) for name in PLACED]
+            events = [getattr(new.events, name) for name in choices.PLACED]
             if isinstance(new, Shapes):
                 events += [new.events.mode, new.selected_data.events.items_changed]
-            self._ends[kind] = listen(*[(event, self._on_seen) for event in events])
+            self._ends[kind] = choices.listen(*[(event, self._on_seen) for event in events])
         self.changes.layers.emit()
 
     @property
@@ -209,8 +207,8 @@ class Keeper:
     def _travel(self, said: str, way: Callable[[History[Any]], str]) -> None:
         """Go to another step, if there is one."""
         if self.work and not self.progress and (what := way(self.work.history)):
+            self.show(self.work)  # and put away its knots, which says nothing
             self.tell(f"{said}: {what[0].lower()}{what[1:]}.")
-            self.show(self.work)
 
     undo = partialmethod(_travel, "Undone", History.undo)
     redo = partialmethod(_travel, "Redone", History.redo)
@@ -276,11 +274,13 @@ class Keeper:
     def _on_seen(self, event: Any) -> None:
         action, added = getattr(event, "action", None), ActionType.ADDED  # of the chosen sketches
         self.unfinished = action == ActionType.ADDING or self.unfinished & (action != added)
+        if self.work and action in (added, ActionType.CHANGED):
+            self.work.drawn_on = True
         self.changes.edited.emit()
         if action == added:
             self.changes.drawn.emit()
 
-    def _take(self, chosen: Settings) -> None:
+    def _take(self, chosen: choices.Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
             self.actions.rebind(chosen.keys)
@@ -299,5 +299,5 @@ class Keeper:
             work.remove()
             if work.state.records:
                 work.history.apply("Remove the curves", State(suggestions=work.state.suggestions))
-                self.show(work)  # and put away its knots, which says nothing
+                self.show(work)  # as above
                 self.tell("The curves are gone with their layer. Undo brings them back.")

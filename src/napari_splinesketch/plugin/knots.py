@@ -57,7 +57,7 @@ class KnotEditing:
         layer.mouse_drag_callbacks.append(self._follow)
         self._end = listen(
             (viewer.scene.camera.events.zoom, self._show),
-            (layer.events.data, self._on_data),
+            (layer.events.data, lambda event: self._soon() if event.action in DONE else None),
             (layers.events.removed, self._show),
             (controller.changes.curves, self._show),
         )
@@ -129,10 +129,6 @@ class KnotEditing:
         while event.type == "mouse_move":
             self._work.move(self._key[0], [moved(curve, layer.data[:, -2:]).points])
             yield
-
-    def _on_data(self, event: Any) -> None:
-        if event.action in DONE:
-            self._soon()
 
     def _take(self) -> None:
         c, layer, record = self._controller, self._slot.layer, self._record

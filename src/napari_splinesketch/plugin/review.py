@@ -14,6 +14,7 @@ from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.files import atomic
+from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
@@ -24,7 +25,6 @@ from napari_splinesketch.plugin.layers.results import ERASE
 from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
-from napari_splinesketch.plugin.widgets import NARROW, RIGHT, CommandButtons, MenuButton, stack
 
 PLOTTED = ("Along it", "Curvature, speed", "Velocity")  # pictures over time come in pairs
 ONE_FRAME = "Curve {} is in one frame only: track it to see it over time"
@@ -99,10 +99,12 @@ class CurvesModel(QtCore.QAbstractTableModel):
     def data(self, index: QModelIndex, role: int = ROLE.DisplayRole) -> Any:
         """Give what one cell shows; numbers are worked out when they are asked for."""
         column, record = COLUMNS[index.column()], self.records[index.row()]
+        if role == ROLE.DisplayRole and column.name == "frame":
+            return self._asked[3].place(record.frame)
         if role == ROLE.DisplayRole or (role == ROLE.ToolTipRole and column.kind == "text"):
             return column.text(record, self.ruler, self.beside)
         if role == ROLE.TextAlignmentRole and column.kind != "text":
-            return RIGHT
+            return ui.RIGHT
         if role == ROLE.DecorationRole and index.column() == 0:
             return QColor(COLOURS[record.curve.status])
         return None
@@ -188,21 +190,21 @@ class ReviewPanel(qt.QWidget):
         self.shown, self.plotted = qt.QComboBox(), qt.QComboBox()
         self.shown.addItems([name.capitalize() for name in SHOWN])
         self.shown.setToolTip("Which curves the table shows")
-        self.shown.setMinimumWidth(NARROW)
+        self.shown.setMinimumWidth(ui.NARROW)
         self.plotted.addItems(PLOTTED)
         self.plotted.setToolTip("What is plotted of the selected curve, or of its body in the film")
         self.count = qt.QLabel()
-        self.judges = CommandButtons(self.controller.actions, "review", 3)
+        self.judges = ui.CommandButtons(self.controller.actions, "review", 3)
         table = {"Copy to the clipboard": self.copy, "Save as CSV…": self._ask_where}
-        self.more = MenuButton("Table", "Copy or save the table as sorted and filtered", table)
+        self.more = ui.MenuButton("Table", "Copy or save the table as sorted and filtered", table)
         self.more.setMinimumWidth(self.more.sizeHint().width())
         halves, left, right = qt.QSplitter(Qt.Orientation.Horizontal), qt.QWidget(), qt.QWidget()
-        stack(left, (self.count, self.judges, self.shown, self.more), self.table)
-        stack(right, self.plotted, self.plots).setStretch(1, 1)
+        ui.stack(left, (self.count, self.judges, self.shown, self.more), self.table)
+        ui.stack(right, self.plotted, self.plots).setStretch(1, 1)
         halves.addWidget(left)
         halves.addWidget(right)
         halves.setSizes(SHARES)
-        stack(self, halves, margin=3)
+        ui.stack(self, halves, margin=3)
 
     def _connect(self) -> None:
         controller, changes = self.controller, self.controller.changes
@@ -272,8 +274,8 @@ class ReviewPanel(qt.QWidget):
         return as_text(model.records, model.ruler, model.beside, separator=mark)
 
     def _ask_where(self) -> None:
-        title, name, kind = "Save the table", "curves.csv", "CSV (*.csv)"
-        chosen, _ = qt.QFileDialog.getSaveFileName(self, title, name, kind)
+        image, name, kind = self.controller.image, "curves.csv", "CSV (*.csv)"
+        chosen, _ = ui.ask_where(self, "Save the table", image, name, kind)
         try:
             if chosen:
                 with atomic(chosen, overwrite=True) as temporary:
@@ -283,5 +285,4 @@ class ReviewPanel(qt.QWidget):
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()
-        times = times_of(c.image) if c.image else FILM
-        self.model.show(c.records(), ruler_of(c.image), shown, c.frame, times)
+        self.model.show(c.records(), ruler_of(c.image), shown, c.frame, times_of(c.image))

@@ -22,10 +22,9 @@ from superqt.utils import qthrottled
 
 from napari_splinesketch.files import counted, owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin import sessions
+from napari_splinesketch.plugin import engine, sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.engine import Job
 from napari_splinesketch.plugin.files import lay, read_with, records_of
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
 from napari_splinesketch.plugin.layers.pictures import is_result
@@ -52,7 +51,7 @@ class Home:
     unread: str = ""  # why something that was saved could not be read
     place: Path | None = None  # of new sessions, once the image was looked at
     unsaved: str = ""  # why not all is written
-    job: Job | None = None  # who looks or writes now, in a thread
+    job: engine.Job | None = None  # who looks or writes now, in a thread
 
     def _look(self, name: str, path: Path | None, pixels: Any, frames: int, chosen: str) -> None:
         """Find out which image it is, where its work goes, and what is saved of it."""
@@ -243,7 +242,7 @@ class Saver(QObject):
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
         self._soon.cancel()
-        for image in {work.image: None for work in filter(_begun, self._controller.works)}:
+        for image in {work.image: None for work in self._controller.works if work.begun}:
             home = self._homes.setdefault(image, Home())
             if home.job:
                 home.job.wait()
@@ -264,8 +263,8 @@ class Saver(QObject):
             work.folder.release()
 
     def _on_event(self, event: Any) -> None:
-        """Hear of any layer of the user's: one that is not chosen may be written too."""
-        if event.type in PLACED and not is_result(event.sources[0]):
+        """Hear of any layer of the user's, chosen or not; what is pasted comes with features."""
+        if event.type in (*PLACED, "features") and not is_result(event.sources[0]):
             self._soon()
 
     def _on_settings(self) -> None:
@@ -299,13 +298,13 @@ class Saver(QObject):
             if home.job:
                 self._soon()
             elif task := self._task(image, home):
-                home.job = Job(lambda _, task=task: task())
+                home.job = engine.Job(lambda _, task=task: task())
                 home.job.done.connect(partial(self._on_done, home))
                 home.job.start()
 
     def _task(self, image: Image, home: Home) -> Callable[[], Home] | None:
         """Take a snapshot of what is to be found out about an image, and written of it."""
-        works = [work for work in self._controller.works if work.image is image and _begun(work)]
+        works = [work for work in self._controller.works if work.image is image and work.begun]
         if not self._settings.save_work or (home.place and not works):
             return None
         path = Path(image.source.path) if image.source.path else None
@@ -324,11 +323,6 @@ class Saver(QObject):
             if home.unsaved:
                 self._soon()
             self.found.emit()
-
-
-def _begun(work: Work) -> bool:
-    """Whether there is something to save, or to say that it is gone."""
-    return bool(work.folder.path or work.state.records or work.sketches.nshapes)
 
 
 def _session(work: Work) -> Session:

@@ -2,27 +2,26 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from magicgui.widgets import CheckBox, create_widget
 from napari._app_model import get_app_model
 from napari.layers import Layer, Shapes
+from napari.utils.history import get_save_history, update_save_history
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
 
-from napari_splinesketch.plugin import words
-from napari_splinesketch.plugin.choices import FORM, Settings
+from napari_splinesketch.plugin import choices, films, words
 from napari_splinesketch.plugin.commands import Commands, Place
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.films import Suggestions
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
 
 NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it beside its label
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
-KEYS_TIP = "Opens napari's preferences: the keys are on the page of Splinesketch"
 APART = ("preset", "colour_by")
 DECIMALS = 3  # of half-widths
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
@@ -71,6 +70,18 @@ def stack(
             row.addWidget(one, isinstance(each, list) or not i)
         column.addLayout(row)
     return column
+
+
+def ask_where(
+    parent: qt.QWidget, title: str, image: Layer | None, name: str, kinds: str
+) -> tuple[str, str]:
+    """Ask for a file to write: proposed beside the image's own, or where the last one was saved."""
+    near = Path(image.source.path).parent if image and image.source.path else Path("nowhere")
+    folder = near if near.is_dir() else Path(get_save_history()[0])  # it may come from a server
+    chosen = qt.QFileDialog.getSaveFileName(parent, title, str(folder / name), kinds)
+    if chosen[0]:
+        update_save_history(chosen[0])
+    return chosen
 
 
 def form(*rows: Any) -> qt.QWidget:
@@ -265,7 +276,7 @@ class EyeBox(qt.QWidget):
 class Sensitivity(qt.QSlider):
     """How much Suggest takes for a body: the lines follow the slider."""
 
-    def __init__(self, suggestions: Suggestions):
+    def __init__(self, suggestions: films.Suggestions):
         super().__init__(Qt.Orientation.Horizontal)
         self.setMinimumWidth(40)
         self.setAccessibleName("Sensitivity")
@@ -287,8 +298,8 @@ class SettingsForm(qt.QWidget):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller, self.widgets = controller, dict[str, Any]()
-        for name, options in FORM.items():
-            made: Any = create_widget(getattr(Settings, name), name=name, options=options)
+        for name, options in choices.FORM.items():
+            made: Any = create_widget(getattr(choices.Settings, name), name=name, options=options)
             made.native.setMinimumWidth(NARROW)
             made.changed.connect(partial(self._take, name))
             self.widgets[name] = made
@@ -299,7 +310,8 @@ class SettingsForm(qt.QWidget):
         self.half_width.lineEdit().installEventFilter(self)
         chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
-        keys = Button("Change keys…", KEYS_TIP, run)
+        tip = "Opens napari's preferences: the keys are on the page of Splinesketch"
+        keys = Button("Change keys…", tip, run)
         elsewhere = Button("Save work elsewhere…", FOLDER_TIP, self._ask_for_folder)
         back = partial(self._take, "work_folder", "")
         beside = Button("Save work beside the image", FOLDER_TIP, back)

@@ -2,17 +2,15 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.files import counted
-from napari_splinesketch.plugin import columns
-from napari_splinesketch.plugin.columns import RAMP, STATUS_WORDS, Look, three_digits
+from napari_splinesketch.plugin import columns, model
 from napari_splinesketch.plugin.layers.looks import COLOURS, MARKS
-from napari_splinesketch.plugin.model import Key, Record
 from napari_splinesketch.tracking.follow import DIVIDED, LEFT
 from napari_splinesketch.tracking.window import UNDECIDED
 
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
 
 LEGEND = " &nbsp; ".join(
     f'<span style="color: {COLOURS[status]}">■</span> {word} {MARKS[status]}'.rstrip()
-    for status, word in STATUS_WORDS.items()
+    for status, word in columns.STATUS_WORDS.items()
 )
 EYES: dict[str, tuple[str, str]] = {
     "sketches": ("Sketches", "Show or hide your lines"),
@@ -39,7 +37,7 @@ NO_CURVE = "No curve is selected: click one"
 NO_LINE = "None of the selected shapes is a line in this frame."
 
 
-def curves(keys: Sequence[Key]) -> str:
+def curves(keys: Sequence[model.Key]) -> str:
     """Name curves of one frame, or count those of several: "curve 3", "4 curves"."""
     return f"curve {keys[0][1]}" if len(keys) == 1 else counted(len(keys), "curve")
 
@@ -92,47 +90,48 @@ def _decided(plan: "Plan") -> str:
     return f"Left out: {counted(plan.decided, 'line')} with an accepted or locked curve."
 
 
-def summary(records: Sequence[Record]) -> str:
+def summary(records: Sequence[model.Record]) -> str:
     """Say how many curves are good, to check and failed, in one line."""
     known = Counter([record.curve.status for record in records])
-    said = ("good", "?", "!") if len(known) > 2 else STATUS_WORDS.values()
-    numbers = zip(STATUS_WORDS, said, strict=True)
+    said = ("good", "?", "!") if len(known) > 2 else columns.STATUS_WORDS.values()
+    numbers = zip(columns.STATUS_WORDS, said, strict=True)
     return " · ".join(f"{known[status]} {word}" for status, word in numbers if known[status])
 
 
-def selected(records: Sequence[Record], frame: int) -> str:
-    """Say which curves are selected, seen from a frame."""
+def selected(records: Sequence[model.Record], frame: int, place: Callable[[int], str] = str) -> str:
+    """Say which curves are selected, seen from a frame; `place` names one."""
     if len(records) != 1:
         return f"{len(records)} curves are selected" if records else NO_CURVE
     (record,) = records
-    where = f" of frame {record.frame}" if record.frame != frame else ""
+    where = f" of frame {place(record.frame)}" if record.frame != frame else ""
     lock = " 🔒" if record.locked else ""
-    return f"Curve {record.id}{where}{lock}: {STATUS_WORDS[record.curve.status]}"
+    return f"Curve {record.id}{where}{lock}: {columns.STATUS_WORDS[record.curve.status]}"
 
 
-def doubts(records: Sequence[Record]) -> str:
+def doubts(records: Sequence[model.Record]) -> str:
     """Say what is doubtful about the selected curve."""
     if len(records) != 1 or not records[0].curve.reasons:
         return ""
     return f"Curve {records[0].id}: {'; '.join(records[0].curve.reasons)}."
 
 
-def legend(records: Sequence[Record], look: Look) -> str:
+def legend(records: Sequence[model.Record], look: columns.Look) -> str:
     """Say what the colours of curves stand for; rich text."""
     by, ruler = look
     scale = columns.scale_of(records, look)
     if scale is None:
         return LEGEND if by == "status" else ""
-    low, high = map(three_digits, scale)
-    blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in RAMP)
+    low, high = map(columns.three_digits, scale)
+    blocks = "".join(f'<span style="color: {colour}">█</span>' for colour in columns.RAMP)
     unit = f" {ruler.unit}" if columns.COLOURED[by].kind == "length" else ""
     return f"{low} {blocks} {high}{unit}"
 
 
-def suggested(number: int) -> str:
-    """Say how many lines were suggested."""
+def suggested(number: int, sensitivity: float) -> str:
+    """Say how many lines were suggested, with a sensitivity from 0 to 1."""
     if not number:
-        return "No further body stands out. Move the slider to the right to find fainter ones."
+        more = " Move the slider to the right to find fainter ones." if sensitivity < 1 else ""
+        return f"No further body stands out.{more}"
     return f"Suggested {counted(number, 'line')}. Correct or delete what is wrong, then refine."
 
 

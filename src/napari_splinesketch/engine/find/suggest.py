@@ -1,6 +1,7 @@
 """Suggest sketches: smooth lines over the bodies of an image that has none yet."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,14 @@ from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of, rung_of
 from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
-from napari_splinesketch.engine.types import Array, Line, Polarity
+from napari_splinesketch.engine.types import Array, Line, OnProgress, Polarity, Progress, says_stop
+
+LARGE = 2**23
+"""Pixels of an image from which ridges are measured again when needed, rather than kept: a fifth
+more time, and half of the memory."""
+AT_ONCE = 1000  # lines, between two looks whether the caller cancels
+Tick = Callable[[int], None]
+"""Called after so many steps of the work; raises `CancelledError` when the caller cancels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,8 @@ def suggest(
     sensitivity: float = 0.5,
     polarity: Polarity = "auto",
     half_width: float | None = None,
+    *,
+    on_progress: OnProgress | None = None,
 ) -> tuple[Line, ...]:
     """Sketch the bodies of an image: smooth lines along its ridges, of whatever width.
 
@@ -71,19 +81,26 @@ def suggest(
         Whether bodies are "bright" or "dark" against the background; "auto" looks.
     half_width
         Rough distance from centreline to edge, px; None measures it.
+    on_progress
+        Called with a `Progress` now and then; returning False cancels.
 
     Returns
     -------
-    (N, 2) polylines, row and col in px, from top to bottom; none where nothing stands out.
+    (N, 2) polylines, row and col in px, from top to bottom; none where nothing stands out, or
+    after a cancel.
 
     Raises
     ------
     ValueError
         Where the call makes no sense: no image, no finite pixel, a sensitivity outside 0 to 1,
-        an unknown polarity, a half-width that no body of the image can have.
+        an unknown polarity, a half-width that no body of the image can have, an `on_progress` that
+        is no function.
     """
     _check_sensitivity(sensitivity)  # before the work
-    return prepare(image, polarity, half_width).choose(sensitivity)
+    try:
+        return prepare(image, polarity, half_width, on_progress).choose(sensitivity)
+    except CancelledError:
+        return ()
 
 
 def _check_sensitivity(sensitivity: float) -> None:
@@ -93,35 +110,57 @@ def _check_sensitivity(sensitivity: float) -> None:
 
 
 def prepare(
-    image: Real[Array, "H W"], polarity: Polarity = "auto", half_width: float | None = None
+    image: Real[Array, "H W"],
+    polarity: Polarity = "auto",
+    half_width: float | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Suggestions:
     """Trace the bodies of an image, so that lines may be chosen with several sensitivities.
 
-    Parameters and errors are those of `suggest`.
+    Parameters and errors are those of `suggest`, and `CancelledError` where the caller cancels.
     """
     image = checks.checked_image(image)
     checks.check_options(image.shape, polarity, half_width)
+    checks.check_call(on_progress, 0)
     image = checks.known(image).astype(np.float64)
     if checks.blank(image):
         return Suggestions((), np.zeros(0))
-    valid = np.isfinite(image)
+    shape, valid = image.shape, np.isfinite(image)
     whole = image if valid.all() else filled(image, valid)
     ridges = Ridges(whole, pixel_noise(whole))
-    most = int(
-        np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(image.shape), 2.0), side="right")
-    )
+    del image, whole  # in double precision, and no longer needed
+    most = int(np.searchsorted(WIDTHS, max(const.SUGGEST_WIDEST * min(shape), 2.0), side="right"))
     rungs = range(most)
     if half_width is not None:
         rungs = [rung_of(half_width)]
     signs = {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
-    found = [_apart(_traced_at(ridges, valid, sign, rungs), image.shape) for sign in signs]
+    steps, done = (1 + 4 * len(signs)) * len(rungs), 0
+
+    def tick(more: int) -> None:
+        nonlocal done
+        done += more
+        if on_progress and says_stop(on_progress(Progress("looking for bodies", done / steps))):
+            raise CancelledError
+
+    highest = dict.fromkeys(signs, -np.inf)
+    for rung in rungs:
+        for sign in signs:
+            of = float(np.quantile(ridges.heights(rung, sign), const.SUGGEST_HIGHEST))
+            highest[sign] = max(highest[sign], of)
+        if valid.size > LARGE:
+            ridges.keep()
+        tick(1)
+    found = [
+        _apart(_traced_at(ridges, valid, sign, rungs, highest[sign], tick), shape, tick)
+        for sign in signs
+    ]
     total = [sum(one.strength * one.length for one in lines) for lines in found]
     likely = [
         lines
         for lines, of in zip(found, total, strict=True)
         if of >= const.SUGGEST_BOTH * max(total)
     ]
-    best = _apart([one for lines in likely for one in lines], image.shape)
+    best = _apart([one for lines in likely for one in lines], shape, tick)
     if not best:
         return Suggestions((), np.zeros(0))
     strength = np.array([one.strength for one in best])
@@ -132,16 +171,23 @@ def prepare(
 
 
 def _traced_at(
-    ridges: Ridges, valid: Bool[Array, "H W"], sign: int, rungs: Sequence[int]
+    ridges: Ridges,
+    valid: Bool[Array, "H W"],
+    sign: int,
+    rungs: Sequence[int],
+    height: float,
+    tick: Tick,
 ) -> list[Traced]:
-    """Lines along bodies of one polarity, at several half-widths."""
-    height = max(float(np.quantile(ridges.heights(k, sign), const.SUGGEST_HIGHEST)) for k in rungs)
+    """Lines along bodies of one polarity, at several half-widths; `height` is of their ridges."""
     found: list[Traced] = []
     for rung in rungs:
         evidence = ridges.alone(rung, sign, height, const.SUGGEST_BLOCK_HW * WIDTHS[rung])
         evidence[~valid] = 0
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
-        found += _traced(ridges, evidence, sign, rung, near)
+        tick(1)
+        found += _traced(ridges, evidence, sign, rung, near, tick)
+        if valid.size > LARGE:
+            ridges.keep({(k, sign) for k in near if k >= rung - 1})
     counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
     return [
         replace(one, strength=one.strength * count)
@@ -151,11 +197,14 @@ def _traced_at(
 
 
 def _traced(
-    ridges: Ridges, evidence: Float[Array, "H W"], sign: int, rung: int, near: range
+    ridges: Ridges, evidence: Float[Array, "H W"], sign: int, rung: int, near: range, tick: Tick
 ) -> list[Traced]:
     """Lines along bodies of one half-width."""
     width = WIDTHS[rung]
-    lines = joined(traced(_bodies(evidence, max(8 * width**2, 12)), width), evidence, width)
+    chains = traced(_bodies(evidence, max(8 * width**2, 12)), width)
+    tick(2)
+    lines = joined(chains, evidence, width)
+    tick(1)
     lengths = np.array([arc_length(line)[-1] for line in lines])
     long = np.flatnonzero(lengths >= const.SUGGEST_SHORTEST_HW * width)
     if not len(long):
@@ -225,11 +274,13 @@ def _alike(found: Sequence[Traced]) -> Int[Array, " N"]:
     return np.bincount(one[alike], minlength=len(found))
 
 
-def _apart(found: Sequence[Traced], shape: tuple[int, int]) -> list[Traced]:
+def _apart(found: Sequence[Traced], shape: tuple[int, int], tick: Tick) -> list[Traced]:
     """The strongest lines first, without those that lie on stronger ones."""
     best: list[Traced] = []
     taken = np.zeros(shape, dtype=bool)
-    for one in sorted(found, key=lambda one: -one.strength):
+    for i, one in enumerate(sorted(found, key=lambda one: -one.strength)):
+        if i % AT_ONCE == 0:
+            tick(0)
         if taken[tuple(np.rint(one.line).astype(int).T)].mean() > const.COVERED:
             continue
         best.append(one)

@@ -19,7 +19,6 @@ from qtpy.QtCore import QTimer
 from napari_splinesketch import grids, palette
 from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.grids import Along, Grid, Patch, Picture
 from napari_splinesketch.plugin.columns import colours_of
 from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.layers.drawn import line_style
@@ -30,8 +29,8 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.layers.results import Work
 
 ROLE, OWNER = "napari-splinesketch", "napari-splinesketch work"  # keys of a layer's metadata
-OWNERS: WeakValueDictionary[str, Work] = WeakValueDictionary()
-"""What layers show, by what their metadata say: other plugins may write these to files."""
+SAMPLE = "napari-splinesketch sample"  # the prints of lines that come with a sample
+OWNERS: WeakValueDictionary[str, Work] = WeakValueDictionary()  # by what metadata say
 STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
 FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
 STYLES: dict[type[Layer], dict[str, Any]] = {
@@ -39,10 +38,9 @@ STYLES: dict[type[Layer], dict[str, Any]] = {
     Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},
 }
 """How layers of a kind look unless something else is said: points are there for their text."""
-Film = Sequence[tuple[int, Patch]]  # by frame
-Pixels = Callable[[int, Patch], Picture]
-DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")
-"""Blue, white, vermilion: told apart by everybody; white where the model is right."""
+Film = Sequence[tuple[int, grids.Patch]]  # by frame
+Pixels = Callable[[int, grids.Patch], grids.Picture]
+DIVERGING = Colormap(["#0072b2", "#f7f7f7", "#d55e00"], name="residual")  # told apart by all
 TYPICAL = 0.995  # share of the residuals that the colours span
 THIN = 0.5  # breadth of outlines and halos, relative to a curve's line
 HALO, MOVING = 2.0, transform_color(palette.MOVING)  # their breadth at least, px of the screen
@@ -128,7 +126,10 @@ class Slot:
         # napari selects what is added: undone silently, as to tell of it twice takes as long again.
         with layers.selection.events.blocker_all(), undisturbed(self.work.viewer):
             layers.insert(at, layer)
-        layer.editable = kind not in (Shapes, Labels)  # results are not drawn into
+        if kind in (Labels, Points, Shapes) and layer.metadata[ROLE] != "knots":
+            # Results are not drawn into; napari allows it again after a view in 3-D.
+            layer.events.editable.connect(lambda: setattr(layer, "editable", False))
+            layer.editable = False
         layer.events.visible.connect(self.work.on_visible)
         self._layer, self._source = layer, None
         return layer
@@ -217,7 +218,7 @@ def _film(work: Work, patches: Film, *make: Pixels, **look: Any) -> Made | None:
     return Made(film, space.placement_on(image, grid), look)
 
 
-def _rest(image: Image, frame: int, patch: Patch) -> Picture:
+def _rest(image: Image, frame: int, patch: grids.Patch) -> grids.Picture:
     """Image minus reconstruction; NaN where the image has other pixels by now."""
     block = space.block_on(image, frame, patch.grid, patch.pixels.shape)
     return np.full(patch.pixels.shape, np.nan) if block is None else block.read() - patch.pixels
@@ -232,7 +233,7 @@ def _residual(work: Work, patches: Film) -> Made | None:
 
 
 def _background(work: Work, patches: Film) -> Made | None:
-    known = [(t, Patch(p.grid, p.background)) for t, p in patches if p.background is not None]
+    known = [(t, grids.Patch(p.grid, p.background)) for t, p in patches if p.background is not None]
     return _film(work, known)
 
 
@@ -305,7 +306,7 @@ def _moving(work: Work, _: object) -> Made | None:
 def _masks(work: Work, _: object) -> Made:
     size, records = space.size_of(work.image), by_frame(work.records)
 
-    def mask(frame: int) -> Picture:
+    def mask(frame: int) -> grids.Picture:
         here = [(r.id, fine(r.curve)) for r in records.get(frame, ())]
         bodies = [(number, curve.points, curve.half_width) for number, curve in here]
         return label_image(bodies, size, np.int32)
@@ -337,7 +338,7 @@ MAKERS: dict[str, Maker] = {
 ASKED = [role for role, maker in MAKERS.items() if maker.title]  # only when the user asks
 
 
-def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
+def residual_along(image: Image, patch: grids.Patch, record: Record) -> grids.Along | None:
     """Average image minus reconstruction across a body; None where the image is not there."""
     points = patch.grid.to_block(record.curve.points)
     half_width = record.curve.half_width / patch.grid.size
@@ -346,6 +347,6 @@ def residual_along(image: Image, patch: Patch, record: Record) -> Along | None:
     high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
     if (high <= low).any():
         return None
-    grid = Grid(patch.grid.to_image(low), patch.grid.step)
-    rest = _rest(image, record.frame, Patch(grid, patch.pixels[grids.slices(low, high)]))
+    grid = grids.Grid(patch.grid.to_image(low), patch.grid.step)
+    rest = _rest(image, record.frame, grids.Patch(grid, patch.pixels[grids.slices(low, high)]))
     return None if np.isnan(rest).all() else grids.mean_across(rest, points - low, half_width)

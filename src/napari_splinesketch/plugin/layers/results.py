@@ -16,11 +16,9 @@ from superqt.utils import qthrottled
 from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import thinned
-from napari_splinesketch.plugin import columns, model
+from napari_splinesketch.plugin import columns, model, sessions
 from napari_splinesketch.plugin.layers import drawn, looks, space
-from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, Slot
-from napari_splinesketch.plugin.model import Changes, History, Key, Record, State, bytes_beside
-from napari_splinesketch.plugin.sessions import Folder
+from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, SAMPLE, Slot
 
 WORKS = "_splinesketch_works"
 """Attribute of sketches: what is known through them, whichever dock looks after it. It is not in
@@ -35,7 +33,7 @@ AFTER_MS = 120  # marks, halos and breadths follow the camera when it has stood 
 class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
-    _shown: Sequence[Record] = ()  # in the order of the layer, unless that was made since
+    _shown: Sequence[model.Record] = ()  # in the order of the layer, unless that was made since
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
@@ -97,7 +95,7 @@ class CurveLines(Slot):
 
 
 @model.once
-def _within(state: State, frames: int) -> tuple[Record, ...]:
+def _within(state: model.State, frames: int) -> tuple[model.Record, ...]:
     return tuple([record for record in state.records if record.frame < frames])
 
 
@@ -110,20 +108,31 @@ class Work:
 
     def __init__(self, image: Image, sketches: Shapes, viewer: ViewerModel):
         self.image, self.sketches, self.viewer = image, sketches, viewer
-        self.changes, self.folder = Changes(), Folder()  # where it is saved
-        self.selection: tuple[Key, ...] = ()  # some of them may be gone
-        self.history: History[State] = History(State(), bytes_beside)
+        self.changes, self.folder = model.Changes(), sessions.Folder()  # where it is saved
+        self.selection: tuple[model.Key, ...] = ()  # some of them may be gone
+        self.history: model.History[model.State] = model.History(model.State(), model.bytes_beside)
         self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
         self._suggested: dict[model.Marked, np.ndarray] = {}
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
-        self._busy = False
+        self.drawn_on = self._busy = False  # by the user, while it was the chosen one; by us
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
         vars(sketches).setdefault(WORKS, []).append(self)
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is something to save, or to say that it is gone."""
+        if self.folder.path or self.state.records:
+            return True
+        # Lines alone are of the first image that they lay on, or of the one that was chosen when
+        # they came or were changed; a sample's are no work of anybody's.
+        lines = model.prints_of([np.asarray(shape, float) for shape in self.sketches.data])
+        new = [line.hex() for line in lines] not in ([], self.sketches.metadata.get(SAMPLE))
+        return new and (self.drawn_on or vars(self.sketches)[WORKS][:1] == [self])
 
     @property
     def name(self) -> str:
@@ -136,17 +145,17 @@ class Work:
         return looks.stepped(float(space.screen_pixel(self.viewer, self.image).mean()))
 
     @property
-    def state(self) -> State:
+    def state(self) -> model.State:
         """What is known now."""
         return self.history.value
 
     @property
-    def records(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[model.Record, ...]:
         """The curves of all frames that the image has: a film may have been cut short."""
         return _within(self.state, space.frame_count(self.image))
 
     @property
-    def selected(self) -> tuple[Record, ...]:
+    def selected(self) -> tuple[model.Record, ...]:
         """The curves that are selected."""
         known, frames = self.state.by_key, space.frame_count(self.image)
         return tuple(known[key] for key in self.selection if key in known and key[0] < frames)
@@ -220,7 +229,7 @@ class Work:
         """Whether the user has removed the layer of curves, and so the results."""
         return self.slots["curves"].made and self.layer("curves") is None
 
-    def select(self, keys: tuple[Key, ...]) -> None:
+    def select(self, keys: tuple[model.Key, ...]) -> None:
         """Select curves."""
         if keys != self.selection:
             self.selection = keys

@@ -130,6 +130,12 @@ class Times(NamedTuple):
 
     number: int
     step: int = 1
+    others: tuple[tuple[str, int, int], ...] = ()  # axes: name, and the same two numbers
+
+    def place(self, frame: int) -> str:
+        """Say which frame, by its time and its places on other axes: "3", or "3, z 5"."""
+        others = [f"{name} {frame // step % number}" for name, number, step in self.others]
+        return ", ".join([str(frame // self.step % self.number), *others])
 
     def of(self, frame: int) -> range:
         """Give the frames at all times that share a frame's place on the other axes."""
@@ -137,12 +143,17 @@ class Times(NamedTuple):
         return range(first, first + self.number * self.step, self.step)
 
 
-def times_of(image: Image) -> Times:
-    """Find the axis of time: the one called "t" or "time", or the first."""
+def times_of(image: Image | None) -> Times:
+    """Find the axis of time: the one called "t" or "time", or the first; without an image, any."""
+    if image is None:
+        return Times(2**31)
     shape = frame_shape(image) or (1,)
-    names = [name.lower() for name in image.axis_labels[: len(shape)]]
-    axis = next((i for i, name in enumerate(names) if name in ("t", "time")), 0)
-    return Times(shape[axis], int(np.prod(shape[axis + 1 :], dtype=int)))
+    # napari numbers axes that have no name: -4.
+    names = [name if name[-1:].isalpha() else "plane" for name in image.axis_labels]
+    steps = [int(np.prod(shape[i + 1 :], dtype=int)) for i in range(len(shape))]
+    axes = [*zip(names, shape, steps, strict=False)]
+    time = next((axis for axis in axes if axis[0].lower() in ("t", "time")), axes[0])
+    return Times(*time[1:], tuple([axis for axis in axes if axis is not time and axis[1] > 1]))
 
 
 def size_of(image: Image) -> tuple[int, int]:
