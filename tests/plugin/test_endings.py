@@ -47,9 +47,9 @@ def ready(qapp: Any, fake: FakeEngine) -> Any:
 def test_what_has_ended_cannot_be_cancelled(ready: Bench) -> None:
     controller, ended = ready.controller, []
     controller.start(lambda report: 1, ended.append, "Suggesting")
-    assert controller.cancellable
+    assert controller.job
     until(lambda: ended, SOON)
-    assert not controller.cancellable
+    assert not controller.job
     controller.cancel()
     assert controller.notice.text == ""
     assert controller.progress is not None, "it is still being shown"
@@ -209,7 +209,7 @@ def test_what_cannot_be_shown_ends_what_runs(
         ready.controller.review("accepted", (0, 1))
         until(lambda: ready.controller.progress is None, SOON)
     assert "napari does not like it" in ready.controller.notice.text
-    assert not ready.controller.cancellable
+    assert not ready.controller.job
     until(lambda: fake.calls[-1].get("cancelled", False), SOON)
     ready.controller.undo()
     ready.rest()

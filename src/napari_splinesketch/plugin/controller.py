@@ -44,7 +44,7 @@ class Controller(Keeper):
         self.left: float | None = None  # s until what runs is done, about; None if unknown
         self.plan = lru_cache(2)(make_plan)  # the same question has the same answer
         self._pair = self.image, self.sketches
-        self._job: engine.Job | None = None
+        self.job: engine.Job | None = None  # that Cancel can still keep from changing anything
         self._turn = threading.Lock()  # of one thread at a time: what is cancelled takes a while
         self._cancelled: Callable[[], str] = lambda: ""
         self._on: results.Work | None = None
@@ -139,7 +139,7 @@ class Controller(Keeper):
                 return work(on_progress) if on_progress(Progress("starting", 0.0)) else None
 
         def show(outcome: Any) -> None:
-            self._job = None  # it can no longer be cancelled
+            self.job = None  # it can no longer be cancelled
             self.changes.busy.emit()
             try:
                 done(outcome)
@@ -155,33 +155,28 @@ class Controller(Keeper):
         self._began, self.left = perf_counter(), None
         self._cancelled, self._on = cancelled, on
         self._frames = space.frame_count(on.image) if on else 0
-        self._job = engine.Job(in_turn)
-        self._job.progressed.connect(self._on_progress)
-        self._job.progressed.connect(see)
-        self._job.done.connect(show)
-        self._job.failed.connect(failed)
-        self._job.start()
+        self.job = engine.Job(in_turn)
+        self.job.progressed.connect(self._on_progress)
+        self.job.progressed.connect(see)
+        self.job.done.connect(show)
+        self.job.failed.connect(failed)
+        self.job.start()
         self.tell()
         self.changes.busy.emit()
 
-    @property
-    def cancellable(self) -> bool:
-        """Whether Cancel can still keep what runs from changing anything."""
-        return self._job is not None
-
     def finish(self, text: str = "", kind: Kind = "done") -> None:
         """End what runs, and say what came of it."""
-        if self._job:
-            self._job.cancel()
+        if self.job:
+            self.job.cancel()
         if self._on:
             self._on.move()
-        self._job = self.progress = self._on = None
+        self.job = self.progress = self._on = None
         self.tell(text, kind)
         self.changes.busy.emit()
 
     def cancel(self) -> None:
         """Stop what runs; everything stays as it was."""
-        if self._job:
+        if self.job:
             self.finish(f"Cancelled. {self._cancelled()}", "cancelled")
 
     @property
@@ -269,7 +264,7 @@ class Controller(Keeper):
         if self._on and space.frame_count(self._on.image) != self._frames:
             name = self._on.image.name
             self.finish(f"{name!r} has other frames: what was running on it ended.", "cancelled")
-        if self.work and self.work.unfit:
+        if self.work and any(slot.unfit for slot in self.work.slots.values()):
             self.show(self.work)
         for work in self.works if self.viewer.dims.ndisplay == 2 else ():
             if work.behind:

@@ -256,7 +256,7 @@ class SplinesketchDock(qt.QWidget):
     def _show_running(self) -> None:
         controller, progress = self.controller, self.controller.progress
         self.stage.say(words.stage(progress, controller.left))
-        self.cancel.setEnabled(controller.cancellable)
+        self.cancel.setEnabled(controller.job is not None)
         self.bar.setValue(round(100 * progress.fraction) if progress else 0)
         self.progress.setVisible(progress is not None)
         self.notice.say(words.notice(*controller.notice))

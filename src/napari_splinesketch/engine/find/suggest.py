@@ -142,6 +142,7 @@ def prepare(
         if on_progress and says_stop(on_progress(Progress("looking for bodies", done / steps))):
             raise CancelledError
 
+    tick(0)
     highest = dict.fromkeys(signs, -np.inf)
     for rung in rungs:
         for sign in signs:

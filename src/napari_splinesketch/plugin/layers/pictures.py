@@ -96,23 +96,18 @@ class Slot:
         named = {"name": f"{work.name} {maker.name}"} | STYLES.get(maker.kind, {})
         self._named = named | {"metadata": {ROLE: role, OWNER: str(id(work))}}
         self.veiled = False  # made, and not shown yet
-        self._layer: Layer | None = None
+        self.made: Layer | None = None  # the layer that we have made, and not taken away
         self._source: Sequence[Any] | None = None
 
     @property
     def layer(self) -> Any:
         """The layer, or None where there is none or the user has removed it."""
-        return self._layer if self._layer in self.work.viewer.layers else None
+        return self.made if self.made in self.work.viewer.layers else None
 
     @property
     def unfit(self) -> bool:
         """Whether there is a layer, and it has other axes than the image has by now."""
         return self.layer is not None and self.layer.ndim != self.work.image.ndim
-
-    @property
-    def made(self) -> bool:
-        """Whether we have made the layer, and not taken it away."""
-        return self._layer is not None
 
     def make(self, *data: Any, **how: Any) -> Any:
         """Make the layer; without data, an empty one to be filled by `update`."""
@@ -131,7 +126,7 @@ class Slot:
             layer.events.editable.connect(lambda: setattr(layer, "editable", False))
             layer.editable = False
         layer.events.visible.connect(self.work.on_visible)
-        self._layer, self._source = layer, None
+        self.made, self._source = layer, None
         return layer
 
     def update(self) -> Iterator[None]:
@@ -163,7 +158,7 @@ class Slot:
         if self.layer is not None:
             with undisturbed(self.work.viewer):
                 self.work.viewer.layers.remove(self.layer)
-        self._layer = self._source = None
+        self.made = self._source = None
 
 
 class Drawing:

@@ -160,11 +160,6 @@ class Work:
         known, frames = self.state.by_key, space.frame_count(self.image)
         return tuple(known[key] for key in self.selection if key in known and key[0] < frames)
 
-    @property
-    def unfit(self) -> list[Slot]:
-        """Where layers have other axes than the image has by now."""
-        return [slot for slot in self.slots.values() if slot.unfit]
-
     def layer(self, role: str) -> Any:
         """Give the layer of a role, or None where there is none or the user removed it."""
         return self.sketches if role == "sketches" else self.slots[role].layer
@@ -215,7 +210,7 @@ class Work:
     def move(self, frame: int = 0, lines: Sequence[model.Line] = ()) -> None:
         """Show lines of a frame that are on their way, px; none once they have arrived."""
         slot = self.slots["preview"]
-        if not lines or slot.layer is not None or not slot.made:  # the user has not removed it
+        if not lines or slot.layer is not None or slot.made is None:  # the user has not removed it
             there = frame < space.frame_count(self.image)
             self.moving = [(frame, line) for line in looks.coarse(lines) if there]
             next(slot.update(), None)
@@ -223,11 +218,11 @@ class Work:
     def colour(self, look: columns.Look) -> bool:
         """Choose what the colour of a curve says; say whether `show` has to be called for it."""
         before, self.look = self.look, look
-        return self.slots["curves"].made and before != look
+        return self.slots["curves"].made is not None and before != look
 
     def deleted(self) -> bool:
         """Whether the user has removed the layer of curves, and so the results."""
-        return self.slots["curves"].made and self.layer("curves") is None
+        return self.slots["curves"].made is not None and self.layer("curves") is None
 
     def select(self, keys: tuple[model.Key, ...]) -> None:
         """Select curves."""
@@ -238,7 +233,7 @@ class Work:
 
     def _add(self) -> Iterator[None]:
         """Add the layers that are not there, hidden; each is drawn once while it is empty."""
-        for slot in self.unfit:
+        for slot in [slot for slot in self.slots.values() if slot.unfit]:
             slot.remove()
         for role in OVER if self.records else ():
             slot = self.slots[role]
