@@ -629,25 +629,40 @@ def test_curves_that_cannot_be_brought_back_stay_in_their_files(
     assert {path: path.read_bytes() for path in files} == files
 
 
-def test_lines_are_saved_beside_the_image_that_they_were_drawn_on(home: Path) -> None:
+def test_an_image_from_another_file_has_lines_of_its_own(home: Path, tmp_path: Path) -> None:
+    for number in range(2):
+        tifffile.imwrite(tmp_path / f"{number}.tif", np.full((96, 128), number, np.float32))
+    first, second = (from_file(tmp_path / f"{number}.tif") for number in range(2))
     with bench() as made:
-        first = made.image()
+        c = made.controller
+        made.viewer.add_layer(first)
         lines = made.sketches()
         made.saver.flush()
-        second = made.image(seed=1)
+        assert counts(tmp_path) == [(2, 0)]
+        made.viewer.add_layer(second)
+        assert (c.image, c.sketches) == (second, None)
         made.saver.flush()
-        assert made.controller.sketches is lines, "they may be refined there, too"
-        assert [(head["image"]["name"], head["sketches"]) for head in heads(home)] == [
-            (first.name, 2)
-        ]
+        assert counts(tmp_path) == [(2, 0)], "those of the first image are none of this one's"
+        c.draw()
+        others = c.sketches
+        assert others not in (None, lines)
+        c.image = first
+        assert c.sketches is lines
+        c.image = second
+        assert c.sketches is others
+        made.viewer.add_image(np.ones((96, 128)), name="filtered")
+        assert c.sketches is others, "what was made here may be of the same bodies"
+        c.image, c.sketches = second, lines
         lines.add([[5, 10], [5, 60]], shape_type="line")
         made.saver.flush()
-        saved = {head["image"]["name"]: head["sketches"] for head in heads(home)}
-        assert saved == {first.name: 3, second.name: 3}, "which of them it is over, nobody knows"
-        made.refine()
+        saved = {head["image"]["name"]: head["sketches"] for head in heads(tmp_path)}
+        assert saved == {"0": 3}, "of their own image, also where the user has chosen another"
+        made.viewer.layers.remove(first)
+        c.image, c.sketches = second, lines
+        lines.add([[7, 10], [7, 60]], shape_type="line")
         made.saver.flush()
-        curves = {head["image"]["name"]: head["curves"] for head in heads(home)}
-        assert curves == {first.name: 0, second.name: 3}
+        saved = {head["image"]["name"]: head["sketches"] for head in heads(tmp_path)}
+        assert saved == {"0": 3, "1": 4}, "their own is gone: nothing is lost"
 
 
 def test_lines_that_are_pasted_are_saved(home: Path) -> None:

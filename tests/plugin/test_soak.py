@@ -18,7 +18,6 @@ import pytest
 from napari.layers import Image, Shapes
 
 from napari_splinesketch.plugin import engine
-from napari_splinesketch.plugin.films import SUGGEST
 from napari_splinesketch.plugin.layers import pictures
 from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.model import STEPS as REMEMBERED
@@ -300,7 +299,7 @@ class Day:
         suggestions = self.bench.controller.suggestions
         assert not self.act(suggestions.suggest)
         if self.chance.random() < 0.5:
-            last = self.bench.controller.steps.done == SUGGEST
+            last = self.bench.controller.steps.done == "Suggest lines"
             some = self.chance.random()
             self.act(lambda: (suggestions.change_sensitivity(some), QTest.qWait(100)), amends=last)
 

@@ -11,8 +11,7 @@ from napari.utils.key_bindings import coerce_keybinding
 from napari_splinesketch import editing
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import films, words
-from napari_splinesketch.plugin.layers.looks import severity
-from napari_splinesketch.plugin.layers.space import from_world, look_at, plane_problem, times_of
+from napari_splinesketch.plugin.layers import looks, space
 from napari_splinesketch.plugin.model import Key, Record, Review, key_of
 
 if TYPE_CHECKING:
@@ -87,10 +86,10 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 
 def _place_beside(c: Controller, record: Record) -> np.ndarray:
     """Where the pointer is, px, if the curve is in view; for a button, where it was clicked."""
-    if problem := plane_problem(c.viewer, c.image):
+    if problem := space.plane_problem(c.viewer, c.image):
         raise ValueError(problem)
     if record.frame != c.frame:
-        there = times_of(c.image).place(record.frame)
+        there = space.times_of(c.image).place(record.frame)
         raise ValueError(f"Curve {record.id} is in frame {there}: go there first.")
     if c.actions.by_button and not _reached(record, c.clicked):
         raise ValueError("Click the curve there first, or point there and press the key.")
@@ -123,7 +122,7 @@ def _empty(c: Controller) -> str:
 
 def worst_first(records: Sequence[Record]) -> list[Record]:
     """Give curves in the order in which they need review."""
-    return sorted(records, key=lambda record: severity(record.curve), reverse=True)
+    return sorted(records, key=lambda record: looks.severity(record.curve), reverse=True)
 
 
 def judge(controller: Controller, review: Review | None = None) -> None:
@@ -146,7 +145,7 @@ def go_to(controller: Controller, key: Key) -> None:
     record, image = controller.state.by_key.get(key), controller.image
     if record is not None and image is not None:
         controller.selected = key
-        look_at(controller.viewer, image, record.frame, record.curve.points)
+        space.look_at(controller.viewer, image, record.frame, record.curve.points)
 
 
 def edited(record: Record, curve: Curve) -> Record:
@@ -160,7 +159,7 @@ def _place(controller: Controller) -> np.ndarray:
     if image is None:
         return np.full(2, np.nan)
     position = np.array(viewer.cursor.position)[None, -image.ndim :]
-    return from_world(viewer, image, position)[0, -2:]
+    return space.from_world(viewer, image, position)[0, -2:]
 
 
 COMMANDS = (
@@ -210,7 +209,7 @@ COMMANDS = (
             problem=_empty, meanwhile=True),
     Command("suggest", "Suggest lines", "W", lambda c: c.suggestions.suggest(),
             "Draw a line over each body that stands out in this frame",
-            problem=lambda c: plane_problem(c.viewer, c.image)),
+            problem=lambda c: space.plane_problem(c.viewer, c.image)),
     Command("previous_frame", "◂ Previous", "Shift+F", lambda c: films.track(c, -1, 1),
             "Carry the curves to the previous frame, refine them there and show it", "film",
             problem=lambda c: films.tracking_problem(c, -1)),

@@ -105,12 +105,11 @@ class Controller(Keeper):
         lines = tuple(target.start for target in wanted.targets)
         block = space.block_around(image, wanted.frame, lines)
         run = partial(engine.run, block, lines, wanted.fixed, self.how(image))
-        done = partial(self._on_refined, work, wanted)
 
         def see(now: Progress) -> object:
             return now.centrelines and work.move(wanted.frame, now.centrelines)
 
-        self.start(run, done, "Refining", see, on=work)
+        self.start(run, partial(self._on_refined, work, wanted), "Refining", see, on=work)
 
     def start(
         self,

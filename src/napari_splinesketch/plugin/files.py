@@ -29,10 +29,9 @@ from napari_splinesketch.geometry import thinned
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
-from napari_splinesketch.plugin import words
+from napari_splinesketch.plugin import choices, words
+from napari_splinesketch.plugin.layers import looks, pictures
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
-from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.pictures import OWNER, OWNERS, ROLE, SAMPLE
 from napari_splinesketch.plugin.layers.space import in_stack, pixel_size, placement, size_of
 from napari_splinesketch.plugin.model import Record, prints_of
 from napari_splinesketch.synthetic import rotate, scene
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
 
     from napari_splinesketch.plugin.layers.results import Work
 
-PLUGIN = "napari-splinesketch"
 LABELS = "napari-splinesketch labels"  # key of metadata: the labels that a layer was read from
 KNOT_MISS = 0.2  # most that knots of curves from a file may miss their points by, px (rms)
 LayerData = tuple[Any, dict[str, Any], str]
@@ -70,9 +68,9 @@ def _napari_s_own(path: str | list[str]) -> Any:
 def open_tables() -> None:
     """Let napari open tables with our reader, unless the user or a plugin wants another; say so."""
     plugins = get_settings().plugins
-    others = set(get_readers("any.csv")) - {"napari", PLUGIN}
+    others = set(get_readers("any.csv")) - {"napari", choices.PLUGIN}
     if not others and get_preferred_reader("any.csv") is None:
-        plugins.extension2reader = {**plugins.extension2reader, "*.csv": PLUGIN}
+        plugins.extension2reader = {**plugins.extension2reader, "*.csv": choices.PLUGIN}
         show_info(
             "Splinesketch now opens tables (*.csv), and leaves those of others to napari. "
             "To change it: Preferences > Plugins > File extension readers."
@@ -139,7 +137,7 @@ def labels_of(work: Work, *, rejected: bool = True) -> Labels:
 def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[str, Any]) -> Labels:
     """Label the lines of a Shapes layer: known curves with all that is known of them."""
     kept = meta.get("metadata", {})
-    owner = OWNERS.get(kept.get(OWNER, ""))
+    owner = pictures.OWNERS.get(kept.get(pictures.OWNER, ""))
     origin = labels_of(owner) if owner else kept.get(LABELS, Labels())
     known = {(label.frame, label.curve): label for label in origin.labels}
     curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
@@ -165,7 +163,7 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
 
 def layer_of_labels(labels: Labels, name: str) -> LayerData:
     """Make the data of a Shapes layer that shows labels."""
-    every, colours = labels.labels, COLOURS | {"sketch": COLOUR}
+    every, colours = labels.labels, looks.COLOURS | {"sketch": COLOUR}
     film = any(label.frame for label in every)
     # At (frame, row, col), or at (row, col) where there is one frame.
     shapes = [np.insert(a.points, 0, a.frame, axis=1) if film else a.points for a in every]
@@ -253,7 +251,7 @@ def generated() -> list[LayerData]:
     made = scene(SEED, bodies=3, shape=SIZE)
     rough = [rotate(line, TURN)[::33] for line in made.centrelines]
     image, sketches = _layers("generated", made.image, rough)
-    hidden = {"edge_color": palette.TRUTH, "visible": False, "metadata": {ROLE: "truth"}}
+    hidden = {"edge_color": palette.TRUTH, "visible": False, "metadata": {pictures.ROLE: "truth"}}
     truth = _lines("generated truth", made.centrelines, SIZE) | hidden
     return [image, (list(made.centrelines), truth, "shapes"), sketches]
 
@@ -261,7 +259,7 @@ def generated() -> list[LayerData]:
 def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[LayerData]:
     axes = {"axis_labels": AXES[-image.ndim :]}
     known = prints_of([np.float32(line).astype(float) for line in lines])  # as layers give them
-    kept = {"metadata": {SAMPLE: [line.hex() for line in known]}}
+    kept = {"metadata": {pictures.SAMPLE: [line.hex() for line in known]}}
     look = _lines(name + SUFFIX, lines, image.shape[-2:]) | kept
     return [(image, {"name": name} | axes, "image"), (list(lines), look | axes, "shapes")]
 
@@ -278,8 +276,8 @@ def open_demo(*, block: bool = True) -> Viewer:
 
     viewer = napari.Viewer(title="Splinesketch demo")
     viewer.window.resize(*WINDOW)
-    viewer.window.add_plugin_dock_widget(PLUGIN)
-    viewer.open_sample(PLUGIN, "worms_dense")
+    viewer.window.add_plugin_dock_widget(choices.PLUGIN)
+    viewer.open_sample(choices.PLUGIN, "worms_dense")
     QTimer.singleShot(FIT_AFTER_MS, viewer.reset_view)
     if block:
         napari.run()

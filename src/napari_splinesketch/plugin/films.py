@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
-SUGGEST = "Suggest lines"  # the name of the step
 
 
 class Suggestions:
@@ -77,7 +76,7 @@ class Suggestions:
         """Draw the lines that are chosen now, choices in a row as one step, and tell of them."""
         work, frame, found = self._last
         where = f" in frame {space.times_of(work.image).place(frame)}"
-        step = SUGGEST + where * (space.frame_count(work.image) > 1)
+        step = "Suggest lines" + where * (space.frame_count(work.image) > 1)
         if work not in self._controller.drawing.runs:  # all that was suggested is drawn
             there, moved = work.state.suggestions.items(), work.touched()
             self._refused |= {m: line for m, line in there if m in moved and m[0] == frame}

@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, files, words
 from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
-from napari_splinesketch.plugin.layers.results import WORKS, Work
+from napari_splinesketch.plugin.layers.results import ORIGIN, WORKS, Work, origin_of
 from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
 from napari_splinesketch.plugin.model import Changes, History, Key, Record, Review, State, key_of
 
@@ -97,7 +97,7 @@ class Keeper:
         return [x for x in reversed(self.viewer.layers) if isinstance(x, kind) and not is_result(x)]
 
     def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
-        """Choose a layer of a kind, or none."""
+        """Choose a layer of a kind, or none; with an image from another file, lines of its own."""
         self._ends.pop(kind, lambda: None)()
         self._chosen[kind], self.unfinished = new, False
         if new is not None:
@@ -105,6 +105,10 @@ class Keeper:
             if isinstance(new, Shapes):
                 events += [new.events.mode, new.selected_data.events.items_changed]
             self._ends[kind] = choices.listen(*[(event, self._on_seen) for event in events])
+        layer, origin = self.sketches, origin_of(new) if isinstance(new, Image) else None
+        if origin and origin != (layer and (vars(layer).get(ORIGIN) or origin)):
+            own = (each for each in self.layers(Shapes) if vars(each).get(ORIGIN) == origin)
+            self.choose_layer(Shapes, next(own, None))
         self.changes.layers.emit()
 
     @property
@@ -274,8 +278,6 @@ class Keeper:
     def _on_seen(self, event: Any) -> None:
         action, added = getattr(event, "action", None), ActionType.ADDED  # of the chosen sketches
         self.unfinished = action == ActionType.ADDING or self.unfinished & (action != added)
-        if self.work and action in (added, ActionType.CHANGED):
-            self.work.drawn_on = True
         self.changes.edited.emit()
         if action == added:
             self.changes.drawn.emit()

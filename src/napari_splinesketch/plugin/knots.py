@@ -12,8 +12,7 @@ from superqt.utils import qdebounced
 
 from napari_splinesketch import palette
 from napari_splinesketch.editing import moved
-from napari_splinesketch.plugin.choices import listen
-from napari_splinesketch.plugin.commands import edited
+from napari_splinesketch.plugin import choices, commands
 from napari_splinesketch.plugin.layers import space
 from napari_splinesketch.plugin.layers.pictures import Made, Maker, Slot
 from napari_splinesketch.plugin.layers.results import Work
@@ -55,7 +54,7 @@ class KnotEditing:
         layers.selection.active = layer
         layer.mode = "select"
         layer.mouse_drag_callbacks.append(self._follow)
-        self._end = listen(
+        self._end = choices.listen(
             (viewer.scene.camera.events.zoom, self._show),
             (layer.events.data, lambda event: self._soon() if event.action in DONE else None),
             (layers.events.removed, self._show),
@@ -137,7 +136,7 @@ class KnotEditing:
         knots = np.array(layer.data[:, -2:], dtype=float)
         before = len(record.curve.knots)
         if min(FEWEST, before) <= len(knots) <= before:
-            fresh = edited(record, moved(record.curve, knots))
+            fresh = commands.edited(record, moved(record.curve, knots))
             c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
             c.tell(HELP, "none")
         else:

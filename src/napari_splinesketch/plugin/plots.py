@@ -14,9 +14,8 @@ from superqt.utils import qdebounced
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.grids import Along
 from napari_splinesketch.plugin.columns import RAMP, half_widths
+from napari_splinesketch.plugin.layers import results, space
 from napari_splinesketch.plugin.layers.pictures import residual_along
-from napari_splinesketch.plugin.layers.results import Work
-from napari_splinesketch.plugin.layers.space import Ruler
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.tracking import kymograph
 
@@ -52,7 +51,7 @@ class Plot:
         return -high if self.signed else 0.0, high
 
 
-def profiles(work: Work, record: Record, ruler: Ruler) -> tuple[Plot | str, ...]:
+def profiles(work: results.Work, record: Record, ruler: space.Ruler) -> tuple[Plot | str, ...]:
     """Say what there is to draw of a curve: its half-width, and the image minus the model."""
     curve, patch = record.curve, work.state.patches.get(record.frame)
     sd = np.nan_to_num(ruler.across(curve, curve.sd), posinf=0.0)
@@ -62,7 +61,7 @@ def profiles(work: Work, record: Record, ruler: Ruler) -> tuple[Plot | str, ...]
     return plot, NO_MODEL if rest is None else Plot(RESIDUAL, unit, along, rest)
 
 
-def pictures(body: Mapping[int, Curve], ruler: Ruler) -> tuple[Plot, ...]:
+def pictures(body: Mapping[int, Curve], ruler: space.Ruler) -> tuple[Plot, ...]:
     """Curvature, speed, and velocity along and across a body; nothing of one in a single frame."""
     if len(body) < 2:
         return ()

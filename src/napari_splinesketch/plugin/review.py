@@ -14,14 +14,13 @@ from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.files import atomic
+from napari_splinesketch.plugin import choices
 from napari_splinesketch.plugin import widgets as ui
-from napari_splinesketch.plugin.choices import listen
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
 from napari_splinesketch.plugin.commands import go_to, worst_first
 from napari_splinesketch.plugin.controller import Controller
-from napari_splinesketch.plugin.layers.looks import COLOURS
-from napari_splinesketch.plugin.layers.results import ERASE
+from napari_splinesketch.plugin.layers import looks, results
 from napari_splinesketch.plugin.layers.space import Ruler, Times, ruler_of, times_of
 from napari_splinesketch.plugin.model import Key, Record, key_of
 from napari_splinesketch.plugin.plots import CurvePlots, pictures, profiles
@@ -41,7 +40,7 @@ NO_INDEX = QModelIndex()
 ROLE = Qt.ItemDataRole
 PADDING = 16
 MOVES = [getattr(Qt.Key, f"Key_{n}") for n in ("Up", "Down", "PageUp", "PageDown", "Home", "End")]
-ERASES = [getattr(Qt.Key, f"Key_{n}") for n in ERASE]
+ERASES = [getattr(Qt.Key, f"Key_{n}") for n in results.ERASE]
 
 
 class CurvesModel(QtCore.QAbstractTableModel):
@@ -106,7 +105,7 @@ class CurvesModel(QtCore.QAbstractTableModel):
         if role == ROLE.TextAlignmentRole and column.kind != "text":
             return ui.RIGHT
         if role == ROLE.DecorationRole and index.column() == 0:
-            return QColor(COLOURS[record.curve.status])
+            return QColor(looks.COLOURS[record.curve.status])
         return None
 
     def _arrange(self) -> None:
@@ -208,7 +207,7 @@ class ReviewPanel(qt.QWidget):
 
     def _connect(self) -> None:
         controller, changes = self.controller, self.controller.changes
-        self._end = listen(
+        self._end = choices.listen(
             (changes.curves, self.show_state),
             (changes.settings, self.show_state),
             (changes.busy, self.judges.show_state),

@@ -26,9 +26,8 @@ from napari_splinesketch.plugin import engine, sessions
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import lay, read_with, records_of
+from napari_splinesketch.plugin.layers import pictures, results
 from napari_splinesketch.plugin.layers.drawn import add_shapes, empty_layer, line_style, shapes_in
-from napari_splinesketch.plugin.layers.pictures import is_result
-from napari_splinesketch.plugin.layers.results import Work
 from napari_splinesketch.plugin.layers.space import frame_count, in_stack, size_of
 from napari_splinesketch.plugin.model import State
 from napari_splinesketch.plugin.sessions import EVERY, Folder, Head, Session, Shape
@@ -257,14 +256,14 @@ class Saver(QObject):
             self._end()
             self._end = None
 
-    def _leave(self, works: Sequence[Work]) -> None:
+    def _leave(self, works: Sequence[results.Work]) -> None:
         self.flush()
         for work in works:
             work.folder.release()
 
     def _on_event(self, event: Any) -> None:
         """Hear of any layer of the user's, chosen or not; what is pasted comes with features."""
-        if event.type in (*PLACED, "features") and not is_result(event.sources[0]):
+        if event.type in (*PLACED, "features") and not pictures.is_result(event.sources[0]):
             self._soon()
 
     def _on_settings(self) -> None:
@@ -325,7 +324,7 @@ class Saver(QObject):
             self.found.emit()
 
 
-def _session(work: Work) -> Session:
+def _session(work: results.Work) -> Session:
     image, layer = work.image, work.sketches
     shapes = zip(layer.shape_type, shapes_in(work.viewer, layer, image), strict=True)
     every = layer.ndim < image.ndim

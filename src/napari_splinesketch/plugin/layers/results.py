@@ -23,6 +23,7 @@ from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, SAMPLE, Sl
 WORKS = "_splinesketch_works"
 """Attribute of sketches: what is known through them, whichever dock looks after it. It is not in
 their metadata, which other plugins may write to files."""
+ORIGIN = "_splinesketch_origin"  # attribute of sketches: of the image that they were drawn on
 OVER = ("outlines", "curves", "selected", "marks")
 """The layers over all others, from below to above. The halos of those selected have one of their
 own: to change one shape, napari draws the whole layer of shapes again."""
@@ -94,6 +95,11 @@ class CurveLines(Slot):
         return [unit * looks.BREADTHS[curve.status] for curve in curves]
 
 
+def origin_of(image: Image) -> Any:
+    """Give the file or the sample that an image comes from; None where that is not known."""
+    return image.source.path or image.source.sample
+
+
 @model.once
 def _within(state: model.State, frames: int) -> tuple[model.Record, ...]:
     return tuple([record for record in state.records if record.frame < frames])
@@ -116,23 +122,24 @@ class Work:
         self._suggested: dict[model.Marked, np.ndarray] = {}
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
-        self.drawn_on = self._busy = False  # by the user, while it was the chosen one; by us
+        self._busy = False
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
         vars(sketches).setdefault(WORKS, []).append(self)
+        vars(sketches).setdefault(ORIGIN, origin_of(image))
 
     @property
     def begun(self) -> bool:
         """Whether there is something to save, or to say that it is gone."""
         if self.folder.path or self.state.records:
             return True
-        # Lines alone are of the first image that they lay on, or of the one that was chosen when
-        # they came or were changed; a sample's are no work of anybody's.
+        # Lines alone are work on the image that they were drawn on; a sample's are nobody's.
+        mine = vars(self.sketches)[ORIGIN] in (None, origin_of(self.image))
         lines = model.prints_of([np.asarray(shape, float) for shape in self.sketches.data])
         new = [line.hex() for line in lines] not in ([], self.sketches.metadata.get(SAMPLE))
-        return new and (self.drawn_on or vars(self.sketches)[WORKS][:1] == [self])
+        return new and (mine or vars(self.sketches)[WORKS] == [self])
 
     @property
     def name(self) -> str:
