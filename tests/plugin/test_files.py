@@ -34,6 +34,8 @@ from napari_splinesketch.plugin.files import (
 )
 from napari_splinesketch.plugin.layers.drawn import shapes_in
 
+from .bench import bench
+from .fakes import FakeEngine
 from .hand import assert_drawn, click, refine, rest, until
 
 MANIFEST = Path(napari_splinesketch.__file__).with_name("napari.yaml")
@@ -456,3 +458,34 @@ def test_a_path_without_a_plugin_means_napari_s_own_reader(
     np.testing.assert_array_equal(layer.scale, (1.0, 0.5, 2.0))
     with pytest.raises(ValueError, match="returned no data"):
         viewer.open(tmp_path / "a.csv")
+
+
+def test_curves_that_are_gone_on_with_are_not_refined_again(qapp: Any, fake: FakeEngine) -> None:
+    line = np.array([[100.02499999, 20.0], [100.02499999, 90.0]])
+    labels = Labels((Label(0, 1, line, np.full(2, 3.0), np.full(2, 0.1), "good"),))
+    data, meta, _ = layer_of_labels(labels, "labels")
+    with bench() as made:
+        made.image((200, 128))
+        made.viewer.add_layer(Shapes(data, **meta))
+        made.saver.take_up()
+        assert len(made.controller.records()) == 1
+        assert not made.controller.request().targets, "whatever a layer rounds its points to"
+
+
+@pytest.mark.parametrize("scale", [(1, 1), (0.3, 0.7)])
+def test_curves_that_are_resumed_are_not_refined_again(
+    qapp: Any, fake: FakeEngine, scale: tuple[float, float]
+) -> None:
+    places = np.random.default_rng(0).uniform(5, 90, (40, 30, 2))
+    with bench() as made:
+        image = made.image()
+        image.scale = np.array(scale)
+        made.sketches([np.sort(line, axis=0) * scale for line in places])
+        made.refine()
+        assert not made.controller.request().targets
+        made.saver.flush()
+    with bench() as again:
+        again.image().scale = np.array(scale)
+        again.resume()
+        assert len(again.controller.records()) == 40
+        assert not again.controller.request().targets

@@ -258,8 +258,7 @@ def generated() -> list[LayerData]:
 
 def _layers(name: str, image: np.ndarray, lines: Sequence[np.ndarray]) -> list[LayerData]:
     axes = {"axis_labels": AXES[-image.ndim :]}
-    known = prints_of([np.float32(line).astype(float) for line in lines])  # as layers give them
-    kept = {"metadata": {pictures.SAMPLE: [line.hex() for line in known]}}
+    kept = {"metadata": {pictures.SAMPLE: [line.hex() for line in prints_of(lines)]}}
     look = _lines(name + SUFFIX, lines, image.shape[-2:]) | kept
     return [(image, {"name": name} | axes, "image"), (list(lines), look | axes, "shapes")]
 

@@ -122,7 +122,7 @@ def changed(lines: Sequence[Any], change: Callable[[Any], Any]) -> list[Any]:
 
 def prints_of(lines: Sequence[Line]) -> list[bytes]:
     """What lines have in common that are the same, in the single precision of layers or not."""
-    rounded = changed(lines, lambda points: np.round(points, SAME) + 0.0)
+    rounded = changed(lines, lambda p: np.round(p.astype("f4").astype(float), SAME) + 0.0)
     return [line.tobytes() for line in rounded]
 
 
@@ -245,7 +245,6 @@ class State:
         refined = {(frame, print_of_sketch(record)) for record in there}
         known = self.suggestions.items()
         kept = {mark: line for mark, line in known if mark[0] != frame or mark in refined}
-        lines = changed(lines, lambda p: p.astype("f4").astype(float))  # as layers give them
         new = {(frame, p): line for p, line in zip(prints_of(lines), lines, strict=True)}
         return replace(self, suggestions=kept | new)
 

@@ -137,7 +137,7 @@ class Work:
             return True
         # Lines alone are work on the image that they were drawn on; a sample's are nobody's.
         mine = vars(self.sketches)[ORIGIN] in (None, origin_of(self.image))
-        lines = model.prints_of([np.asarray(shape, float) for shape in self.sketches.data])
+        lines = model.prints_of(self.sketches.data)
         new = [line.hex() for line in lines] not in ([], self.sketches.metadata.get(SAMPLE))
         return new and (mine or vars(self.sketches)[WORKS] == [self])
 
