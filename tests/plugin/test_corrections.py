@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.layers import Points
 from napari.utils.key_bindings import coerce_keybinding
 from qtpy.QtCore import QPoint, Qt
 
@@ -344,3 +345,16 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
         made.controller.undo()
         assert not made.controller.knots
         assert made.controller.notice.text == "Undone: refine 2 curves."
+
+
+def test_knots_are_not_pasted(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        made.controller.selected = 0, 1
+        made.controller.toggle_knots()
+        layer = made.viewer.layers.selection.active
+        assert isinstance(layer, Points)
+        layer.selected_data = set(range(len(layer.data)))
+        layer._copy_data()
+        layer.keymap[coerce_keybinding("Control-V")](layer)
+        assert len(layer.data) == len(made.controller.records()[0].curve.knots)

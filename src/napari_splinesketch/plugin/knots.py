@@ -49,7 +49,8 @@ class KnotEditing:
         if apart < SIZE:  # nobody could take hold of one
             viewer.scene.camera.zoom *= 2 * SIZE / apart
             space.look_at(viewer, work.image, record.frame, record.curve.points)
-        for key, run in (("Enter", self.refine), ("Escape", self.discard)):
+        none = "Control-V", lambda: None  # no more knots are taken, and in films napari fails
+        for key, run in (("Enter", self.refine), ("Escape", self.discard), none):
             layer.bind_key(key, lambda _, run=run: run(), overwrite=True)
         layers.selection.active = layer
         layer.mode = "select"
