@@ -20,7 +20,7 @@ from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, r
 from napari_splinesketch.engine.types import Array, Line, OnProgress, Polarity, Progress, says_stop
 
 LARGE = 2**23
-"""Pixels of an image from which ridges are measured again when needed, rather than kept: a fifth
+"""Pixels of an image from which ridges are measured again when needed, rather than kept: a tenth
 more time, and half of the memory."""
 AT_ONCE = 1000  # lines, between two looks whether the caller cancels
 Tick = Callable[[int], None]
