@@ -7,6 +7,7 @@ from scipy import ndimage
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look import relief
+from napari_splinesketch.engine.look.scene import leaning, read_scenes
 from napari_splinesketch.metrics import average_dtw
 
 NOTE = "Bodies are in relief: bright on one side and dark on the other."
@@ -96,10 +97,24 @@ def test_bright_dark_and_hollow_bodies_are_not_in_relief() -> None:
 
 @pytest.mark.parametrize("bodies", [1, 2, 3])
 def test_bodies_that_cross_are_not_in_relief(bodies: int) -> None:
-    for seed in range(1000, 1010):
-        scene = synthetic.scene(seed, bodies=bodies)
-        turned = [synthetic.rotate(curve, 20) for curve in scene.centrelines]
-        assert NOTE not in refine(scene.image, turned).model.notes, seed
+    for seed in range(1000, 1020):
+        made = synthetic.scene(seed, bodies=bodies)
+        turned = [synthetic.rotate(curve, 20) for curve in made.centrelines]
+        seen = read_scenes(made.image, turned, "auto", None)
+        assert relief.lit_from(leaning(seen)) is None, seed
+        assert NOTE not in refine(made.image, turned).model.notes, seed
+
+
+@pytest.mark.parametrize("bodies", [1, 8])
+def test_bodies_that_cast_shadows_are_bright_where_they_are_clicked(bodies: int) -> None:
+    scene = scene_of(bodies)
+    clean = scene.clean - np.median(scene.clean)
+    shadow = ndimage.shift(clean, -7 * LIGHT, order=1)
+    noise = np.random.default_rng(0).normal(0, 0.05 * clean.std(), clean.shape)
+    found = refine(clean - shadow + noise, [spline.resample(c, 5) for c in scene.centrelines])
+    apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
+    assert NOTE not in found.model.notes
+    assert np.median(apart) < 0.7
 
 
 def test_a_line_over_nothing_puts_no_clear_body_in_relief() -> None:

@@ -71,7 +71,7 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 CHANCE_HEIGHT = 0.7
 RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
 # it is in relief where one light explains this share of its ridges:
-RELIEF_EXPLAINED = 0.0004
+RELIEF_EXPLAINED = 0.0003
 RELIEF_RUNGS = 2  # half-widths that are asked, from that of the bodies' ridges up
 RELIEF_APART_HW = 2.0  # both ridges are looked for this far from the middle between them
 RELIEF_USUAL = 2.0  # ridges up to this height count as nothing, in units of what is usual

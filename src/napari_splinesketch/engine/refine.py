@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Float, Real
 from scipy.linalg import block_diag
 
 from napari_splinesketch.engine import checks, compile_cache, islands, spline
@@ -168,13 +168,25 @@ def _read(
         scene.tidy(scenes)
         if not maybe_relief:
             yield island, scenes
-    light = relief.lit_from(moments)
+    if (light := relief.lit_from(moments)) is not None:
+        lit = [(island, _lit(image, island, light, half_width)) for island, _ in waiting]
+        dearer = sum(
+            finding.least_cost(scenes, island.sketches) * sign
+            for sign, either in ((1, lit), (-1, waiting))
+            for island, scenes in either
+        )
+        waiting = lit if dearer < const.CLEAR_MARGIN else waiting
     for island, scenes in waiting:
-        if light is not None:
-            pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
-            scenes = scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
-            scene.tidy(scenes)
+        scene.tidy(scenes)
         yield island, scenes
+
+
+def _lit(
+    image: Real[Array, "H W"], island: Island, light: Float[Array, "2"], half_width: float | None
+) -> Scenes:
+    """The scene of an island whose bodies are lit from a direction in the image."""
+    pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
+    return scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
 
 
 def _fitted(

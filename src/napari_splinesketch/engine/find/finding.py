@@ -157,6 +157,15 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
     return found
 
 
+def least_cost(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> float:
+    """What the sketches of an image cost at least, if its bodies look as its scenes say."""
+    return sum(
+        _cheapest(seen, sketches[i], rung)
+        for members, seen in scenes
+        for i, rung in zip(members, seen.rungs, strict=True)
+    )
+
+
 def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> float:
     """What a path along a sketch costs, for a body of the half-width WIDTHS[rung] and a sign."""
     evidence, half_width = seen.evidence(rung, sign), WIDTHS[rung]
