@@ -242,7 +242,7 @@ def test_progress_never_falls_and_a_cancel_ends_the_work() -> None:
 def test_large_images_keep_less_and_have_the_same_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     image = synthetic.scene(3, shape=(90, 100), length=60.0).image
     kept = prepare(image)
-    monkeypatch.setattr("napari_splinesketch.engine.find.suggest.LARGE", 0)
+    monkeypatch.setattr(const, "SUGGEST_LARGE", 0)
     held: list[int] = []
     keep = Ridges.keep
     monkeypatch.setattr(

@@ -199,6 +199,8 @@ CONTRASTS = (0.2, 4.0)  # least and largest contrast of a body against the other
 SUGGEST_STRENGTH = (0.7, 0.62, 0.15)
 # side of the blocks whose median height is what is usual; smaller ones hold packed bodies alone:
 SUGGEST_BLOCK_HW = 30.0
+# ridges of images of more pixels are measured again rather than kept: half of the memory (speed)
+SUGGEST_LARGE = 2**23
 SUGGEST_HIGHEST = 0.99  # quantile of an image's ridges that is the height of its bodies'
 # both polarities are offered where the weaker has this share of the stronger's lines:
 SUGGEST_BOTH = 0.6
@@ -275,7 +277,7 @@ SWEEPS = (5, 4, 4, 4, 4, 4)  # most evaluations of each curve in each sweep over
 GAIN = 5.0  # a curve that gained less χ² is not visited again until a neighbour has moved (speed)
 TILE = 352  # pixels worked on at a time, so that their Jacobian stays in the cache (speed)
 ABREAST = 128  # curves that a GPU works on at a time (speed)
-CHUNK = 128  # curves between two chances to cancel (responsiveness)
+CHUNK = 128  # curves or lines between two chances to cancel (responsiveness)
 # numbers of curves that arrays are padded to (few compiled programs):
 CURVE_SIZES = (16, 128, 1024, 8192)
 # numbers of pixels that bands are padded to (few compiled programs):

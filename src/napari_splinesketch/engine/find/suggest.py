@@ -19,10 +19,6 @@ from napari_splinesketch.engine.look.scene import filled, pixel_noise
 from napari_splinesketch.engine.spline import arc_length, fit_knots, resample, resample_each
 from napari_splinesketch.engine.types import Array, Line, OnProgress, Polarity, Progress, says_stop
 
-LARGE = 2**23
-"""Pixels of an image from which ridges are measured again when needed, rather than kept: a tenth
-more time, and half of the memory."""
-AT_ONCE = 1000  # lines, between two looks whether the caller cancels
 Tick = Callable[[int], None]
 """Called after so many steps of the work; raises `CancelledError` when the caller cancels."""
 
@@ -148,7 +144,7 @@ def prepare(
         for sign in signs:
             of = float(np.quantile(ridges.heights(rung, sign), const.SUGGEST_HIGHEST))
             highest[sign] = max(highest[sign], of)
-        if valid.size > LARGE:
+        if valid.size > const.SUGGEST_LARGE:
             ridges.keep()
         tick(1)
     found = [
@@ -187,7 +183,7 @@ def _traced_at(
         near = range(max(rung - 2, 0), min(rung + 3, len(WIDTHS)))
         tick(1)
         found += _traced(ridges, evidence, sign, rung, near, tick)
-        if valid.size > LARGE:
+        if valid.size > const.SUGGEST_LARGE:
             ridges.keep({(k, sign) for k in near if k >= rung - 1})
     counts = np.minimum(_alike(found), const.ALIKE_ENOUGH)
     return [
@@ -280,7 +276,7 @@ def _apart(found: Sequence[Traced], shape: tuple[int, int], tick: Tick) -> list[
     best: list[Traced] = []
     taken = np.zeros(shape, dtype=bool)
     for i, one in enumerate(sorted(found, key=lambda one: -one.strength)):
-        if i % AT_ONCE == 0:
+        if i % const.CHUNK == 0:
             tick(0)
         if taken[tuple(np.rint(one.line).astype(int).T)].mean() > const.COVERED:
             continue
