@@ -168,17 +168,20 @@ def _read(
         scene.tidy(scenes)
         if not maybe_relief:
             yield island, scenes
-    if (light := relief.lit_from(moments)) is not None:
+    lights = relief.lights(moments)
+    cost = _cost(waiting) if lights else 0.0
+    for light in lights:
         lit = [(island, _lit(image, island, light, half_width)) for island, _ in waiting]
-        dearer = sum(
-            finding.least_cost(scenes, island.sketches) * sign
-            for sign, either in ((1, lit), (-1, waiting))
-            for island, scenes in either
-        )
-        waiting = lit if dearer < const.CLEAR_MARGIN else waiting
+        if (now := _cost(lit)) < cost:
+            waiting, cost = lit, now
     for island, scenes in waiting:
         scene.tidy(scenes)
         yield island, scenes
+
+
+def _cost(read: list[tuple[Island, Scenes]]) -> float:
+    """What all sketches cost at least."""
+    return sum(finding.least_cost(scenes, island.sketches) for island, scenes in read)
 
 
 def _lit(

@@ -58,8 +58,8 @@ def leaning(
     return moments
 
 
-def lit_from(moments: Float[Array, "3 3"]) -> Float[Array, "2"] | None:
-    """The direction that bodies are lit from, a unit vector; None if they are not in relief.
+def lights(moments: Float[Array, "3 3"]) -> list[Float[Array, "2"]]:
+    """Directions that bodies may be lit from, unit vectors; none if they are not in relief.
 
     In relief a body's direction alone tells which of its sides is bright, and how bright. `moments`
     are those of `leaning`.
@@ -67,8 +67,10 @@ def lit_from(moments: Float[Array, "3 3"]) -> Float[Array, "2"] | None:
     moments = moments / (moments[2, 2] + 1e-30)
     towards = np.linalg.lstsq(moments[:2, :2], moments[:2, 2])[0]
     if moments[:2, 2] @ towards < const.RELIEF_EXPLAINED:
-        return None
-    return towards / np.linalg.norm(towards)
+        return []
+    towards /= np.linalg.norm(towards)
+    turns = np.deg2rad(const.RELIEF_TURNS)
+    return [np.cos(turn) * towards + np.sin(turn) * towards[::-1] * [1, -1] for turn in turns]
 
 
 def raised(image: Float[Array, "H W"], towards: Float[Array, "2"]) -> Float[Array, "H W"]:
