@@ -27,10 +27,6 @@ class ImageError(ValueError):
     """An image that cannot be read: which, and what to do."""
 
 
-class SilentServerError(ConnectionError):
-    """A server that does not send what was requested."""
-
-
 @dataclass(frozen=True, eq=False)
 class Frames:
     """The frames of one image or film."""
@@ -98,8 +94,10 @@ def open_frames(
     if path.is_file():
         return _file(path, channel, z)
     if is_url(pattern) or _is_zarr(path):
-        from napari_splinesketch.images.zarr_image import open_zarr
-
+        try:
+            from napari_splinesketch.images.zarr_image import open_zarr
+        except ImportError:
+            raise ImageError(f"{pattern}: Zarr needs a library; pip install zarr") from None
         return open_zarr(pattern, channel, z)
     return _folder(pattern, channel, z)
 

@@ -1,5 +1,7 @@
 """OME-Zarr (and plain Zarr arrays), in a folder or behind a URL, read one frame at a time."""
 
+import asyncio
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -7,20 +9,45 @@ from pathlib import PurePath
 from typing import Any
 
 import numpy as np
+import zarr
+from zarr.abc.store import ByteRequest
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import FsspecStore
 
-from napari_splinesketch.images.frames import (
-    Frames,
-    ImageError,
-    SilentServerError,
-    choose_planes,
-    is_url,
-)
+from napari_splinesketch.images.frames import Frames, ImageError, choose_planes, is_url
 
 SHORT = {"micrometer": "µm", "nanometer": "nm", "millimeter": "mm", "meter": "m"}
 COLUMNS = 5
 """Least columns of frames: a last axis of fewer is one of colours."""
 PAUSES = (1.0, 5.0)
 """Pause before a server that failed is asked again, s."""
+PATIENCE = 30.0
+"""How long a server may take to send a file of metadata, s."""
+SLOWEST = 100_000
+"""The lowest average rate at which a chunk may come after that, bytes per second."""
+
+
+class SilentServerError(ConnectionError):
+    """A server that does not send what was requested."""
+
+
+class RemoteStore(FsspecStore):
+    """A store behind a URL that gives up on servers that stall or drip."""
+
+    patience = PATIENCE
+    """How long a file may take, s."""
+
+    async def get(
+        self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """Read a file, or a part of one; SilentServerError where that takes too long."""
+        try:
+            return await asyncio.wait_for(super().get(key, prototype, byte_range), self.patience)
+        except TimeoutError:
+            raise SilentServerError(
+                f"the server sends nothing, or next to nothing, of {key}; try again later, or "
+                "copy the image to this machine"
+            ) from None
 
 
 @contextmanager
@@ -30,10 +57,6 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
     The address is a folder, or a URL that fsspec knows, such as https://... or s3://...; channel
     and plane are as in `open_frames`.
     """
-    try:
-        import zarr
-    except ImportError:
-        raise ImageError(f"{address}: Zarr needs a library; pip install zarr") from None
     try:
         node: Any = _open(address)
         scale = units = None
@@ -45,9 +68,8 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
             scale, units = _scale(image["axes"], level)
             node = node[level["path"]]
         if is_url(address):
-            from napari_splinesketch.images.remote import bound
-
-            bound(node)
+            chunk_bytes = math.prod(node.shards or node.chunks) * node.dtype.itemsize
+            node.store.patience = PATIENCE + chunk_bytes / SLOWEST
         shape, leading = tuple(node.shape), len(node.shape) - 2
         axes = axes if len(axes) == len(shape) else "T" * leading + "YX"
     except ImportError as error:  # fsspec says which one
@@ -72,13 +94,8 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
 
 
 def _open(address: str) -> Any:
-    import zarr
-
-    if not is_url(address):
-        return zarr.open(address, mode="r")
-    from napari_splinesketch.images.remote import open_remote
-
-    return open_remote(address)
+    remote = is_url(address)
+    return zarr.open(RemoteStore.from_url(address, read_only=True) if remote else address, mode="r")
 
 
 def _patient(
