@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from functools import partial as bind
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -179,9 +178,12 @@ class Run:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
         head = self.head
         if first is not None:
-            # The checksums, one a frame, are read when they are written.
-            pixels = {"shape": list(first.shape), "dtype": str(first.dtype)}
-            image = {"name": self.images.name, **pixels, "sha256": bind(_checksums, reports)}
+            image = {
+                "name": self.images.name,
+                "shape": list(first.shape),
+                "dtype": str(first.dtype),
+                "sha256": {str(done.frame): done.sha256 for done in reports if done.sha256},
+            }
             source = {
                 "software": f"napari-splinesketch {__version__}",
                 "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -195,10 +197,6 @@ class Run:
         kept = (done.frame for done in reports if self.partial.has_labels(done.frame))
         frames = np.fromiter(kept, dtype=np.int64)
         return ByFrame(frames, head, lambda: (self.partial.labels(int(f)) for f in frames))
-
-
-def _checksums(reports: Reports) -> Iterator[tuple[str, object]]:
-    return ((str(done.frame), done.sha256) for done in reports if done.sha256)
 
 
 def is_judged(line: Label) -> bool:

@@ -76,15 +76,15 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
 
 def read(source: Source) -> Iterator[Label]:
     """Read the keypoints of a file that was written by us."""
-    kept: dict[str, Any] = {}
-    for body in json_tree.read_values(source.path, "annotations", kept):
+    root = json_tree.read_json(source.path)
+    for body in root["annotations"]:
         source.place = body.place
         if "track_id" not in body or "attributes" not in body:
             raise source.error(f"not written by {OURS}; of COCO, nothing else is read")
         points = body["keypoints"].numbers().reshape(-1, 3)[:, 1::-1]
         frame, curve = body["image_id"].integer(), body["track_id"].integer()
         yield json_tree.read_own(body["attributes"], frame, curve, points)
-    source.head = json_tree.read_head(json_tree.Node(source.path, "", kept)["info"])
+    source.head = json_tree.read_head(root["info"])
 
 
 LOSSES = ("sampling", "width", "shape")

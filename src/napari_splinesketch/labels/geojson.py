@@ -16,7 +16,6 @@ from napari_splinesketch.labels.types import AnyLabels, Label
 CORNER = 0.5
 """QuPath counts from the corner of the first pixel, we from its centre, px."""
 OURS = "splinesketch"
-ARRAY = "features"
 TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
 LINES = ("LineString", "MultiLineString")
 OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
@@ -76,16 +75,15 @@ def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
 
 def _found(source: Source) -> Iterator[tuple[Label, int | None]]:
     """Give each line, and the plane of those that were not written by us."""
-    kept: dict[str, Any] = {}
-    for feature in json_tree.read_values(source.path, ARRAY, kept):
-        yield from _labels(source, feature)
-    root = json_tree.Node(source.path, "", kept)
-    if ARRAY not in root and "type" not in root:
+    root = json_tree.read_json(source.path)
+    single = isinstance(root.value, dict) and "features" not in root
+    if single and "type" not in root:
         raise root.error("has no 'type': neither GeoJSON nor another format that is read")
-    if ARRAY not in root and root["type"].expected(str) != "FeatureCollection":
+    if single and root["type"].expected(str) != "FeatureCollection":
         yield from _labels(source, root)
-    elif root[ARRAY].value != []:
-        raise root[ARRAY].error("expected an array")
+    else:
+        for feature in root if isinstance(root.value, list) else root["features"]:
+            yield from _labels(source, feature)
     if OURS in root:
         source.head = json_tree.read_head(root[OURS])
 

@@ -7,10 +7,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
-from json.decoder import WHITESPACE  # pyright: ignore[reportAttributeAccessIssue]
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, cast
-from uuid import uuid4
 
 import numpy as np
 from jaxtyping import Float
@@ -25,11 +23,14 @@ KINDS = {dict: "an object", list: "an array", str: "a string", bool: "true or fa
 T = TypeVar("T")
 
 
-def _refuse(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number in JSON; use null")
+def _refuse(value: object) -> NoReturn:
+    kind = type(value).__name__
+    raise ValueError(f"JSON holds no {kind}; give numbers, texts, lists and dicts")
 
 
-DECODER = json.JSONDecoder(parse_constant=_refuse)
+encode = json.JSONEncoder(
+    ensure_ascii=False, allow_nan=False, separators=(",", ":"), default=_refuse
+).encode
 
 
 @dataclass(frozen=True)
@@ -125,135 +126,40 @@ def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | Non
     return None
 
 
-class _Text:
-    """The text of a JSON file, and how far it has been parsed."""
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path, self._at = path, 0
-        try:
-            with open_regular(path) as file:
-                self._text = file.read().decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            reason = f"not a text file in UTF-8 ({error.reason})"
-            raise LabelsError(path, "", reason) from None
-
-    def coming(self) -> str:
-        """Give the next character that is no white space, nothing at the end."""
-        self._at = WHITESPACE.match(self._text, self._at).end()
-        return self._text[self._at : self._at + 1]
-
-    def skip(self, char: str) -> None:
-        """Skip a character that must come next."""
-        if self.coming() != char:
-            raise self.error(f"Expecting {char!r}")
-        self._at += 1
-
-    def value(self) -> Any:
-        """Parse the next value."""
-        self.coming()
-        try:
-            value, self._at = DECODER.raw_decode(self._text, self._at)
-        except json.JSONDecodeError as error:
-            self._at = error.pos
-            raise self.error(error.msg) from None
-        except RecursionError:
-            raise self.error("nested too deeply") from None
-        except ValueError as error:
-            raise self.error(str(error)) from None
-        return value
-
-    def between(self, begin: str, end: str) -> Iterator[int]:
-        """Stop before each item between brackets, and count them."""
-        self.skip(begin)
-        count = 0
-        while self.coming() != end or count:
-            yield count
-            count += 1
-            if self.coming() != ",":
-                break
-            self.skip(",")
-        self.skip(end)
-
-    def elements(self, place: str) -> Iterator[Node]:
-        """Parse an array, an element at a time."""
-        for i in self.between("[", "]"):
-            yield Node(self.path, f"{place}[{i}]", self.value())
-
-    def error(self, reason: str) -> LabelsError:
-        """Make an error at the next character."""
-        found = json.JSONDecodeError("", self._text, self._at)
-        place = f"line {found.lineno}, column {found.colno}"
-        return LabelsError(self.path, place, f"not JSON ({reason})")
+def read_json(path: Path) -> Node:
+    """Read a file; of what is not JSON, an error names line and column."""
+    try:
+        with open_regular(path) as file:
+            return Node(path, "", json.loads(file.read().decode("utf-8-sig")))
+    except UnicodeDecodeError as error:
+        reason = f"not a text file in UTF-8 ({error.reason})"
+        raise LabelsError(path, "", reason) from None
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise LabelsError(path, place, f"not JSON ({error.msg})") from None
+    except (RecursionError, ValueError) as error:  # nested too deeply, or of too many digits
+        raise LabelsError(path, "", f"not JSON ({error})") from None
 
 
-def read_values(path: str | os.PathLike[str], array: str, kept: dict[str, Any]) -> Iterator[Node]:
-    """Go through a file whose outermost value is an array, or an object with a long array.
+def write_json(path: Path, root: dict[str, object]) -> None:
+    """Write an object in UTF-8; members that are iterators become arrays, element by element.
 
-    Beside the text, no more than one element is held. Those of the member `array`, or of an array
-    without a name, are given one by one, where it is an array; `kept` gets the object's other
-    members, and under this name an empty list.
+    A number that is not finite is a bug.
     """
-    text = _Text(path)
-    if text.coming() == "[":
-        yield from text.elements("")
-        kept[array] = []
-    elif text.coming() != "{":
-        Node(path, "", text.value()).expected(dict)
-    else:
-        for _ in text.between("{", "}"):
-            if text.coming() != '"':
-                raise text.error("Expecting property name enclosed in double quotes")
-            name = text.value()
-            text.skip(":")
-            if name == array and text.coming() == "[":
-                yield from text.elements(name)
-                kept[name] = []
-            else:
-                kept[name] = text.value()
-    if text.coming():
-        raise text.error("Extra data")
-
-
-def pieces(value: object, comma: str = ", ", colon: str = ": ") -> Iterator[str]:
-    """Encode a value as JSON, without holding what is to be read only while it is written.
-
-    An iterator in it becomes an array; a function that returns pairs of name and value, from
-    the beginning each time, becomes an object. A number that is not finite is a bug.
-    """
-    strict = {"ensure_ascii": False, "allow_nan": False, "separators": (comma, colon)}
-    encode, mark, streams = json.JSONEncoder(**strict).encode, uuid4().hex, list[Any]()
-
-    def later(stream: Any) -> str:
-        if not (isinstance(stream, Iterator) or callable(stream)):
-            kind = type(stream).__name__
-            raise ValueError(f"JSON holds no {kind}; give numbers, texts, lists and dicts")
-        streams.append(stream)
-        return mark
-
-    first, *rest = json.JSONEncoder(**strict, default=later).encode(value).split(f'"{mark}"')
-    yield first
-    for stream, after in zip(streams, rest, strict=True):
-        if isinstance(stream, Iterator):
-            (begin, end), each = "[]", map(encode, stream)
-        else:
-            (begin, end), each = "{}", (encode(name) + colon + encode(v) for name, v in stream())
-        yield begin
-        for i, piece in enumerate(each):
-            yield (comma if i else "") + piece
-        yield end + after
-
-
-def held(value: object) -> Any:
-    """Give a value with its whole content, for libraries that write it themselves."""
-    return json.loads("".join(pieces(value)))
-
-
-def write_json(path: Path, value: object) -> None:
-    """Write a JSON file in UTF-8, as `pieces` encodes it."""
     # Names of files may hold bytes that are not text.
     with path.open("x", encoding="utf-8", errors="replace") as file:
-        file.writelines(pieces(value, ",", ":"))
-        file.write("\n")
+        comma = "{"
+        for name, value in root.items():
+            file.write(f"{comma}{encode(name)}:")
+            comma = ","
+            if not isinstance(value, Iterator):
+                file.write(encode(value))
+                continue
+            file.write("[")
+            for i, element in enumerate(value):
+                file.write(("," if i else "") + encode(element))
+            file.write("]")
+        file.write("}\n")
 
 
 def finite_or_null(values: Float[Array, " N"]) -> list[float | None]:

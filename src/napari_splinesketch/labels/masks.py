@@ -10,7 +10,6 @@ from jaxtyping import Integer
 
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.json_tree import held
 from napari_splinesketch.labels.types import AnyLabels, in_frames
 from napari_splinesketch.raster import label_image
 
@@ -39,7 +38,7 @@ def write(path: Path, labels: AnyLabels) -> None:
             bodies = [(label.curve + 1, label.points, label.half_width) for label in of_frame]
             yield label_image(bodies, shape, dtype, partial(tell, frame))
 
-    description = {"axes": "TYX", "provenance": held(dict(labels.head.provenance))}
+    description = {"axes": "TYX", "provenance": dict(labels.head.provenance)}
     if labels.head.scale:
         description |= {"scale": labels.head.scale, "units": labels.head.units}
     tifffile.imwrite(

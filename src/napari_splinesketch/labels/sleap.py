@@ -10,7 +10,7 @@ import numpy as np
 
 from napari_splinesketch.labels.coco import image_name
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.json_tree import head_of, held
+from napari_splinesketch.labels.json_tree import head_of
 from napari_splinesketch.labels.types import AnyLabels, evenly_sampled
 
 MOST = 400  # points of a curve: HDF5 keeps their names in one attribute, of 64 KiB at most
@@ -40,7 +40,7 @@ def write(path: Path, labels: AnyLabels) -> None:
         videos=[video],
         skeletons=[skeleton],
         tracks=list(tracks.values()),
-        provenance={"napari-splinesketch": held(head_of(labels.head))},
+        provenance={"napari-splinesketch": head_of(labels.head)},
     )
     sleap_io.save_slp(made, str(path), embed=False, verbose=False)
     _name_itself(path, path.name)

@@ -8,7 +8,7 @@ import numpy as np
 
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.labels.format import Format
-from napari_splinesketch.labels.json_tree import head_of, pieces
+from napari_splinesketch.labels.json_tree import head_of
 from napari_splinesketch.labels.types import AnyLabels, Label
 
 OURS = "# splinesketch "
@@ -30,9 +30,8 @@ def write(path: Path, labels: AnyLabels) -> None:
     programs skip hold frame, identity and status of each tree.
     """
     with path.open("x", encoding="utf-8", errors="replace", newline="\n") as file:
-        file.write(OURS)
-        file.writelines(pieces(head_of(labels.head)))
-        file.write("\n# id type x y z radius parent\n")
+        head = json.dumps(head_of(labels.head), ensure_ascii=False)
+        file.write(f"{OURS}{head}\n# id type x y z radius parent\n")
         first = 1
         for label in labels.labels:
             file.writelines(_tree(label, labels.head.scale or (1.0, 1.0), first))

@@ -50,9 +50,10 @@ def read(source: Source) -> Iterator[Label]:
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
-    kept: dict[str, Any] = {}
-    spines = [each for record in _records(source.path, kept) for each in _spines(record)]
-    root = json_tree.Node(source.path, "", kept)
+    root = json_tree.read_json(source.path)
+    data = root["data"]  # a single record needs no array
+    records = data if isinstance(data.value, list) else [data]
+    spines = [each for record in records for each in _spines(record)]
     ours = OURS in root
     source.head = json_tree.read_head(root[OURS]) if ours else _foreign_head(source, root)
     scale = (source.head.scale if ours else None) or (1.0, 1.0)
@@ -72,14 +73,6 @@ def read(source: Source) -> Iterator[Label]:
             yield json_tree.read_own(record[OURS], frame, curve, yx / scale, "_px")
         else:
             yield Label.from_sketch(yx / scale, frame=frame, identity=curve)
-
-
-def _records(path: Path, kept: dict[str, Any]) -> Iterator[json_tree.Node]:
-    """Give the records of a file; a single one needs no array."""
-    yield from json_tree.read_values(path, "data", kept)
-    data = json_tree.Node(path, "", kept)["data"]
-    if data.value != []:
-        yield data
 
 
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
