@@ -1,13 +1,9 @@
 """Splines as arrays, as detectors predict them: read only, as sketches."""
 
-import math
-import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from functools import partial
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from jaxtyping import Shaped
@@ -18,8 +14,6 @@ from napari_splinesketch.labels.imagej import name_in_zip
 from napari_splinesketch.labels.types import Label
 
 NAME = "splines"
-MOST = 2**24
-"""Largest array that is held; labels of it take up to two hundred bytes for each number."""
 
 
 def read(source: Source) -> Iterator[Label]:
@@ -28,7 +22,14 @@ def read(source: Source) -> Iterator[Label]:
     A .npz with several arrays must name this one "splines". Points that are not finite are left
     out, and so are splines with fewer than two; the others keep their number as identity.
     """
-    for frame, splines in enumerate(_arrays(source.path, math.inf if source.by_frame else MOST)):
+    # NumPy raises anything on broken files.
+    with blamed(lambda why: source.error(f"not an array of NumPy's ({why})"), Exception):
+        array = _array(source.path)
+    if not _is_splines(array.shape) or array.dtype.kind not in "fiu":
+        reason = f"array of shape {array.shape} and type {array.dtype}; expected numbers of shape "
+        raise source.error(f"{reason}(frames, splines, points, 2), (x, y) last")
+    film = array if array.ndim == 4 else array[None]
+    for frame, splines in enumerate(film if film.size else ()):
         for number, spline in enumerate(splines):
             points = np.asarray(spline, dtype=np.float64)[:, ::-1]
             points = points[np.isfinite(points).all(axis=1)]
@@ -39,52 +40,21 @@ def read(source: Source) -> Iterator[Label]:
                 source.left_out["spline"] += 1
 
 
-def _arrays(path: Path, most: float) -> Iterator[Shaped[Array, "splines points 2"]]:
-    """Read the array of each frame: at most `most` numbers in all, and `MOST` at a time."""
-    # NumPy and zipfile raise anything on broken files.
-    error = partial(LabelsError, path, "")
-    broken = blamed(lambda why: error(f"not an array of NumPy's ({why})"), Exception)
-    with broken, _opened(path) as file:
-        shape, by_column, dtype = _header(file)
-        if not _is_splines(shape) or min(shape) < 0 or dtype.kind not in "fiu":
-            reason = f"array of shape {shape} and type {dtype}; expected numbers of shape "
-            raise error(f"{reason}(frames, splines, points, 2), (x, y) last")
-        block = shape if by_column else shape[-3:]  # by column, frames are not contiguous
-        at_a_time = math.prod(block)
-        if at_a_time > MOST or math.prod(shape) > most:
-            reason = f"array of shape {shape}: at most {MOST} numbers are read at a time"
-            raise LabelsError(path, "", reason)
-        for _ in range(math.prod(shape) // max(at_a_time, 1)):
-            numbers = np.frombuffer(file.read(at_a_time * dtype.itemsize), dtype, at_a_time)
-            found = numbers.reshape(block, order="F" if by_column else "C")
-            yield from found.reshape(-1, *shape[-3:])
-        if file.read(1):  # an archive checks its sum here, too
+def _array(path: Path) -> Shaped[Array, "..."]:
+    """Open the array of a file, which is not held in memory, or of an archive, which is."""
+    with open_regular(path):
+        found = np.load(path, mmap_mode="r")
+    if isinstance(found, np.memmap):
+        if found.offset + found.nbytes < path.stat().st_size:
             raise ValueError("it continues after its last number")
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file, or the array inside it if it is packed."""
-    if path.suffix.lower() == ".npy":
-        with open_regular(path) as file:
-            yield file
-        return
-    with open_regular(path) as whole, zipfile.ZipFile(whole) as archive:
-        names = [name for name in archive.namelist() if name.endswith(".npy")]
-        if len(names) > 1:
-            names = [name for name in names if name == f"{NAME}.npy"]
+        return found
+    with found:
+        names = [NAME] if NAME in found.files else found.files
         if len(names) != 1:
-            found = ", ".join(archive.namelist()[:10]) or "nothing"
-            reason = f"holds {found}; expected one array, or one named {NAME}"
+            holds = ", ".join(found.files[:10]) or "nothing"
+            reason = f"holds {holds}; expected one array, or one named {NAME}"
             raise LabelsError(path, "", reason)
-        with archive.open(names[0]) as file:
-            yield file
-
-
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    if np.lib.format.read_magic(file) == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    return np.lib.format.read_array_header_2_0(file)
+        return found[names[0]]
 
 
 def _is_splines(shape: tuple[int, ...]) -> bool:
@@ -95,8 +65,11 @@ def claims(ending: str, head: bytes) -> bool:
     """Whether this is an array of points, by its shape, or an archive, by its first file."""
     if ending == ".npz":
         return name_in_zip(head).endswith(b".npy")
+    file, numpy = BytesIO(head), np.lib.format
     with suppress(Exception):  # NumPy raises anything on broken headers
-        return _is_splines(_header(BytesIO(head))[0])
+        first = numpy.read_magic(file) == (1, 0)
+        read_header = numpy.read_array_header_1_0 if first else numpy.read_array_header_2_0
+        return _is_splines(read_header(file)[0])
     return False
 
 
