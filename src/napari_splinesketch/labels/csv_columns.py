@@ -5,10 +5,8 @@ when curves are made of its columns.
 """
 
 import csv
-from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
 from io import TextIOWrapper
 from itertools import groupby
 from typing import Any, TextIO
@@ -19,7 +17,6 @@ from napari_splinesketch.files import counted
 from napari_splinesketch.labels.format import Source, open_regular
 from napari_splinesketch.labels.types import MAX_INTEGER
 
-MAX_LINE = 2**16
 WHOLE = "a whole number from 0 to 2^63-1"
 Kinds = Mapping[str, type | float]
 
@@ -40,8 +37,8 @@ def read_curves(
 ) -> Iterator[Rows]:
     """Read a table curve by curve; the rows of one follow one another.
 
-    Columns may be in any order, and there may be others. A field that is empty is as good as no
-    column, unless it is required. No more than one curve is held.
+    Columns may be in any order, and there may be others. What is empty and not required is given as
+    an empty string. No more than one curve is held.
 
     Parameters
     ----------
@@ -64,38 +61,56 @@ def read_curves(
         _, header = next(table, (1, ()))
         _check_header(source, header, required)
         check(header)
-        places = {name: header.index(name) for name in kinds if name in header}
-        keys = [places[name] for name in by if name in places]
-        fixed = [name for name in places if kinds[name] in (int, str) and name != count]
-        along = [name for name in places if name not in (*fixed, count)]
-        for _, rows in groupby(table, lambda row: [row[1][i] for i in keys]):
-            lines, known, said = array("q"), dict[str, Any](), dict[str, str]()
-            lists = {name: array("d") for name in along}
-            for number, (line, fields) in enumerate(rows):
-                source.place = f"line {line}"
-                row = {name: fields[place] for name, place in places.items()}
-                if not said:
-                    said = {name: row[name] for name in fixed}
-                    given = (n for n in fixed if said[n] or n in required or kinds[n] is str)
-                    known = {name: _value(source, name, said[name], kinds[name]) for name in given}
-                    source.refuse_again(*(known.get(name, 0) for name in by))
-                for name in fixed:
-                    if row[name] != said[name]:
-                        above = f"{known.get(name, '')!r} on line {lines[0]}"
-                        raise ValueError(f"{name} differs from {above}")
-                for name, values in lists.items():
-                    values.append(_value(source, name, row[name], kinds[name]))
-                found = _value(source, count, row[count], int) if row.get(count) else number
+        keys = [header.index(name) for name in by if name in header]
+        for _, group in groupby(table, lambda row: [row[1][i] for i in keys]):
+            lines, fields = zip(*group, strict=True)
+            texts = dict(zip(header, zip(*fields, strict=True), strict=True))
+            source.place, columns = f"line {lines[0]}", dict[str, Any]()
+            for name in (name for name in kinds if name in texts and name != count):
+                kind, rows = kinds[name], zip(lines, texts[name], strict=True)
+                if kind in (int, str):
+                    columns[name] = _shared(source, name, kind, rows, name in required)
+                else:
+                    columns[name] = np.array([_value(source, name, kind, *row) for row in rows])
+            source.refuse_again(*(columns.get(name) or 0 for name in by))
+            for number, (line, text) in enumerate(zip(lines, texts.get(count, ()), strict=False)):
+                found = _value(source, count, int, line, text) if text else number
                 if found != number:
+                    source.place = f"line {line}"
                     raise ValueError(f"{count} is {found}; expected {number}, counting from 0")
-                lines.append(line)
-            source.place = f"line {lines[0]}"
-            yield lines, known | {name: np.array(values) for name, values in lists.items()}
+            yield lines, columns
+
+
+def _shared(
+    source: Source, name: str, kind: type | float, rows: Iterator[tuple[int, str]], needed: bool
+) -> Any:
+    """Give the one value of a curve's rows, each with its line; "" where there is none."""
+    first, above = next(rows)
+    value = _value(source, name, kind, first, above) if above or needed else ""
+    for line, text in rows:
+        if text != above:
+            source.place = f"line {line}"
+            raise ValueError(f"{name} differs from {value!r} on line {first}")
+    return value
+
+
+def _value(source: Source, name: str, kind: type | float, line: int, text: str) -> Any:
+    """Parse a field, and say what is wrong with it."""
+    try:
+        if kind is str:
+            return text
+        if kind is int:
+            return whole(text)
+        return float(text) if text or kind is float else kind
+    except ValueError:
+        source.place = f"line {line}"
+        wanted = WHOLE if kind is int else "a number"
+        raise source.error(f"{name} is {text[:40]!r}; expected {wanted}") from None
 
 
 def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
     """Give the rows of a table, all of the same length, with the numbers of their lines."""
-    table, size = csv.reader(_lines(source, file), strict=True, skipinitialspace=True), 0
+    table, size = csv.reader(file, strict=True, skipinitialspace=True), 0
     empty = 0  # the first row with nothing in it: spreadsheets keep some below a table
     try:
         for fields in table:
@@ -111,20 +126,8 @@ def _table(source: Source, file: TextIO) -> Iterator[tuple[int, Sequence[str]]]:
     except csv.Error as error:
         source.place = f"line {table.line_num}"
         raise source.error(f"not a line of a CSV table ({error})") from None
-
-
-def _lines(source: Source, file: TextIO) -> Iterator[str]:
-    """Give the lines of a file; an error names its line."""
-    line = 0
-    try:
-        while text := file.readline(MAX_LINE):
-            line += 1
-            if len(text) == MAX_LINE:
-                source.place = f"line {line}"
-                raise source.error(f"longer than {MAX_LINE} characters")
-            yield text
     except UnicodeDecodeError as error:
-        source.place = f"line {line + 1} or below"
+        source.place = f"line {table.line_num + 1} or below"
         reason = f"not a text file in UTF-8 ({error.reason}); save it as CSV UTF-8"
         raise source.error(reason) from None
 
@@ -138,22 +141,6 @@ def _check_header(source: Source, header: Sequence[str], required: Sequence[str]
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise source.error(f"column {', '.join(twice)} occurs twice")
-
-
-def _value(source: Source, name: str, text: str, kind: type | float) -> Any:
-    """Parse a field, and say what is wrong with it."""
-    try:
-        return _parser(kind)(text)
-    except ValueError:
-        wanted = WHOLE if kind is int else "a number"
-        raise source.error(f"{name} is {text[:40]!r}; expected {wanted}") from None
-
-
-@cache
-def _parser(kind: type | float) -> Callable[[str], Any]:
-    if isinstance(kind, type):
-        return whole if kind is int else kind
-    return lambda text: float(text) if text else kind
 
 
 def whole(text: str) -> int:

@@ -92,7 +92,7 @@ def read(source: Source) -> Iterator[Label]:
     scale = _Scale(source)
     for lines, columns in read_curves(source, KINDS, REQUIRED, BY, COUNT):
         if len(lines) < 2:
-            where = f"curve {columns['curve']} of frame {columns.get('frame', 0)}"
+            where = f"curve {columns['curve']} of frame {columns.get('frame') or 0}"
             raise ValueError(f"{where}: one row; expected at least 2, which follow one another")
         scale.add(lines, columns)
         yield _label(columns)
