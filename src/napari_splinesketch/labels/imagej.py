@@ -3,9 +3,8 @@
 import struct
 import zipfile
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, cast
+from typing import cast
 
 import numpy as np
 from roifile import ROI_TYPE, ImagejRoi
@@ -16,7 +15,6 @@ from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
 MAX_BYTES = 2**28
 """Largest content of a zip that is unpacked; labels of it take about as much memory."""
-MAX_ENTRY = 2**24
 MAX_FRAME = 2**31 - 2
 HEADER = 64
 """Size of each of a ROI's two headers, bytes."""
@@ -69,31 +67,23 @@ def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
 
 def _entries(source: Source) -> Iterator[bytes]:
     """Unpack the files that are ROIs by their names, one after the other, within the limits."""
-    with open_regular(source.path) as file, ExitStack() as inside:
+    with open_regular(source.path) as file:
         if source.path.suffix.lower() == ".roi":
             source.place = source.path.name
-            yield _limited(source, file, MAX_ENTRY)
+            yield file.read()
             return
-        broken = blamed(lambda why: source.error(f"not a zip of ROIs ({why})"), Exception)
-        inside.enter_context(broken)  # zipfile raises anything on a broken archive
-        archive, room = inside.enter_context(zipfile.ZipFile(file)), MAX_BYTES
-        for info in archive.infolist():
-            name = Path(info.filename).name  # macOS packs a file ._NAME with each one
-            if name.lower().endswith(".roi") and not name.startswith("._"):
-                source.place = info.filename
-                with archive.open(info) as packed:
-                    content = _limited(source, packed, min(MAX_ENTRY, room))
-                room -= len(content)
-                yield content
-        if archive.namelist() and not source.place:
-            raise source.error("holds no ImageJ ROI (a file with the ending .roi)")
-
-
-def _limited(source: Source, file: IO[bytes], most: int) -> bytes:
-    content = file.read(most + 1)
-    if len(content) > most:
-        raise source.error("too large when unpacked")
-    return content
+        # zipfile raises anything on a broken archive.
+        with blamed(lambda why: source.error(f"not a zip of ROIs ({why})"), Exception):
+            archive, room = zipfile.ZipFile(file), MAX_BYTES
+            for info in archive.infolist():
+                name = Path(info.filename).name  # macOS packs a file ._NAME with each one
+                if name.lower().endswith(".roi") and not name.startswith("._"):
+                    source.place, room = info.filename, room - info.file_size
+                    if room < 0:
+                        raise source.error("too large when unpacked")
+                    yield archive.read(info)
+            if archive.namelist() and not source.place:
+                raise source.error("holds no ImageJ ROI (a file with the ending .roi)")
 
 
 def _require_whole(content: bytes) -> None:
