@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from napari_splinesketch.labels import table
-from napari_splinesketch.labels.csv_columns import read_curves
 from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.types import AnyLabels, Label, in_frames
 
@@ -48,7 +47,7 @@ def read(source: Source) -> Iterator[Label]:
     drawn on another grid than the image's; with three axes the first is the frame, rounded.
     """
     by, count = ("frame", "index"), "vertex-index"
-    for lines, columns in read_curves(source, KINDS, HEADER, by, count, check=_check_axes):
+    for lines, columns in table.read_curves(source, KINDS, HEADER, by, count, check=_check_axes):
         kind = columns["shape-type"]
         if kind not in LINES + AREAS:
             allowed = ", ".join(LINES + AREAS)
