@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shutil
 import signal
 import stat
 import subprocess
@@ -109,23 +108,6 @@ def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_made(
     with pytest.raises(KeyboardInterrupt), atomic("a.csv"):
         pass
     assert os.listdir() == []
-
-
-def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_removed(
-    inside: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rmtree, calls = shutil.rmtree, []
-
-    def interrupted(*given, **options) -> None:
-        calls.append(given)
-        if len(calls) == 1:
-            raise KeyboardInterrupt
-        rmtree(*given, **options)
-
-    monkeypatch.setattr(shutil, "rmtree", interrupted)
-    with pytest.raises(KeyboardInterrupt), atomic("a.csv") as temporary:
-        temporary.write_text("whole")
-    assert os.listdir() == ["a.csv"]
 
 
 FULL: dict[str, Exception] = {

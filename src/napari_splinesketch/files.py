@@ -10,7 +10,6 @@ import stat
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
@@ -206,16 +205,12 @@ def counted(number: int, thing: str) -> str:
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
     folder = target.parent / f".{uuid4().hex}.part"
-    clear = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
         with _named(target):
             folder.mkdir(0o700)
         yield folder
     finally:
-        try:
-            clear()
-        finally:  # once more, should Ctrl-C have stopped it
-            clear()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

@@ -1,12 +1,9 @@
 """SLEAP: one instance per body, one track per identity, nodes along the body; (x, y) in pixels."""
 
-import json
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from napari_splinesketch.labels.coco import image_name
 from napari_splinesketch.labels.format import Format
@@ -43,17 +40,6 @@ def write(path: Path, labels: AnyLabels) -> None:
         provenance={"napari-splinesketch": head_of(labels.head)},
     )
     sleap_io.save_slp(made, str(path), embed=False, verbose=False)
-    _name_itself(path, path.name)
-
-
-def _name_itself(file: Path, name: str) -> None:
-    """Replace the temporary file's path, which sleap-io stores, by its name."""
-    h5py = import_module("h5py")
-    with h5py.File(file, "r+") as store:
-        attributes = store["metadata"].attrs
-        metadata = json.loads(attributes["json"])
-        metadata["provenance"]["filename"] = name
-        attributes["json"] = np.bytes_(json.dumps(metadata))
 
 
 LOSSES = (
