@@ -218,7 +218,7 @@ class Format:
             "review": facts.reviewed or facts.locked,
             "sampling": len(facts.sizes) > 1,
             "width": facts.without_width,
-            "radius": facts.without_radius,
+            "radius": facts.without_width,
             "frames": facts.frames > 1,
             "shape": head.shape is None,
             "empty": head.scale and not facts.count,

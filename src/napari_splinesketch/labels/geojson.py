@@ -1,7 +1,7 @@
 """GeoJSON as QuPath reads and writes it: one line per body, (x, y) from the image's corner."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,36 +59,35 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
-    """Give each line, and whether it has a number.
+    """Give each line, and whether it was written by us, with a number.
 
     Planes are the frames of lines that were not written by us, where all are at time 0.
     """
-    others = list[tuple[Label, int]]()
-    for label, z in _found(source):
-        if z is None:
-            yield label, True
-        else:
-            others.append((label, z))
+    root, others = json_tree.read_json(source.path), list[tuple[Label, int]]()
+    if OURS in root:
+        source.head = json_tree.read_head(root[OURS])
+    for feature in _features(root):
+        for label, z in _labels(source, feature):
+            if z is None:
+                yield label, True
+            else:
+                others.append((label, z))
     timed = any(label.frame for label, _ in others)
     yield from ((label if timed else replace(label, frame=z), False) for label, z in others)
 
 
-def _found(source: Source) -> Iterator[tuple[Label, int | None]]:
-    """Give each line, and the plane of those that were not written by us."""
-    root = json_tree.read_json(source.path)
-    single = isinstance(root.value, dict) and "features" not in root
-    if single and "type" not in root:
+def _features(root: json_tree.Node) -> Iterable[json_tree.Node]:
+    if isinstance(root.value, list):
+        return root
+    if not {"features", "type"} & root.expected(dict).keys():
         raise root.error("has no 'type': neither GeoJSON nor another format that is read")
-    if single and root["type"].expected(str) != "FeatureCollection":
-        yield from _labels(source, root)
-    else:
-        for feature in root if isinstance(root.value, list) else root["features"]:
-            yield from _labels(source, feature)
-    if OURS in root:
-        source.head = json_tree.read_head(root[OURS])
+    if "features" in root or root["type"].expected(str) == "FeatureCollection":
+        return root["features"]
+    return [root]
 
 
 def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, int | None]]:
+    """Give each line of a feature, and the plane of those that were not written by us."""
     geometry = feature["geometry"] if "geometry" in feature else feature
     kind = geometry["type"].expected(str)
     if kind in OTHERS:

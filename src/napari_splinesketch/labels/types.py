@@ -229,9 +229,7 @@ class Facts:
     reach: tuple[float, ...] = (1.0, 1.0)
     """(H, W) of the smallest image from (0, 0) that holds all bodies, px."""
     without_width: int = 0
-    without_radius: int = 0
-    """`without_width` and `without_radius`: how many have a half-width that is not known somewhere;
-    or is not above 0."""
+    """How many have a half-width that is not known somewhere."""
     reviewed: bool = False
     locked: bool = False
     """`reviewed` and `locked`: whether the user has accepted or rejected one, and locked one."""
@@ -248,7 +246,6 @@ class Facts:
             far = label.points.max(axis=0) + np.nan_to_num(label.half_width).max()
             facts.reach = tuple(np.maximum(facts.reach, np.ceil(far) + 1).tolist())
             facts.without_width += not np.all(np.isfinite(label.half_width))
-            facts.without_radius += not np.all(label.half_width > 0)
             facts.reviewed |= label.review != "open"
             facts.locked |= label.locked
             latest = label.frame
