@@ -131,8 +131,8 @@ MALFORMED = {
     "twice": ([feature(LINE, splinesketch=OURS)] * 2, "[1].geometry.coordinates", "occurs twice"),
     "scale": (
         {"type": "FeatureCollection", "features": [], "splinesketch": {"scale": [1]}},
-        "splinesketch.scale",
-        "expected 2",
+        "splinesketch",
+        "scale is [1]; expected (y, x) size of a pixel",
     ),
     "units alone": (
         {"type": "FeatureCollection", "features": [], "splinesketch": {"units": "µm"}},

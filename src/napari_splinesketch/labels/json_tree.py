@@ -180,10 +180,10 @@ def head_of(head: Labels) -> dict[str, object]:
 
 def read_head(head: Node) -> Labels:
     """Read what `head_of` wrote, without labels; members may be missing."""
+    scale, shape = (head.member(name, list, None) for name in ("scale", "shape"))
     units, provenance = head.member("units", str, None), head.member("provenance", dict, {})
-    shape = _pair(head, "shape")
-    with blamed(head.error):
-        return Labels((), _pair(head, "scale"), units, cast(Any, shape), provenance)
+    with blamed(head.error, Exception):  # there may be anything in the lists
+        return Labels((), scale, units, shape, provenance)
 
 
 def own_members(label: Label, unit: str = "") -> dict[str, object]:
@@ -206,12 +206,3 @@ def read_own(
     status, review = own["status"].expected(str), own.member("review", str, "open")
     locked = own.member("locked", bool, False)
     return Label(frame, curve, points, half_width, sd, cast(Any, status), cast(Any, review), locked)
-
-
-def _pair(head: Node, name: str) -> tuple[float, float] | None:
-    if name not in head:
-        return None
-    values = [node.integer() if name == "shape" else node.number() for node in head[name]]
-    if len(values) != 2:
-        raise head[name].error(f"its length is {len(values)}; expected 2")
-    return values[0], values[1]
