@@ -6,6 +6,7 @@ Needs a display; without one: xvfb-run -s "-screen 0 1400x900x24" python docs/fi
 The settings and the saved work of whoever runs it are left alone.
 """
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from PIL import Image, ImageDraw
 
 from napari_splinesketch import refine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, View, follow
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "benchmarks"))
+from generated_films import Film, film
 
 HIDES, SHOWN = 7_004, (-4, -1, 1, 3, 5, 8)
 """The film in which a body hides, and frames of it: from the first in which it is hidden."""

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import perturbations
 import pytest
 from scipy.ndimage import map_coordinates
 
@@ -183,25 +184,25 @@ def test_rotation_keeps_centroid_and_length():
 
 
 def test_displacement():
-    np.testing.assert_allclose(synthetic.displace(CURVE, 10) - CURVE, [[10, 0]] * 100)
-    np.testing.assert_allclose(synthetic.displace(CURVE, 10, 90) - CURVE, [[0, 10]] * 100)
-    moved = synthetic.displace(CURVE, 10, np.random.default_rng(0)) - CURVE
+    np.testing.assert_allclose(perturbations.displace(CURVE, 10) - CURVE, [[10, 0]] * 100)
+    np.testing.assert_allclose(perturbations.displace(CURVE, 10, 90) - CURVE, [[0, 10]] * 100)
+    moved = perturbations.displace(CURVE, 10, np.random.default_rng(0)) - CURVE
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 10)
 
 
 def test_scaling():
-    small = synthetic.scale(CURVE, 0.7)
+    small = perturbations.scale(CURVE, 0.7)
     assert arc_length(small) == pytest.approx(0.7 * arc_length(CURVE))
     np.testing.assert_allclose(small.mean(axis=0), CURVE.mean(axis=0))
 
 
 def test_chord_and_axis_line():
-    np.testing.assert_array_equal(synthetic.chord(CURVE), CURVE[[0, -1]])
-    axis = synthetic.axis_line(CURVE)
+    np.testing.assert_array_equal(perturbations.chord(CURVE), CURVE[[0, -1]])
+    axis = perturbations.axis_line(CURVE)
     assert arc_length(axis) == pytest.approx(arc_length(CURVE), rel=1e-3)
     assert np.dot(*np.diff(np.stack([axis, CURVE[[0, -1]]]), axis=1)[:, 0]) > 0
     straight = np.array([[10.0, 20.0], [40.0, 60.0]])
-    np.testing.assert_allclose(synthetic.axis_line(straight), straight)
+    np.testing.assert_allclose(perturbations.axis_line(straight), straight)
 
 
 def test_compression_loses_less_with_more_components():

@@ -16,6 +16,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import perturbations
 import scipy.optimize
 from result_tables import markdown
 from rows import FOLDER
@@ -42,7 +43,7 @@ class Problem:
         """Set up the first level of a fit."""
         made = synthetic.scene(seed, bodies=1)
         ((_, seen),) = scene.read_scenes(made.image, made.centrelines, "auto", None)
-        line = synthetic.displace(made.centrelines[0], 2, np.random.default_rng(seed))
+        line = perturbations.displace(made.centrelines[0], 2, np.random.default_rng(seed))
         theta, priors = bands.begin([(line, seen.half_width, 1.0)], KNOTS, seen)
         pixels = [bands.band_pixels(fitting.lines_of(theta)[0], 8.0, seen.valid)]
         free = np.zeros((1, 2 * KNOTS, 2 * KNOTS))

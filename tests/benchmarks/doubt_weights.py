@@ -24,6 +24,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import frames
 import numpy as np
+import perturbations
 from jaxtyping import Bool, Float
 from path_weights import CELLS, grey, tunable
 from real_cases import FOLDERS, Case, by_arc, jittered
@@ -98,7 +99,7 @@ def _clicked(line, hand: str, random: np.random.Generator) -> Float[np.ndarray, 
     if hand == "turned":
         return synthetic.rotate(points, off * random.choice([-1, 1]))
     if hand == "moved":
-        return synthetic.displace(points, off, random)
+        return perturbations.displace(points, off, random)
     return points + random.normal(0, off, points.shape)
 
 

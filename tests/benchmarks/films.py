@@ -30,6 +30,7 @@ os.environ["JAX_PLATFORMS"] = "cpu"
 
 import numpy as np
 import tifffile
+from generated_films import Film, film
 from insert import insert
 
 from napari_splinesketch import refine, suggest
@@ -37,7 +38,6 @@ from napari_splinesketch.batch.local import Local
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.metrics import average_dtw, normal_distances
 from napari_splinesketch.synthetic.bodies import crosses
-from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, View, follow
 
 ROOT = Path(__file__).parents[2]

@@ -5,6 +5,7 @@ from functools import lru_cache
 from zlib import crc32
 
 import numpy as np
+import perturbations
 
 from napari_splinesketch import synthetic
 
@@ -81,15 +82,15 @@ def spoil(curve: np.ndarray, kind: str, strength: float, rng: np.random.Generato
     if kind == "rotation":
         return synthetic.rotate(curve, strength * rng.choice([-1, 1]))
     if kind == "displacement":
-        return synthetic.displace(curve, strength, rng)
+        return perturbations.displace(curve, strength, rng)
     if kind == "scaling":
-        return synthetic.scale(curve, strength)
+        return perturbations.scale(curve, strength)
     if kind == "pca":
         return synthetic.compress(curve, int(strength))
     if kind == "chord":
-        return synthetic.chord(curve)
+        return perturbations.chord(curve)
     if kind == "axis":
-        return synthetic.axis_line(curve)
+        return perturbations.axis_line(curve)
     if kind == "part":
         count = round(strength * len(curve))
         first = rng.integers(len(curve) - count + 1)

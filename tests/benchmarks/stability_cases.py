@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import perturbations
 import stability_scenes as scenes
 from stability_case import Case, Expects, Trial
 from stability_scenes import Drawn, Line
@@ -31,7 +32,7 @@ def _case(group: str, what: str, should: str, expects: Expects = "found"):
 def _rough(rng: np.random.Generator, line: Line, degrees: float = 10.0, far: float = 3.0) -> Line:
     """A hand-drawn line: eight points of the truth, turned and moved a little."""
     turned = synthetic.rotate(line, rng.uniform(-degrees, degrees))
-    moved = synthetic.displace(turned, far * rng.random(), rng)
+    moved = perturbations.displace(turned, far * rng.random(), rng)
     return moved[np.linspace(0, len(line) - 1, 8).round().astype(int)]
 
 
@@ -63,7 +64,7 @@ def parallel(rng):
 @_case(BODIES, "the same, sketched by straight lines between their ends", "both found")
 def parallel_chords(rng):
     made = scenes.parallel(rng)
-    return Trial(made.image, [synthetic.chord(t) for t in made.truths], made.truths)
+    return Trial(made.image, [perturbations.chord(t) for t in made.truths], made.truths)
 
 
 @_case(BODIES, "two sketches on one body", "both curves are marked", "marked")
@@ -100,7 +101,7 @@ def neighbour(rng):
 )
 def tangle(rng):
     made = scenes.usual(rng, 6, shape=(170, 180), crossing=True, shared=0.5)
-    return Trial(made.image, [synthetic.chord(t) for t in made.truths], made.truths)
+    return Trial(made.image, [perturbations.chord(t) for t in made.truths], made.truths)
 
 
 @_case(IMAGES, "a body of which 15 to 45 % lie outside the frame", "found as far as it can be seen")
@@ -191,7 +192,7 @@ def too_short(rng, line):
 
 @_spoilt("a sketch 25 px away", "found or marked", "either", bodies=1)
 def far_off(rng, line):
-    return synthetic.displace(line, 25, rng)
+    return perturbations.displace(line, 25, rng)
 
 
 @_spoilt("drawn from the other end", "found")
@@ -202,7 +203,7 @@ def reversed_sketch(rng, line):
 @_spoilt("a straight line from end to end", "found")
 def two_points(rng, line):
     del rng
-    return synthetic.chord(line)
+    return perturbations.chord(line)
 
 
 @_spoilt("10,000 points with a shaking hand", "found")

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields
 
 import methods
 import numpy as np
+import perturbations
 from stability_rows import FOLDER
 
 from napari_splinesketch import refine, synthetic
@@ -49,7 +50,8 @@ class Line:
 def jittered(rng: np.random.Generator, sketch: np.ndarray) -> np.ndarray:
     """Turn a sketch by up to 15 degrees, stretch it by up to a fifth, move it by up to 3 px."""
     turned = synthetic.rotate(sketch, rng.uniform(-15, 15))
-    return synthetic.displace(synthetic.scale(turned, rng.uniform(0.8, 1.2)), 3 * rng.random(), rng)
+    stretched = perturbations.scale(turned, rng.uniform(0.8, 1.2))
+    return perturbations.displace(stretched, 3 * rng.random(), rng)
 
 
 def run(deadline: float) -> None:

@@ -1,6 +1,7 @@
 """From spoilt labels to the bodies of generated frames, which are drawn by another model."""
 
 import numpy as np
+import perturbations
 import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
@@ -10,8 +11,8 @@ from napari_splinesketch.metrics import average_dtw, normal_distance
 
 SPOILT = {
     "rotated": lambda c, seed: synthetic.rotate(c, 20 * (-1) ** seed),
-    "displaced": lambda c, seed: synthetic.displace(c, 10, 77.0 * seed),
-    "shrunk": lambda c, seed: synthetic.scale(c, 0.7),
+    "displaced": lambda c, seed: perturbations.displace(c, 10, 77.0 * seed),
+    "shrunk": lambda c, seed: perturbations.scale(c, 0.7),
 }
 FRAMES = 4
 

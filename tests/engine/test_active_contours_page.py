@@ -5,6 +5,7 @@ import textwrap
 from pathlib import Path
 
 import numpy as np
+import perturbations
 
 from napari_splinesketch import synthetic
 from napari_splinesketch.metrics import average_dtw
@@ -18,7 +19,7 @@ BLOCKS = [
 
 def test_one_call_replaces_an_active_contour() -> None:
     scene = synthetic.scene(1, polarity="bright")
-    sketch = synthetic.displace(scene.centrelines[0], 2, 30)
+    sketch = perturbations.displace(scene.centrelines[0], 2, 30)
     found = {}
     for name, block in zip(("contour", "ours"), BLOCKS[:2], strict=True):
         assert len([line for line in block.splitlines() if line]) <= 5

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import perturbations
 import pytest
 from scipy import ndimage
 from skimage import io
@@ -352,7 +353,7 @@ def test_a_clicked_sketch_is_not_left_for_a_body_of_another_shape(monkeypatch):
 @pytest.mark.parametrize("seed", [5, 6, 9])
 def test_a_line_drawn_too_short_still_means_the_whole_body(seed):
     made = synthetic.scene(seed, bodies=2)
-    sketches = [synthetic.scale(line, 0.6) for line in made.centrelines]
+    sketches = [perturbations.scale(line, 0.6) for line in made.centrelines]
     for curve, line in zip(refine(made.image, sketches).curves, made.centrelines, strict=True):
         assert average_dtw(curve.points, line) < 2
 

@@ -6,6 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import perturbations
 import pytest
 
 from napari_splinesketch import refine, synthetic
@@ -48,8 +49,8 @@ def points(found: PaperFit) -> list[np.ndarray]:
 
 PERTURBATIONS = {
     "rotated": lambda c, seed: synthetic.rotate(c, 20 * (-1) ** seed),
-    "displaced": lambda c, seed: synthetic.displace(c, 10, 70 * seed),
-    "shrunk": lambda c, seed: synthetic.scale(c, 0.7),
+    "displaced": lambda c, seed: perturbations.displace(c, 10, 70 * seed),
+    "shrunk": lambda c, seed: perturbations.scale(c, 0.7),
 }
 
 
@@ -68,7 +69,7 @@ def test_one_body_is_found_from_a_spoilt_label(kind) -> None:
 
 def test_ends_that_were_drawn_outside_of_the_image_come_back() -> None:
     scene, image = frame(0)
-    sketch = synthetic.scale(scene.centrelines[0], 1.7)
+    sketch = perturbations.scale(scene.centrelines[0], 1.7)
     assert (sketch[:, 0] > SHAPE[0]).any() and (sketch < 0).any()
     found = fit(image, [sketch])
     assert (found.knots[0, :, :2] >= 0).all() and (found.knots[0, :, :2] < SHAPE).all()
@@ -78,7 +79,7 @@ def test_ends_that_were_drawn_outside_of_the_image_come_back() -> None:
 @pytest.fixture(scope="module")
 def crossing():
     scene, image = frame(4, bodies=2)
-    sketches = [synthetic.displace(c, 4, 45) for c in scene.centrelines]
+    sketches = [perturbations.displace(c, 4, 45) for c in scene.centrelines]
     return scene, image, sketches, fit(image, sketches)
 
 

@@ -4,6 +4,7 @@ import threading
 import time
 
 import numpy as np
+import perturbations
 import pytest
 
 from napari_splinesketch import refine, synthetic
@@ -21,7 +22,7 @@ def cores(request, monkeypatch) -> int:
 
 def crowd() -> tuple[np.ndarray, list[np.ndarray]]:
     made = synthetic.scene(3, bodies=24, shape=(320, 330), length=45, crossing=False)
-    return made.image, [synthetic.displace(c, 2, 40) for c in made.centrelines]
+    return made.image, [perturbations.displace(c, 2, 40) for c in made.centrelines]
 
 
 def test_heaps_of_curves_that_touch_stay_whole(monkeypatch):

@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import perturbations
 import pytest
 
 from napari_splinesketch import metrics, synthetic
@@ -27,7 +28,7 @@ class Problem:
     def __init__(self):
         self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, length=80)
         self.seen = seen_of(self.frame)
-        beside = [(synthetic.displace(c, 2, 40), 3.0, 1.0) for c in self.frame.centrelines]
+        beside = [(perturbations.displace(c, 2, 40), 3.0, 1.0) for c in self.frame.centrelines]
         self.theta, self.priors = bands.begin(beside, KNOTS, self.seen)
         self.pixels = [
             bands.band_pixels(line, 8.0, self.seen.valid) for line in fitting.lines_of(self.theta)
@@ -140,7 +141,7 @@ def test_curves_abreast_step_as_they_do_one_after_the_other(problem):
 
 def test_two_crossing_bodies_are_both_recovered(problem):
     for body, truth in zip(problem.fitted(), problem.frame.centrelines, strict=True):
-        before = metrics.average_dtw(synthetic.displace(truth, 2, 40), truth)
+        before = metrics.average_dtw(perturbations.displace(truth, 2, 40), truth)
         assert metrics.average_dtw(body.points(), truth) < 0.7 < before
         assert 0 <= body["overlap"] <= 1
 

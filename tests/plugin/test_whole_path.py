@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from perturbations import displace
 
 from napari_splinesketch.labels import read_labels
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.plugin import engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.synthetic import displace, rotate, scene
+from napari_splinesketch.synthetic import rotate, scene
 
 from .hand import (
     QTest,

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from generated_films import Film, film
 
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import Body, Tracked, View, follow
 from napari_splinesketch.tracking.events import border, parts
 

@@ -6,10 +6,10 @@ from weakref import WeakSet
 
 import numpy as np
 import pytest
+from generated_films import Film, film
 
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
-from napari_splinesketch.synthetic.films import Film, film
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
 from napari_splinesketch.tracking.bodies import curve_inferred
 from napari_splinesketch.tracking.drift import ShownPlaces

@@ -1,4 +1,6 @@
-"""Random shapes of bodies, and where they lie in the frame."""
+"""Random shapes of bodies, where they lie in the frame, and lines that are less exact."""
+
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +11,8 @@ from napari_splinesketch.metrics import POINTS, resample
 _BEND_SD = (1.3, 2.1, 1.9, 1.1)
 _TRIES = 4000
 _TRIES_PER_SHAPE = 20
+_POPULATION = 1000
+_POPULATION_SEED = 2025
 
 Points = Float[np.ndarray, "N 2"]
 
@@ -108,3 +112,36 @@ def crosses(a: Points, b: Points) -> bool:
 
 def _cross(a: Float[np.ndarray, "*N 2"], b: Float[np.ndarray, "*N 2"]) -> Float[np.ndarray, "*N"]:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def rotate(curve: Points, degrees: float) -> Points:
+    """Turn an (N, 2) curve about its centroid, from the row axis towards the col axis."""
+    angle = np.deg2rad(degrees)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    centre = curve.mean(axis=0)
+    return (curve - centre) @ turn + centre
+
+
+def compress(curve: Points, components: int = 2) -> Points:
+    """Curve (100, 2) as the nearest one that a few principal components can describe.
+
+    The components are those of a fixed population of generated curves, each moved to its
+    centroid and divided by its length; rotation is left in, so that the first two are nearly
+    straight lines along the two axes.
+    """
+    even = resample(curve)
+    centre = even.mean(axis=0)
+    length = np.linalg.norm(np.diff(even, axis=0), axis=1).sum()
+    mean, basis = _basis()
+    scores = basis[:components] @ ((even - centre).ravel() / length - mean)
+    shape = mean + scores @ basis[:components]
+    return centre + length * shape.reshape(-1, 2)
+
+
+@cache
+def _basis() -> tuple[Float[np.ndarray, "200"], Float[np.ndarray, "200 200"]]:
+    """Mean and principal components, largest first, of the population of generated curves."""
+    rng = np.random.default_rng(_POPULATION_SEED)
+    shapes = np.stack([random_curve(rng, 1.0, 0.03, 1.0).ravel() for _ in range(_POPULATION)])
+    mean = shapes.mean(axis=0)
+    return mean, np.linalg.svd(shapes - mean, full_matrices=True)[2]

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from napari_splinesketch.synthetic.bodies import place
 from napari_splinesketch.synthetic.drawing import (
     Finish,
+    Look,
     Points,
     draw_bodies,
     specks_of,
@@ -15,7 +16,6 @@ from napari_splinesketch.synthetic.drawing import (
     taper,
     texture_of,
 )
-from napari_splinesketch.synthetic.look import Look
 
 _LENGTHS = (0.8, 1.1)
 _WIDTHS = (0.83, 1.17)

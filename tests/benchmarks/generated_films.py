@@ -9,13 +9,13 @@ from jaxtyping import Bool, Float
 from napari_splinesketch.metrics import POINTS
 from napari_splinesketch.synthetic.drawing import (
     Finish,
+    Look,
     Points,
     draw_bodies,
     taken,
     taper,
     texture_of,
 )
-from napari_splinesketch.synthetic.look import Look
 
 Motion = Literal["crawl", "swim", "glide", "still"]
 _SPEEDS = (0.7, 1.3)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from generated_films import film
 from scipy.ndimage import map_coordinates
 
 from napari_splinesketch.synthetic.bodies import crosses
-from napari_splinesketch.synthetic.films import film
 
 SMALL = {"frames": 14, "bodies": 2, "length": 40.0, "shape": (120, 100), "speed": 3.0}
 
