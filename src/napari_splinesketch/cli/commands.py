@@ -15,6 +15,10 @@ from napari_splinesketch.batch.reports import words
 from napari_splinesketch.cli import jobs, report, terminal
 from napari_splinesketch.cli.options import add_options, given
 from napari_splinesketch.files import counted, is_inside
+from napari_splinesketch.images.frames import open_frames
+from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
+from napari_splinesketch.labels.types import ByFrame
+from napari_splinesketch.training import export_training
 
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
@@ -22,31 +26,19 @@ if TYPE_CHECKING:
 KEPT = "finished frames are kept; add --resume to continue"
 
 
-class _Parser(argparse.ArgumentParser):
-    """Keeps the line breaks of its texts, and builds long ones only when they are shown."""
-
-    def __init__(self, *given: Any, **more: Any) -> None:
-        super().__init__(
-            *given, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **more
-        )
-
-    text: Callable[[], str] | None = None
-
-    def format_help(self) -> str:
-        self.description = self.text() if self.text else self.description
-        return super().format_help()
-
-
 def make_parser() -> argparse.ArgumentParser:
     """Build the parser of the whole command line."""
-    parser = _Parser("napari-splinesketch", description=jobs.ABOUT, epilog=jobs.EXIT_CODES)
+    alike = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    parser = argparse.ArgumentParser(
+        "napari-splinesketch", description=jobs.ABOUT, epilog=jobs.EXIT_CODES, **alike
+    )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (options, _) in COMMANDS.items():
         summary = (options.__doc__ or "").partition(".")[0]
-        command = commands.add_parser(name, help=summary[:1].lower() + summary[1:])
-        command.text = partial(jobs.help_of, options)
-        add_options(command, options)
+        summary = summary[:1].lower() + summary[1:]
+        text = jobs.help_of(options)
+        add_options(commands.add_parser(name, help=summary, description=text, **alike), options)
     return parser
 
 
@@ -115,10 +107,6 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
 
 
 def _convert(job: jobs.ConvertJob) -> int:
-    from napari_splinesketch.labels import write_labels
-    from napari_splinesketch.labels.formats import open_labels
-    from napari_splinesketch.labels.types import ByFrame
-
     with job.owning():
         labels = open_labels(job.source)
         if job.scale:
@@ -134,7 +122,6 @@ def _convert(job: jobs.ConvertJob) -> int:
 
 def _compare(job: jobs.CompareJob) -> int:
     from napari_splinesketch.cli import comparing
-    from napari_splinesketch.labels import read_labels
 
     with job.owning():
         labels, truth = read_labels(job.labels), read_labels(job.truth)
@@ -146,9 +133,6 @@ def _compare(job: jobs.CompareJob) -> int:
 
 
 def _export_training(job: jobs.TrainingJob) -> int:
-    from napari_splinesketch.images.frames import open_frames
-    from napari_splinesketch.training import export_training
-
     if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
         raise ValueError(
             f"{job.output} contains a file that is read, and is not replaced; choose another name"

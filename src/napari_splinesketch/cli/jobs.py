@@ -11,7 +11,8 @@ from napari_splinesketch.cli.options import check, declared, opt
 from napari_splinesketch.engine.settings import Asked, Look
 from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.images.frames import is_part_of
-from napari_splinesketch.training.split import Split
+from napari_splinesketch.labels.formats import READERS, WRITERS, writer_of
+from napari_splinesketch.training import Split
 
 TIFF = (".tif", ".tiff")
 PICTURE = (".png", ".jpg", ".tif")
@@ -101,14 +102,12 @@ class ImageJob(Job):
 class FrameJob(ScaledJob, ImageJob, Look):
     """A command that goes through the frames of an image."""
 
-    output: Path = opt("file of labels to write", "LABELS", short="-o", role="written")
+    output: Path = opt("file of labels to write", "LABELS", role="written")
     resume: bool = opt("continue an interrupted run of this command", default=False)
     verbose: bool = opt("report every curve, not one line per frame", default=False)
 
     def check(self) -> None:
         """Refuse outputs that could not be written, before it has cost any time."""
-        from napari_splinesketch.labels.formats import writer_of
-
         writer_of(self.output)
         super().check()
 
@@ -233,7 +232,7 @@ class DemoJob(Job):
     """
 
     output: Path | None = opt(
-        "open no window; write the results into this folder", "FOLDER", short="-o", default=None
+        "open no window; write the results into this folder", "FOLDER", default=None
     )
     verbose: bool = opt("report every curve", default=False)
 
@@ -307,7 +306,7 @@ class TrainingJob(ImageJob, Split):
     """
 
     labels: Path = opt(metavar="LABELS", role="read")
-    output: Path = opt("folder to write", "FOLDER", short="-o")
+    output: Path = opt("folder to write", "FOLDER")
     keep: Literal["accepted", "good"] = opt(
         "keep the curves that were accepted, or all that are good and not rejected "
         "(default: {default})",
@@ -345,13 +344,9 @@ Each command has its own help: napari-splinesketch refine --help"""
 
 
 def help_of(command: type[Job]) -> str:
-    """Give a command's help; the formats are only imported here, since that takes a moment."""
-    text = cleandoc(command.__doc__ or "").partition("\n\n")[2]
-    if "{formats}" in text:
-        from napari_splinesketch.labels.formats import READERS, WRITERS
-
-        written = (f"  {form.suffix:18} {form.name}" for form in WRITERS)
-        read = (f"  {', '.join(form.endings):18} {form.name}" for form in READERS)
-        listed = "\n".join(["formats written:", *written, "", "formats read:", *read])
-        text = text.replace("{formats}", listed)
+    """Give a command's help."""
+    written = (f"  {form.suffix:18} {form.name}" for form in WRITERS)
+    read = (f"  {', '.join(form.endings):18} {form.name}" for form in READERS)
+    listed = "\n".join(["formats written:", *written, "", "formats read:", *read])
+    text = cleandoc(command.__doc__ or "").partition("\n\n")[2].replace("{formats}", listed)
     return f"{text}\n\n{EXIT_CODES}" if issubclass(command, FrameJob) else text

@@ -20,8 +20,6 @@ class Opt:
     least: float = -math.inf
     most: float = math.inf
     """`above`, `least` and `most`: which numbers are allowed."""
-    short: str = ""
-    """A second, short name."""
     flag: str = ""
     """Its name, with the dashes; that of the field if none is declared."""
     role: Literal["", "read", "written"] = ""
@@ -71,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser, options: type) -> None:
         if not opt.help:
             parser.add_argument(one.name, metavar=opt.metavar, type=kind)
             continue
-        flags = [*([opt.short] if opt.short else []), opt.flag]
+        flags = ["-o", opt.flag] if one.name == "output" else [opt.flag]
         text = opt.help.replace("{default}", str(one.default)).replace("%", "%%")
         more: dict[str, Any] = {"dest": one.name, "help": text}
         if kind is bool:
