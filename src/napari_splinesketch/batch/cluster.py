@@ -23,7 +23,6 @@ class Cluster:
 
     def __init__(self, address: str) -> None:
         self._address = address
-        self._inside = ExitStack()
         self._asked, self._room = -FRESH, 1
 
     def __enter__(self) -> Self:
@@ -38,23 +37,23 @@ class Cluster:
         # Dask's messages at the end of a connection are replaced by one sentence of ours.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
-            _knock(self._address)
             client = Client(self._address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:  # no answer, or no address at all
             raise ValueError(
                 f"--scheduler {self._address}: no scheduler answers there ({error}); start one "
                 "with `dask scheduler`, which prints its address"
             ) from None
-        self._client = self._inside.enter_context(client)
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE)
-        except TimeoutError:
-            self._inside.close()
-            raise ValueError(
-                f"--scheduler {self._address} has no workers; start some with "
-                f"`dask worker {self._address} --nworkers auto --nthreads 1`"
-            ) from None
-        self._executor = self._inside.enter_context(client.get_executor(pure=False))
+        with ExitStack() as inside:
+            self._client = inside.enter_context(client)
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE)
+            except TimeoutError:
+                raise ValueError(
+                    f"--scheduler {self._address} has no workers; start some with "
+                    f"`dask worker {self._address} --nworkers auto --nthreads 1`"
+                ) from None
+            self._executor = inside.enter_context(client.get_executor(pure=False))
+            self._inside = inside.pop_all()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -75,20 +74,3 @@ class Cluster:
     def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
         """Give a task to the cluster."""
         return self._executor.submit(work, task)
-
-
-def _knock(address: str) -> None:
-    """Raise what Dask raises where no scheduler answers.
-
-    A client that finds none would leave a thread behind that nobody can close.
-    """
-    from distributed import Security
-    from distributed.comm.core import connect
-    from distributed.utils import LoopRunner
-
-    async def greet() -> None:
-        certificates = Security().get_connection_args("client")  # as a client finds them
-        comm = await connect(address, timeout=PATIENCE, **certificates)
-        await comm.close()
-
-    LoopRunner().run_sync(greet)
