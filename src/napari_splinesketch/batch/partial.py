@@ -27,11 +27,11 @@ class Partial:
     """
 
     def __init__(self, output: Path, settings: Mapping[str, object], *, resume: bool) -> None:
-        self.folder = _folder_of(output)
+        self.folder = output.with_name(f"{output.name}.partial")
         self._note = self.folder / "run.json"
         self._mine = json.loads(json.dumps(settings))
         if not self._note.exists():
-            if os.path.lexists(self.folder) and not _is_empty(self.folder):
+            if os.path.lexists(self.folder):
                 raise ValueError(
                     f"{self.folder} is in the way: finished frames are kept in a folder of this "
                     "name; move it, or choose another name for the output"
@@ -127,17 +127,6 @@ class Partial:
     def _path(self, frame: int, suffix: str) -> Path:
         # Folders with a million files are slow on many file systems.
         return self.folder / f"{frame // FRAMES_A_FOLDER:06d}" / f"frame-{frame:09d}{suffix}"
-
-
-def _folder_of(output: Path) -> Path:
-    return output.with_name(f"{output.name}.partial")
-
-
-def _is_empty(folder: Path) -> bool:
-    """Tell whether a folder holds nothing, or what was left when a run was killed at its start."""
-    if not folder.is_dir() or folder.is_symlink():
-        return False
-    return all(path.name.endswith(".part") for path in folder.iterdir())
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import as_file, files
+from itertools import chain, count
 from pathlib import Path
 
 from napari_splinesketch.cli.jobs import DemoJob, RefineJob
@@ -31,11 +32,8 @@ def why_no_window() -> str | None:
 
 def free_folder() -> Path:
     """Give the first name for a folder that is free."""
-    folder, number = Path(FOLDER), 1
-    while folder.exists():
-        number += 1
-        folder = Path(f"{FOLDER}-{number}")
-    return folder
+    names = chain([FOLDER], (f"{FOLDER}-{number}" for number in count(2)))
+    return next(folder for folder in map(Path, names) if not folder.exists())
 
 
 @contextmanager

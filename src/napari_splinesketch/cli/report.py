@@ -47,17 +47,12 @@ def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
                 if one.status in ENDED:
                     yield f"  curve {one.curve} {ENDED[one.status]}: {'; '.join(one.reasons)}"
         yield from (f"  {note}" for note in frame.notes)
-    yield summary(frames)
-
-
-def summary(frames: Reports) -> str:
-    """Give one line of counts."""
     total = _total(frames)
     text, lost = _in_words(total), total["frames not refined"]
     if lost:
         text += f"; {counted(lost, 'frame')} could not be refined"
     seconds = sum(frame.seconds for frame in frames)
-    return f"{counted(len(frames), 'frame')}: {text}; {seconds:.1f} s"
+    yield f"{counted(len(frames), 'frame')}: {text}; {seconds:.1f} s"
 
 
 def _in_words(total: dict[str, int]) -> str:

@@ -75,9 +75,7 @@ def take_over() -> None:
     warnings.showwarning = lambda message, *where, **more: say(message)
     # Where Ctrl-C meets a destructor, Python tells of it with a traceback and goes on.
     sys.unraisablehook = lambda told: None if _interrupted else sys.__unraisablehook__(told)
-    handler = logging.StreamHandler()
-    handler.setFormatter(_Plain())
-    logging.basicConfig(handlers=[handler], level=logging.WARNING)
+    logging.basicConfig(handlers=[_Handler()], level=logging.WARNING)
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
             signal.signal(number, _interrupt)
@@ -99,6 +97,6 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-class _Plain(logging.Formatter):
-    def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record))
+class _Handler(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        say(self.format(record))
