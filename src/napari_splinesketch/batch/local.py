@@ -4,10 +4,9 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, MutableMapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -25,18 +24,16 @@ class Local:
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
         self.room = AHEAD * jobs
-        self._inside = ExitStack()
 
     def __enter__(self) -> Self:
         """Be ready to start processes; they start with the first task."""
-        self._inside.enter_context(one_thread_each())
+        limit_threads(os.environ)  # which they inherit; this process has its threads already
         self._start()
         return self
 
     def __exit__(self, *error: object) -> None:
         """Stop at once and abandon what is in progress."""
         self._stop()
-        self._inside.close()
 
     def submit(self, work: Callable[..., Any], task: Any) -> Future[Any]:
         """Give a task to the next process that is free."""
@@ -83,18 +80,3 @@ def limit_threads(environment: MutableMapping[str, str]) -> None:
     chosen = environment.get(XLA, "")
     if XLA_FLAG not in chosen:
         environment[XLA] = f"{chosen} {XLA_FLAG}=false".strip()
-
-
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Let processes that are started inside inherit the limit; this one keeps its threads."""
-    before = {name: os.environ.get(name) for name in (*ONE_EACH, XLA)}
-    limit_threads(os.environ)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
