@@ -143,7 +143,7 @@ def _export_training(job: jobs.TrainingJob) -> int:
             images,
             job.labels,
             keep=job.keep,
-            split=job,
+            split=job.parts(),
             whole_frames=job.whole_frames,
             name=images.name,
             overwrite=job.overwrite,

@@ -66,12 +66,9 @@ class ScaledJob(Job):
     """A command that takes the size of a pixel."""
 
     pixel_size: tuple[float, ...] | None = opt(
-        "size of a pixel in --units; one number where pixels are square",
-        ("Y", "X"),
-        above=0,
-        default=None,
+        "size of a pixel in --units; one number where pixels are square", ("Y", "X"), above=0
     )
-    units: str | None = opt("unit of --pixel-size, such as µm", "NAME", default=None)
+    units: str | None = opt("unit of --pixel-size, such as µm", "NAME")
 
     @property
     def scale(self) -> tuple[float, float] | None:
@@ -94,15 +91,15 @@ class ImageJob(Job):
     """A command that reads an image."""
 
     image: str = opt(metavar="IMAGE")
-    channel: int | None = opt("channel of a multi-channel image, from 0", "N", default=None)
-    z: int | None = opt("plane of an image that has planes and times, from 0", "N", default=None)
+    channel: int | None = opt("channel of a multi-channel image, from 0", "N")
+    z: int | None = opt("plane of an image that has planes and times, from 0", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameJob(ScaledJob, ImageJob, Look):
     """A command that goes through the frames of an image."""
 
-    output: Path = opt("file of labels to write", "LABELS", role="written")
+    output: Path = opt("file of labels to write", "LABELS", role="written", required=True)
     resume: bool = opt("continue an interrupted run of this command", default=False)
     verbose: bool = opt("report every curve, not one line per frame", default=False)
 
@@ -130,9 +127,7 @@ class SharedJob(FrameJob):
         default=1,
     )
     scheduler: str | None = opt(
-        "work on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786",
-        "ADDRESS",
-        default=None,
+        "work on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786", "ADDRESS"
     )
 
     def __post_init__(self) -> None:
@@ -164,14 +159,10 @@ class RefineJob(SharedJob, SketchedJob):
 
     seed: int = opt("seed of random numbers, where a preset uses any", "N", default=0)
     reconstruction: Path | None = opt(
-        "also write the image as the model explains it", "TIFF", endings=TIFF, default=None
+        "also write the image as the model explains it", "TIFF", endings=TIFF
     )
-    masks: Path | None = opt(
-        "also write masks: body i has the value i + 1", "TIFF", endings=TIFF, default=None
-    )
-    overlay: Path | None = opt(
-        "also draw the curves over the first frame", "PNG", endings=PICTURE, default=None
-    )
+    masks: Path | None = opt("also write masks: body i has the value i + 1", "TIFF", endings=TIFF)
+    overlay: Path | None = opt("also draw the curves over the first frame", "PNG", endings=PICTURE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +184,7 @@ class SuggestJob(SharedJob):
         most=1,
         default=0.5,
     )
-    frame: int | None = opt("suggest on this frame only, from 0", "N", default=None)
+    frame: int | None = opt("suggest on this frame only, from 0", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +204,7 @@ class TrackJob(SketchedJob):
       napari-splinesketch track film.tif film.csv -o labels.csv --preset balanced --last 1 --resume
     """
 
-    last: int | None = opt("stop after this frame, from 0", "N", default=None)
+    last: int | None = opt("stop after this frame, from 0", "N")
     smooth: Literal["on", "off"] = opt(
         "use the frames before and after where one frame is not enough (default: {default})",
         default="on",
@@ -231,9 +222,7 @@ class DemoJob(Job):
     exit codes: 0 done; 1 some curves could not be refined; 2 nothing was done
     """
 
-    output: Path | None = opt(
-        "open no window; write the results into this folder", "FOLDER", default=None
-    )
+    output: Path | None = opt("open no window; write the results into this folder", "FOLDER")
     verbose: bool = opt("report every curve", default=False)
 
 
@@ -280,16 +269,12 @@ class CompareJob(Job):
         above=0,
         default=2.0,
     )
-    picture: Path | None = opt(
-        "draw curves and truth of the first frame", "PNG", endings=PICTURE, default=None
-    )
-    image: str | None = opt(
-        "image to draw them over (default: a blank sheet)", "IMAGE", default=None
-    )
+    picture: Path | None = opt("draw curves and truth of the first frame", "PNG", endings=PICTURE)
+    image: str | None = opt("image to draw them over (default: a blank sheet)", "IMAGE")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingJob(ImageJob, Split):
+class TrainingJob(ImageJob):
     r"""Write a training set.
 
     Write the frames of a film that have accepted curves as a training set: images, splines, masks,
@@ -306,18 +291,31 @@ class TrainingJob(ImageJob, Split):
     """
 
     labels: Path = opt(metavar="LABELS", role="read")
-    output: Path = opt("folder to write", "FOLDER")
+    output: Path = opt("folder to write", "FOLDER", required=True)
     keep: Literal["accepted", "good"] = opt(
         "keep the curves that were accepted, or all that are good and not rejected "
         "(default: {default})",
         default="accepted",
     )
     whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
+    split: tuple[float, float, float] = opt(
+        "shares of the film (default: 0.8 0.1 0.1)",
+        ("TRAIN", "VAL", "TEST"),
+        least=0,
+        default=Split.shares,
+    )
+    block: int | None = opt("frames that stay together (default: 1/20 of the film)", "N")
+    gap: int | None = opt("frames left out between parts (default: 1/10 of a block)", "N")
+    seed: int = opt("which blocks go where (default: {default})", "N", least=0, default=0)
 
     def __post_init__(self) -> None:
         """Refuse numbers that are not allowed, and a split that divides nothing."""
         super().__post_init__()
-        Split.__post_init__(self)
+        self.parts()
+
+    def parts(self) -> Split:
+        """Give the split."""
+        return Split(self.split, self.block, self.gap, self.seed)
 
 
 EXIT_CODES = """\

@@ -11,6 +11,8 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 class Opt:
     """What the command line adds to a field."""
 
+    flag: str
+    """Its name, with the dashes."""
     help: str = ""
     """What it is; {default} stands for the default. Without it, the field is a positional
     argument."""
@@ -20,8 +22,6 @@ class Opt:
     least: float = -math.inf
     most: float = math.inf
     """`above`, `least` and `most`: which numbers are allowed."""
-    flag: str = ""
-    """Its name, with the dashes; that of the field if none is declared."""
     role: Literal["", "read", "written"] = ""
     """Whether it names a file that is read, or one that is written."""
     endings: tuple[str, ...] = ()
@@ -37,16 +37,18 @@ class Opt:
         return f"give a number {least}"
 
 
-def opt(text: str = "", metavar: Any = None, *, default: Any = MISSING, **more: Any) -> Any:
-    """Declare an option with the arguments of `Opt`; without a default it is required."""
+def opt(
+    text: str = "", metavar: Any = None, *, default: Any = None, required: bool = False, **more: Any
+) -> Any:
+    """Declare an option, or a positional argument, with the arguments of `Opt`."""
+    default = MISSING if required or not text else default
     return field(default=default, metadata={"help": text, "metavar": metavar, **more})
 
 
 def declared(options: type) -> list[tuple[Field[Any], Opt]]:
     """Give every field with its declaration; positional arguments come first."""
     found = [
-        (one, Opt(**{"flag": f"--{one.name.replace('_', '-')}", **one.metadata}))
-        for one in fields(options)
+        (one, Opt(f"--{one.name.replace('_', '-')}", **one.metadata)) for one in fields(options)
     ]
     return sorted(found, key=lambda one: bool(one[1].help))
 

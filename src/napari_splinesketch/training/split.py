@@ -1,6 +1,6 @@
 """Which frames are for training, validation and test: in blocks, since neighbours look alike."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -35,30 +35,10 @@ class Split:
         Which blocks go where.
     """
 
-    shares: tuple[float, float, float] = field(
-        default=(0.8, 0.1, 0.1),
-        metadata={
-            "help": "shares of the film (default: 0.8 0.1 0.1)",
-            "metavar": ("TRAIN", "VAL", "TEST"),
-            "least": 0,
-            "flag": "--split",
-        },
-    )
-    block: int | None = field(
-        default=None,
-        metadata={"help": "frames that stay together (default: 1/20 of the film)", "metavar": "N"},
-    )
-    gap: int | None = field(
-        default=None,
-        metadata={
-            "help": "frames left out between parts (default: 1/10 of a block)",
-            "metavar": "N",
-        },
-    )
-    seed: int = field(
-        default=0,
-        metadata={"help": "which blocks go where (default: {default})", "metavar": "N", "least": 0},
-    )
+    shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
+    block: int | None = None
+    gap: int | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         """Refuse settings that divide nothing."""
