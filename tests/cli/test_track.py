@@ -162,8 +162,6 @@ def test_what_ends_and_what_comes_into_view_is_said() -> None:
     assert said[1:3] == ["  curve 4 ends: it left the image", f"  {one.notes[0]}"]
     kept = json.loads(json.dumps(asdict(one)))
     assert FrameReport.from_json(kept) == one
-    del kept["notes"]
-    assert FrameReport.from_json(kept).notes == (), "as earlier versions wrote it"
 
 
 def test_an_interrupted_run_goes_on_as_if_nothing_had_been(

@@ -78,8 +78,8 @@ class FrameReport:
             CurveReport(**{**curve, "reasons": tuple(curve["reasons"])})
             for curve in values["curves"]
         )
-        shape = tuple(values["shape"]) if values.get("shape") else None
-        more = {"curves": curves, "notes": tuple(values.get("notes", ())), "shape": shape}
+        shape = values["shape"] and tuple(values["shape"])
+        more = {"curves": curves, "notes": tuple(values["notes"]), "shape": shape}
         return cls(**{**values, **more})
 
 

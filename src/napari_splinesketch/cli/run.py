@@ -83,11 +83,6 @@ class Run:
     _done: int = field(default=0, init=False)
     _share: float = field(default=0.0, init=False)
 
-    def add(self) -> None:
-        """Count a frame that is done."""
-        self._done, self._share = self._done + 1, 0.0
-        self.part(0.0)
-
     def part(self, share: float) -> None:
         """Report how much of the frame in progress is done; the count never falls."""
         self._share = max(self._share, share)
@@ -108,14 +103,23 @@ class Run:
                 )
         labels = replace(self.head, labels=done.labels)
         self.partial.save(done.report, labels, done.reconstruction)
-        self.add()
+        self._count()
+
+    def _count(self) -> None:
+        """Count a frame that is done."""
+        self._done, self._share = self._done + 1, 0.0
+        self.part(0.0)
 
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
         """Work on independent frames, here or shared among workers."""
         with self._workers(job) as workers:
             source = Source.of(job.image, job.channel, job.z, self.images)
             reading = Reading(self.images, source, here=isinstance(workers, Here))
-            tasks = self._tasks(todo, reading)
+            tasks = (
+                FrameTask(frame, reading.of(frame), find, instead)
+                for frame, find, instead in todo
+                if not self.finished(frame)
+            )
             for task, done in through(workers, do_frame, tasks, retry=reading.again):
                 self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
 
@@ -127,27 +131,22 @@ class Run:
             return Cluster(job.scheduler)
         return Local(job.jobs) if job.jobs > 1 else nullcontext(Here(self.part))
 
-    def _tasks(self, todo: Iterable[Todo], reading: Reading) -> Iterator[FrameTask]:
-        """Give the frames that are not finished; those of an earlier run count as done."""
-        for frame, find, instead in todo:
-            if self.finished(frame):
-                self.add()
-            else:
-                yield FrameTask(frame, reading.of(frame), find, instead)
-
     def finished(self, frame: int) -> FrameReport | None:
-        """Give the report of a frame that an earlier run has finished, of the same image.
+        """Give the report of a frame that an earlier run has finished, of the same image; count it.
 
         Pixels are compared for the first such frame, and where a file has been written since.
         """
         done = self.partial.done(frame)
-        if done and done.sha256 and (not self._same or self._is_newer(frame)):
+        if done is None:
+            return None
+        if done.sha256 and (not self._same or self._is_newer(frame)):
             if checksum(self.images[frame]) != done.sha256:
                 raise ValueError(
                     f"frame {frame} of {self.images.name} is not the one that the interrupted run"
                     f" in {self.partial.folder} has finished; delete that folder and start again"
                 )
             self._same, self._shape = True, done.shape
+        self._count()
         return done
 
     def _is_newer(self, frame: int) -> bool:

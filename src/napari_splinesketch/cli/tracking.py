@@ -42,7 +42,6 @@ def run(job: TrackJob, report: Report) -> Outcome:
         left = list(frames)
         while left and (done := work.finished(left[0])):  # in an earlier run
             bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], ()))
-            work.add()
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
