@@ -10,6 +10,12 @@ def square(task: int) -> int:
     return task * task
 
 
+def even(task: int) -> int:
+    if task < 0 or task % 2:
+        raise ValueError("negative" if task < 0 else "odd")
+    return task
+
+
 def environment(name: str) -> str:
     return os.environ.get(name, "")
 

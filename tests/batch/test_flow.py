@@ -84,12 +84,15 @@ def test_here_tasks_are_done_one_after_another_and_tell_of_their_progress() -> N
     assert told == [0.1, "done 1", 0.2, "done 2"]
 
 
-def test_a_result_may_ask_for_another_task() -> None:
-    def retry(task: int, done: int) -> int | None:
-        return task + 1 if done % 2 else None
+def test_another_task_may_take_the_place_of_one_that_failed(tasks) -> None:
+    def retry(task: int, error: BaseException) -> int | None:
+        return task + 1 if "odd" in str(error) else None
 
-    given = list(through(Here(print), lambda task, _: task, [1, 4], retry=retry))
-    assert sorted(given) == [(2, 2), (4, 4)]
+    with Local(1) as workers:
+        given = list(through(workers, tasks.even, [1, 4], retry=retry))
+        assert sorted(given) == [(2, 2), (4, 4)]
+        with pytest.raises(ValueError, match="negative"):
+            list(through(workers, tasks.even, [-2], retry=retry))
 
 
 def test_what_the_work_raises_ends_everything() -> None:

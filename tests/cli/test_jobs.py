@@ -22,6 +22,7 @@ from distributed import Client
 from napari_splinesketch.batch import cluster as clusters
 from napari_splinesketch.batch.frame_task import FrameDone, FrameTask, Source
 from napari_splinesketch.cli import main
+from napari_splinesketch.images.frames import ImageError
 from napari_splinesketch.labels import Label, Labels, write_labels
 from napari_splinesketch.synthetic import scene
 
@@ -232,7 +233,10 @@ class Elsewhere:
         future: Future[FrameDone] = Future()
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("napari_splinesketch.batch.frame_task.open_frames", _nowhere)
-            future.set_result(work(pickle.loads(pickle.dumps(task))))
+            try:
+                future.set_result(work(pickle.loads(pickle.dumps(task))))
+            except ImageError as error:
+                future.set_exception(pickle.loads(pickle.dumps(error)))
         return future
 
 

@@ -42,7 +42,7 @@ def through(
     work: Callable[..., Done],
     tasks: Iterable[Task],
     *,
-    retry: Callable[[Task, Done], Task | None] = lambda task, done: None,
+    retry: Callable[[Task, BaseException], Task | None] = lambda task, error: None,
 ) -> Iterator[tuple[Task, Done | DeadlyError]]:
     """Give each task with its result as soon as it is done, in whatever order.
 
@@ -55,12 +55,12 @@ def through(
         What does the work.
     work
         Takes a task and, for workers in this process, a callback for the progress. Must be
-        importable. An exception that it raises ends everything, so a task that cannot be done must
-        be reported in its result.
+        importable.
     tasks
         Taken one by one.
     retry
-        Is given every result, and returns a task to do in its place, or None.
+        Is given what `work` raises, and returns a task to do instead, or None: then it ends
+        everything. A task that cannot be done must therefore be reported in its result.
     """
     # Each task with the number of workers that have died of it.
     begun, again = dict[Future[Done], tuple[Task, int]](), list[tuple[Task, int]]()
@@ -81,18 +81,15 @@ def through(
                 raise ConnectionError("the scheduler of the workers is gone")
             error = future.exception()
             if error is None:
-                done = future.result()
-                better = retry(task, done)
-                if better is None:
-                    yield task, done
-                else:
-                    again.append((better, died))
-            elif not isinstance(error, workers.deaths):
-                raise error
-            elif died == ALONE:
+                yield task, future.result()
+            elif isinstance(error, workers.deaths) and died == ALONE:
                 yield task, DeadlyError(f"its worker died {ALONE + 1} times")
-            else:
+            elif isinstance(error, workers.deaths):
                 again.append((task, died + 1))
+            elif better := retry(task, error):
+                again.append((better, died))
+            else:
+                raise error
 
 
 def _is_room(

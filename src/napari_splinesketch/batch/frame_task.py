@@ -83,8 +83,6 @@ class FrameDone:
     """Its bodies."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
     """(H, W), where it was asked for."""
-    reached: bool = True
-    """Whether the worker could open the image."""
 
 
 Find = Callable[[Real[np.ndarray, "H W"], Progress], FrameDone]
@@ -108,7 +106,10 @@ class FrameTask:
 
 
 def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameDone:
-    """Read a frame and work on it; the result says whether that failed."""
+    """Read a frame and work on it; the result says whether that failed.
+
+    Raises ConnectionError and UnreachableError: other frames would fail too.
+    """
     if task.version != __version__:
         raise ValueError(
             f"a worker has napari-splinesketch {__version__}, and here it is {task.version}; "
@@ -121,9 +122,7 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
         image = task.read()
         digest = checksum(image)
         found = task.find(image, progress)
-    except UnreachableError as error:
-        return failed(task, words(error), reached=False)
-    except ConnectionError:  # where the image is: other frames would fail too
+    except (ConnectionError, UnreachableError):
         raise
     except Exception as error:  # one bad frame must not stop the others
         return failed(task, words(error), time.perf_counter() - began, digest)
@@ -132,17 +131,9 @@ def do_frame(task: FrameTask, progress: Progress = lambda share: None) -> FrameD
     return replace(found, report=report)
 
 
-def failed(
-    task: FrameTask,
-    why: str,
-    seconds: float = 0.0,
-    sha256: str | None = None,
-    *,
-    reached: bool = True,
-) -> FrameDone:
+def failed(task: FrameTask, why: str, seconds: float = 0.0, sha256: str | None = None) -> FrameDone:
     """Give the result of a frame for which that failed."""
-    report = FrameReport(task.frame, (), why, round(seconds, 3), sha256)
-    return FrameDone(report, task.instead, reached=reached)
+    return FrameDone(FrameReport(task.frame, (), why, round(seconds, 3), sha256), task.instead)
 
 
 class Reading:
@@ -156,9 +147,9 @@ class Reading:
         """Give the function that reads a frame."""
         return self._sent(frame) if self._send else bind(self._read, frame)
 
-    def again(self, task: FrameTask, done: FrameDone) -> FrameTask | None:
+    def again(self, task: FrameTask, error: BaseException) -> FrameTask | None:
         """Send the pixels where a worker cannot open the image."""
-        if done.reached:
+        if not isinstance(error, UnreachableError):
             return None
         self._send = True
         return replace(task, read=self._sent(task.frame))
