@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakValueDictionary
 
 import numpy as np
-from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Shapes, Vectors
 from napari.utils.colormaps import Colormap
 from napari.utils.colormaps.standardize_color import transform_color
@@ -34,6 +32,9 @@ OWNERS: WeakValueDictionary[str, Work] = WeakValueDictionary()  # by what metada
 STEP_MS = 30  # between two steps of drawing results: time for the window to paint and to answer
 FIRST_MS = 100  # before the first one: the change is seen in the dock, table and plots meanwhile
 STYLES: dict[type[Layer], dict[str, Any]] = {
+    # napari takes a picture three or four columns broad for colours.
+    Image: {"rgb": False, "multiscale": False},
+    Labels: {"multiscale": False},
     Vectors: {"vector_style": "line"},
     Points: {"size": 1, "face_color": "transparent", "border_color": "transparent"},
 }
@@ -49,21 +50,6 @@ HALO, MOVING = 2.0, transform_color(palette.MOVING)  # their breadth at least, p
 def is_result(layer: Layer) -> bool:
     """Whether a layer shows results, and so is neither image nor sketches."""
     return ROLE in layer.metadata
-
-
-@contextmanager
-def undisturbed(viewer: ViewerModel) -> Iterator[None]:
-    """Change layers without taking the active one from the user."""
-    selection = viewer.layers.selection
-    active, chosen = selection.active, set(selection)
-    try:
-        yield
-    finally:
-        if active is None and selection.active is not None:
-            selection.clear()
-            selection.update(chosen.intersection(viewer.layers))
-        elif active in viewer.layers and active is not selection.active:
-            selection.active = active
 
 
 class Made(NamedTuple):
@@ -110,17 +96,16 @@ class Slot:
         return self.layer is not None and self.layer.ndim != self.work.image.ndim
 
     def make(self, *data: Any, **how: Any) -> Any:
-        """Make the layer; without data, an empty one to be filled by `update`."""
+        """Make the layer: from data, or an empty one of some axes, to be filled by `update`."""
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
-        size = {} if data else {"ndim": image.ndim}
-        if kind is Image:  # napari takes a picture three or four columns broad for colours
-            how |= {"rgb": False}
-        layer = kind(*data, **size, **space.placement(image) | self._named | how)
+        layer = kind(*data, **space.placement(image) | self._named | how)
         # Pictures over the image, all else over everything.
         at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
         # napari selects what is added: undone silently, as to tell of it twice takes as long again.
-        with layers.selection.events.blocker_all(), undisturbed(self.work.viewer):
+        chosen = set(layers.selection)
+        with layers.selection.events.blocker_all():
             layers.insert(at, layer)
+            layers.selection = chosen
         if kind in (Labels, Points, Shapes) and layer.metadata[ROLE] != "knots":
             # Results are not drawn into; napari allows it again after a view in 3-D.
             layer.events.editable.connect(lambda: setattr(layer, "editable", False))
@@ -139,7 +124,6 @@ class Slot:
             self.remove()
         elif layer is None:
             how = {**made.always, "visible": self.maker.title > "", **made.look}
-            how |= {"multiscale": False} if kind in (Image, Labels) else {}
             self.make(made.data, **how)
         else:
             if kind is Points:  # text of other points does not fit these
@@ -156,8 +140,7 @@ class Slot:
     def remove(self) -> None:
         """Take the layer away, if it is there."""
         if self.layer is not None:
-            with undisturbed(self.work.viewer):
-                self.work.viewer.layers.remove(self.layer)
+            self.work.viewer.layers.remove(self.layer)
         self.made = self._source = None
 
 

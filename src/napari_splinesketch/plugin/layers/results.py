@@ -245,7 +245,7 @@ class Work:
         for role in OVER if self.records else ():
             slot = self.slots[role]
             if slot.layer is None:
-                layer = slot.make(visible=False)
+                layer = slot.make(visible=False, ndim=self.image.ndim)
                 if role == "curves":
                     layer.mouse_drag_callbacks.append(self._on_press)
                     for key in ERASE:
