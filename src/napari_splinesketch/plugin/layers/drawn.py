@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -131,9 +130,7 @@ def add_shapes(
             part = slice(start, start + CHUNK)
             some: dict[str, Any] = {"shape_type": list(kinds[part])}
             some |= {k: v[part] if isinstance(v, list | np.ndarray) else v for k, v in look.items()}
-            last = part.stop >= len(kinds)
-            with nullcontext() if last else layer.block_thumbnail_update():
-                layer.add(list(islice(made, CHUNK)), **some)
+            layer.add(list(islice(made, CHUNK)), **some)
             yield part
     finally:
         if veiled:
