@@ -116,7 +116,7 @@ class Slot:
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; takes a step where that is not what it shows."""
-        layer, source, kind = self.layer, self.maker.source(self.work), self.maker.kind
+        layer, source = self.layer, self.maker.source(self.work)
         if source == self._source and (layer is not None or not self.maker.title):
             return
         made = self.maker.make(self.work, source)
@@ -126,9 +126,8 @@ class Slot:
             how = {**made.always, "visible": self.maker.title > "", **made.look}
             self.make(made.data, **how)
         else:
-            if kind is Points:  # text of other points does not fit these
+            if self.maker.kind is Points:  # napari keeps the numbers of points that are gone
                 layer.selected_data = set()
-                layer.text = {"string": {"constant": ""}}
             layer.data = made.data
             for name, value in made.always.items():
                 # napari draws everything again for a breadth, even for the same.
