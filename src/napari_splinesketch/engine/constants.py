@@ -107,7 +107,6 @@ ROUTES_MOST = 3000  # routes that are looked at for each sketch (speed)
 ROUTE_STARTS = 12  # nodes from which routes of one sketch start (speed)
 ROUTE_LENGTH = 0.05  # search cost of a half-width of route on the sketch
 ROUTE_UNSEEN = 0.3  # search cost of a half-width of route without evidence
-ROUTE_TURN = 1.0  # search cost of a right-angled turn
 ROUTES_KEPT = 20  # routes that become candidates of a sketch (speed)
 
 # === Find: paths along the sketch
@@ -133,7 +132,6 @@ MOVED_HITS = 0.67
 # beyond both its ends by this share of its length:
 STROKE_BEYOND = 0.04
 PATH_SMOOTH_HW = 1.25  # candidate paths are smoothed by this: skeletons zigzag at crossings ...
-UNWOUND_HW = 1.5  # a path that runs over its own first half within this ends there (geometry)
 PATH_SMOOTH_CUT = 4.0  # ... with a Gaussian cut at this many standard deviations (speed)
 FEW_PAIRS = 2**17  # fewer distances than this are measured one by one, not by a tree (speed)
 # a hollow body's path is within this of its clicked sketch, or a rim is nearer (geometry):
@@ -167,9 +165,8 @@ VERTICES_MOST = 12  # most vertices of a sketch that are compared (speed)
 SHAPE_COST = 2.0  # cost of a path whose shape is not that of an unclicked line ...
 SHAPE_HW = 0.5  # ... measured by how far its vertices stay off after the best shift and turn, ...
 SHAPE_SIZE = 2.0  # ... and the best change of size by no more than this factor
-ENDS_COST = 2.0  # cost of a path that does not end where a line of two points does ...
+ENDS_COST = 2.5  # cost of a path that does not end where a line of two points does ...
 ENDS_SAMPLES = 4  # ... or where no body is seen at so many of its last points (speed)
-ENDS_GO_ON = 0.5  # share of that which counts where a body goes on beyond the path
 # numbers of vertices of a sketch that was clicked, and not drawn in one stroke (by design):
 CLICKED = range(3, 61)
 CLICKED_APART_PX = 4.0  # least mean distance between clicked vertices (by design)

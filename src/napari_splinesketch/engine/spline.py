@@ -163,17 +163,6 @@ def smoothed(lines: Sequence[Float[Array, "N 2"]], sigma: float) -> list[Float[A
     return [row[a : a + len(line)] for a, line in zip(first, lines, strict=True)]
 
 
-def unwound(line: Float[Array, "N 2"], near: float) -> Float[Array, "M 2"]:
-    """A polyline without its last part, if that runs over its first half again within `near` px."""
-    half = -(-len(line) // 2)
-    first, last = line[:half], line[half:]
-    if ((first - line[-1]) ** 2).sum(1).min() > near**2:
-        return line
-    alone = apart(last, first, near) > near
-    kept = line[: len(line) - (int(alone[::-1].argmax()) if alone.any() else 0)]
-    return kept if arc_length(line[len(kept) - 1 :])[-1] > 3 * near else line
-
-
 def _mirrored(line: Float[Array, "N 2"], reach: int) -> Float[Array, "M 2"]:
     """A line with `reach` points more at either end, mirrored through the end point."""
     if len(line) <= reach:

@@ -244,8 +244,7 @@ def _candidates(
     own = strip.paths_along(evidence, sketch, half_width, near, between_ends=len(sketch) == 2)
     own += [sketch] * clicked
     smooth = const.PATH_SMOOTH_HW * half_width
-    over = const.UNWOUND_HW * half_width
-    lines = [spline.unwound(line, over) for line in spline.smoothed([*traced, *own], smooth)]
+    lines = spline.smoothed([*traced, *own], smooth)
     known = _known(lines, sketch, half_width, evidence)
     if clicked and scoring.cost(known).min() > const.KEPT_SKETCH - const.CLEAR_MARGIN:
         far = spline.smoothed(strip.paths_along(evidence, sketch, half_width, reach), smooth)

@@ -78,15 +78,12 @@ def _routes_near(
         """Steps from a node, if `came` was the last that had a direction; what they cost."""
         found = []
         for step, piece, price, further, beyond, rest, bridge in leaving.get(at, ()):
-            turn = 0.0
             if came is not None and not bridge:
                 a, b = headings[came >> 1][1 - (came & 1)], headings[step >> 1][step & 1]
-                straight = -(a[0] * b[0] + a[1] * b[1])
-                if straight < const.SHARPEST_TURN:
+                if -(a[0] * b[0] + a[1] * b[1]) < const.SHARPEST_TURN:
                     continue
-                turn = const.ROUTE_TURN * (1 - straight)
             then = came if bridge else step, beyond
-            found.append((step, piece, price, turn, further, rest, then, not bridge))
+            found.append((step, piece, price, further, rest, then, not bridge))
         return found
 
     number, found = count(), set[int]()
@@ -99,10 +96,10 @@ def _routes_near(
             if ends_here and used not in found:
                 found.add(used)
                 yield route
-            for step, piece, price, turn, further, rest, then, directed in moves(*here):
+            for step, piece, price, further, rest, then, directed in moves(*here):
                 reached = length + further
                 if not used & piece and reached <= longest:
-                    paid = spent + price + turn
+                    paid = spent + price
                     item = (*route, step), then, used | piece, paid, reached, directed
                     heapq.heappush(heap, (paid + rest, next(number), *item))
 

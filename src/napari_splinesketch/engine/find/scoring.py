@@ -75,7 +75,7 @@ def features(
     tips = ~goes_on(evidence, at, half_width)
     missed = _missed(at, sketch, half_width, tips)
     if len(sketch) == 2:
-        missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width, tips)
+        missed += const.ENDS_COST * _ends_missed(at, seen, sketch, half_width)
     return np.column_stack(
         [
             unseen(seen),
@@ -161,22 +161,16 @@ def _nearest(at: Float[Array, "2 S C"], points: Float[Array, "V 2"]) -> Float[Ar
 
 
 def _ends_missed(
-    at: Float[Array, "2 S C"],
-    seen: Float[Array, "S C"],
-    sketch: Line,
-    half_width: float,
-    tips: Bool[Array, "2 C"],
+    at: Float[Array, "2 S C"], seen: Float[Array, "S C"], sketch: Line, half_width: float
 ) -> Float[Array, " C"]:
     """(C,) from 0 to 1, by how much paths miss the ends of a sketch, or no body is seen there.
 
-    Bounded: a line that was turned misses all ends, and then they say nothing. They say less where
-    a body goes on: its tip may be near.
+    Bounded: a line that was turned misses all ends, and then they say nothing.
     """
     away = _distance(at[:, [0, -1]] - sketch[[0, -1]].T[:, :, None])
     few = const.ENDS_SAMPLES
     there = np.stack([seen[:few].mean(0), seen[-few:].mean(0)]) > const.BODY_EVIDENCE
-    near = there * np.exp(-0.5 * (away / hit(half_width)) ** 2)
-    return (1 - np.where(tips, near, const.ENDS_GO_ON * near)).mean(0)
+    return (1 - there * np.exp(-0.5 * (away / hit(half_width)) ** 2)).mean(0)
 
 
 def _reshaped(at: Float[Array, "2 S C"], sketch: Line, resized: float = 1.0) -> Float[Array, " C"]:
