@@ -52,7 +52,8 @@ class FakeRefine:
         on_progress: Callable[[Progress], bool | None],
     ) -> Refinement:
         self.calls.append((list(sketches), list(fixed)))
-        on_progress(Progress("tracing", 0.5))
+        for share in (0.1, 0.9):
+            on_progress(Progress("tracing", share))
         if np.isnan(image).all():
             raise ValueError("image has no finite pixel")
         curves = tuple(self.answer(np.asarray(line) + self.step) for line in sketches)
@@ -224,7 +225,9 @@ def test_a_bad_frame_does_not_stop_the_others() -> None:
 
 def test_progress_rises_and_cancelling_ends_it() -> None:
     told: list[Progress] = []
-    results = run(FakeRefine(), on_progress=told.append)
+    known_well = [(t, curve(moved(LINE, 0, t))) for t in range(-4, 1)]
+    start = {7: known_well, 3: [(0, curve(OTHER))]}  # the one is held, the other is searched for
+    results = run(FakeRefine(), start=start, on_progress=told.append)
     fractions = [progress.fraction for progress in told]
     assert fractions == sorted(fractions)
     assert told[-1].stage.startswith("frame 3: ")

@@ -6,7 +6,7 @@ from typing import Any
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import apart_either_way
+from napari_splinesketch.tracking.drift import distance, turned
 from napari_splinesketch.tracking.follow import follow
 from napari_splinesketch.tracking.types import Given, Read, Tracked
 
@@ -70,7 +70,7 @@ def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool
     return all(
         i in found
         and i in before
-        and apart_either_way(found[i].points, before[i].points)
+        and distance(turned(found[i].points, before[i].points), before[i].points)
         < SAME * before[i].typical_half_width
         for i in wanted
     )

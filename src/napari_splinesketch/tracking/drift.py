@@ -6,9 +6,8 @@ from copy import copy
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
-from scipy.spatial.distance import cdist
 
-from napari_splinesketch.engine.spline import neighbours, resample
+from napari_splinesketch.engine.spline import apart, neighbours, resample
 from napari_splinesketch.engine.types import Array, Curve, Refinement
 from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.types import Line, View
@@ -67,9 +66,9 @@ def doubts(body: Body, curve: Curve, expected: Line, smooth: bool = True) -> lis
         found.append(f"its half-width jumped from {before:.1f} to {now:.1f} px")
     if folds(body, curve):
         found.append("it bends more sharply than before")
-    apart = distance(curve.points, expected)
-    if apart > JUMP * usual:
-        found.append(f"it jumped by {apart:.0f} px")
+    far = distance(curve.points, expected)
+    if far > JUMP * usual:
+        found.append(f"it jumped by {far:.0f} px")
     return found
 
 
@@ -118,9 +117,9 @@ def distance(a: Line, b: Line) -> float:
     return float(np.linalg.norm(resample(a, count) - resample(b, count), axis=1).mean())
 
 
-def apart_either_way(a: Line, b: Line) -> float:
-    """Mean distance of two lines, whichever way they run, px."""
-    return min(distance(a, way) for way in (b, b[::-1]))
+def turned(line: Line, like: Line) -> Line:
+    """The line, run through the way that another one runs."""
+    return min((line, line[::-1]), key=lambda way: distance(way, like))
 
 
 def seeing(
@@ -202,10 +201,10 @@ def apart_from(
     line: Line, others: Sequence[Curve], reach: float = BESIDE
 ) -> Bool[np.ndarray, " P"]:
     """At which points of a line no other curve comes so near, in half-widths of that."""
-    apart = np.ones(len(line), dtype=bool)
+    alone = np.ones(len(line), dtype=bool)
     for other in others:
-        apart &= cdist(line, other.points[::2]).min(1) > reach * _half_width(other)
-    return apart
+        alone &= apart(line, other.points[::2]) > reach * _half_width(other)
+    return alone
 
 
 def on_others(line: Line, others: Sequence[Curve]) -> bool:
@@ -247,4 +246,4 @@ def _half_width(curve: Curve) -> float:
 
 
 def _share(a: Float[Array, "N 2"], b: Float[Array, "M 2"], reach: float) -> float:
-    return float((cdist(a[::4], b[::2]).min(1) < reach).mean())
+    return float((apart(a[::4], b[::2]) < reach).mean())

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_closing
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve, Polarity
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import apart_either_way, apart_from, mostly_on
+from napari_splinesketch.tracking.drift import apart_from, distance, mostly_on, turned
 from napari_splinesketch.tracking.motion import of_length
 from napari_splinesketch.tracking.types import Line, View
 
@@ -108,7 +108,7 @@ class Entering:
             if arc_length(line)[-1] > SHORTEST * usual
             and min(line.min(), (size - line).min()) < EDGE * half_width
             and not any(
-                apart_either_way(line, other) < MOVED * usual
+                distance(turned(line, other), other) < MOVED * usual
                 for others in before
                 for other in others
             )

@@ -10,7 +10,7 @@ from napari_splinesketch.editing import flipped
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import distance, mostly_on, on_others
+from napari_splinesketch.tracking.drift import distance, mostly_on, on_others, turned
 from napari_splinesketch.tracking.motion import Points, Predicted
 from napari_splinesketch.tracking.types import Line
 
@@ -29,8 +29,7 @@ FREE = 6.0
 
 def run_like(curve: Curve, like: Points) -> Curve:
     """The curve, run through the way that a line runs."""
-    off = [((points - like) ** 2).sum() for points in (curve.points, curve.points[::-1])]
-    return curve if off[0] <= off[1] else flipped(curve)
+    return curve if turned(curve.points, like) is curve.points else flipped(curve)
 
 
 def agrees(line: Points, predicted: Predicted, half_width: float) -> bool:
@@ -86,7 +85,7 @@ def place(
     """
     free = [line for line in suggestions if not any(mostly_on(line, x, TAKEN) for x in placed)]
     pairs = list(product(bodies, free))
-    lines = [_turned(line, expected[body.id]) for body, line in pairs]
+    lines = [turned(line, expected[body.id]) for body, line in pairs]
     far = [
         distance(line, expected[body.id]) + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
         for (body, _), line in zip(pairs, lines, strict=True)
@@ -96,8 +95,3 @@ def place(
     rows, columns = linear_sum_assignment(np.minimum(cost, reach))
     found = zip(rows.tolist(), columns.tolist(), strict=True)
     return {bodies[i].id: lines[i * len(free) + k] for i, k in found if cost[i, k] < reach[i, 0]}
-
-
-def _turned(line: Line, like: Line) -> Line:
-    """The line, run through the way that another one runs."""
-    return min((line, line[::-1]), key=lambda way: distance(way, like))

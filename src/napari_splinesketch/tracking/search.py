@@ -5,13 +5,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, binary_dilation, binary_erosion, binary_opening
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import Hold, PresetName, Settings
 from napari_splinesketch.engine.spline import resample
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
+from napari_splinesketch.grids import slices
 from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
 from napari_splinesketch.tracking.drift import (
     ShownPlaces,
@@ -51,8 +52,6 @@ UNSEEN = 0.04
 AT_ONCE = 2
 """Frames in which a body is missed after which only what stands out in the image is tried again:
 other attempts hardly ever find it."""
-SHARES = (0.0, 0.6, 0.75, 0.9)
-"""Progress at which each attempt begins."""
 
 
 class Cancelled(Exception):
@@ -103,6 +102,7 @@ class Search:
     """Of bodies that may have divided, by number."""
     refinement: Refinement | None = field(default=None, init=False)
     """What the engine said."""
+    _progress: float = field(default=0.0, init=False)
 
     @cached_property
     def _expected(self) -> dict[int, Line]:
@@ -112,14 +112,14 @@ class Search:
         """Place the bodies; gives what was found by number."""
         found = self.held([b for b in bodies if self.smooth and self._known(b)])
         rest = [body for body in bodies if body.id not in found]
-        self._attempt(0, rest, self._expected, self.preset, found)
+        self._attempt(rest, self._expected, self.preset, found)
         for number, preset in enumerate((self.preset, LOCAL, self.preset), start=1):
             doubted = [b for b in bodies if not found[b.id].trusted]
             doubted = [b for b in doubted if b.misses <= AT_ONCE or (number == 3 and b.misses % 2)]
             # The first attempt was the same if there was nobody else to get out of the way.
             if doubted and (number > 1 or doubted != rest):
                 lines = self._as_suggested(doubted, found) if number == 3 else self._expected
-                self._attempt(number, doubted, lines, preset, found)
+                self._attempt(doubted, lines, preset, found)
         for body in bodies if self.smooth else ():
             line = found[body.id].curve.points
             inside = binary_erosion(self._seen(line), iterations=_points(body, line))
@@ -146,7 +146,7 @@ class Search:
             return Hold(*(unit * x for x in (across * sd, LOOSE * sd + 1, body.length_sd)))
 
         loose = Settings(hold=tuple(hold(b, LOOSE) for b in bodies))
-        self._attempt(0, bodies, lines, loose, found)
+        self._attempt(bodies, lines, loose, found)
         hidden = {
             b.id
             for b in bodies  # that have been fitted as if they were whole
@@ -154,7 +154,7 @@ class Search:
         }
         again = [b for b in bodies if b.id in hidden or not found[b.id].trusted]
         holds = tuple(hold(b, LOOSE if found[b.id].trusted else STRICT) for b in again)
-        self._attempt(0, again, lines, Settings(hold=holds), found, hidden=hidden)
+        self._attempt(again, lines, Settings(hold=holds), found, hidden=hidden)
         return found
 
     def _partly(self, body: Body, line: Line) -> bool:
@@ -196,7 +196,6 @@ class Search:
 
     def _attempt(
         self,
-        number: int,
         bodies: Sequence[Body],
         lines: Mapping[int, Line],
         preset: PresetName | Settings,
@@ -219,7 +218,7 @@ class Search:
         view = self.view.around(wanted) if self.refinement else self.view
         covered = [b for b in bodies if b.id in hidden]
         shown = self._uncovered(view, covered, lines) if covered else view
-        refinement = self._refined(shown, wanted, [*fixed.values()], preset, number)
+        refinement = self._refined(shown, wanted, [*fixed.values()], preset)
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         everyone = [*curves, *fixed.values()]
         shared, beside = on_one_body(everyone), near_each(everyone)
@@ -272,13 +271,10 @@ class Search:
         lines: Sequence[Line],
         fixed: Sequence[Curve],
         preset: PresetName | Settings,
-        number: int,
     ) -> Refinement:
-        begin, end = (*SHARES, 1.0)[number : number + 2]
-
         def report(progress: Progress) -> bool | None:
-            fraction = begin + (end - begin) * progress.fraction
-            return self.report(replace(progress, fraction=fraction))
+            self._progress = max(self._progress, progress.fraction)  # attempts begin at 0 again
+            return self.report(replace(progress, fraction=self._progress))
 
         return self.refine(
             view.pixels,
@@ -295,29 +291,15 @@ def _points(body: Body, line: Line) -> int:
     return max(round(count), 1) if np.isfinite(count) else 1
 
 
-@dataclass(frozen=True)
 class _Pasted:
     """The pictures of a frame, with later ones of a part of it; made when they are first read."""
 
-    old: Refinement
-    new: Refinement
-    corner: np.ndarray
+    def __init__(self, old: Refinement, new: Refinement, corner: Float[np.ndarray, "2"]) -> None:
+        self._old, self._new, self.shape = old, new, old.shape
+        low = np.rint(corner).astype(int)
+        self._part = slices(low, low + new.shape)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.old.shape
-
-    @property
-    def reconstruction(self) -> np.ndarray:
-        return self._picture("reconstruction")
-
-    @property
-    def background(self) -> np.ndarray:
-        return self._picture("background")
-
-    def _picture(self, name: str) -> np.ndarray:
-        picture = getattr(self.old, name).astype(np.float32)
-        part = getattr(self.new, name)
-        (row, column), (rows, columns) = np.rint(self.corner).astype(int), part.shape
-        picture[row : row + rows, column : column + columns] = part
+    def __getattr__(self, name: str) -> Float[np.ndarray, "H W"]:
+        picture = getattr(self._old, name).astype(np.float32)
+        picture[self._part] = getattr(self._new, name)
         return picture
