@@ -13,7 +13,6 @@ from napari_splinesketch.engine.types import Curve, Progress, Refinement, SceneM
 from napari_splinesketch.grids import Grid
 from napari_splinesketch.metrics import average_dtw, resample
 from napari_splinesketch.tracking import Body, Given, Tracked, View, follow
-from napari_splinesketch.tracking.drift import slid
 
 
 def moved(line: np.ndarray, rows: float, columns: float) -> np.ndarray:
@@ -183,25 +182,6 @@ def test_a_curve_that_crosses_others_is_doubted_where_it_explains_less_than_befo
         start = {i: [(t, curve(x)) for t in range(4)] for i, x in ((7, LINE), (3, near))}
         (result,) = run(FakeRefine((0, 0), answer), [4], start=start)
         assert (7 in result.drifting) == doubted
-
-
-def test_a_curve_that_slid_onto_another_body_is_told_from_one_that_meets_it() -> None:
-    shown = np.zeros(BRIGHT.shape)
-    shown[8:13, 10:70] = 1
-    free = np.arange(100) < 60
-
-    def told(line: np.ndarray, free: np.ndarray) -> bool:
-        return slid(
-            resample(line),
-            free,
-            2.0,
-            lambda points: shown[tuple(np.rint(points).astype(int).T)] > 0,
-        )
-
-    assert told(moved(LINE, 0, 10), free), "its body goes on before it"
-    assert told(moved(LINE, 0, 10)[::-1], free[::-1])
-    assert not told(LINE, free), "it begins where its body does"
-    assert not told(moved(LINE, 0, 10), free | True), "no other body is there"
 
 
 def test_a_body_that_leaves_the_image_is_lost_at_once() -> None:

@@ -40,9 +40,6 @@ WAITS = 3
 """Frames in a row in which a curve is not believed for that; a body that stays so does move so."""
 BESIDE = 1.5
 """Half-widths from another curve where the image may show that one."""
-GOES_ON, SLID = 3.0, 0.15
-"""Half-widths by which a body must go on beyond the end of a curve, and the share of the curve that
-lies on another body at its other end, for it to have slid there."""
 SAME = 0.6
 """Half-widths between curves that lie on one body ..."""
 ALONG = 0.5
@@ -210,23 +207,6 @@ def apart_from(
 def on_others(line: Line, others: Sequence[Curve]) -> bool:
     """Whether most of a line lies on other curves."""
     return float(apart_from(line, others, SAME).mean()) < 1 - ALONG
-
-
-def slid(
-    line: Line, free: Bool[np.ndarray, " P"], half_width: float, seen: Callable[[Line], np.ndarray]
-) -> bool:
-    """Whether one end of a line lies on others while the image goes on straight beyond the other.
-
-    `free` says at which of its points no other curve comes near.
-    """
-    step = float(np.linalg.norm(np.diff(line, axis=0), axis=1).mean())
-    beyond = GOES_ON * half_width / max(step, 1e-9) * np.linspace(0.3, 1, 8)[:, None]
-    end = max(int(SLID * len(line)), 2)
-    for way, alone in ((line, free), (line[::-1], free[::-1])):
-        on = way[-1] + beyond * (way[-1] - way[-end]) / (end - 1)
-        if alone[-1] and not alone[:end].any() and seen(on).all():
-            return True
-    return False
 
 
 def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:

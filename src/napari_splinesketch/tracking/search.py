@@ -23,7 +23,6 @@ from napari_splinesketch.tracking.drift import (
     on_one_body,
     on_others,
     seeing,
-    slid,
 )
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.identity import agrees, place
@@ -233,11 +232,9 @@ class Search:
             there = float(seen(curve.points).mean())
             rest = [everyone[j] for j in beside[i]]
             if self.smooth:
-                alone = apart_from(curve.points, rest)
-                if not alone.all() and body.id not in hidden and explains_less(body, curve):
+                crossed = not apart_from(curve.points, rest).all()
+                if crossed and body.id not in hidden and explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
-                if slid(curve.points, alone, body.half_width, seen):
-                    said.append("it slid along its path onto another body")
                 if there < MOST and (
                     torn := parts(body, curve, [c for c in everyone if c is not curve], seen)
                 ):
