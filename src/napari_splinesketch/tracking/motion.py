@@ -26,6 +26,8 @@ BASE = 3
 ends are."""
 END = 12
 """Points at either end whose direction a body goes on in."""
+AGREE = 3.0
+"""Standard errors, beside half of a half-width, within which a curve is where it is expected."""
 WAVES = np.arange(0.4, 2.3, 0.1)
 """How often the wave of a swimmer may go into its length."""
 SHIFT = 25
@@ -43,6 +45,11 @@ class Predicted(NamedTuple):
 
     line: Points
     sd: float
+
+    def agrees(self, line: Points, half_width: float) -> bool:
+        """Whether a line is where a body of such a half-width is expected."""
+        apart = float(np.sqrt(((line - self.line) ** 2).sum(1).mean() / 2))
+        return apart < AGREE * self.sd + 0.5 * half_width
 
 
 def ahead(known: Sequence[Known], frame: float) -> Predicted:

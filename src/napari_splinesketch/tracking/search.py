@@ -3,29 +3,33 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, binary_dilation, binary_erosion, binary_opening
+from scipy.optimize import linear_sum_assignment
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.settings import Hold, PresetName, Settings
-from napari_splinesketch.engine.spline import resample
+from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.grids import slices
 from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
 from napari_splinesketch.tracking.drift import (
     ShownPlaces,
     apart_from,
+    distance,
     doubts,
     explains_less,
+    mostly_on,
     near_each,
     on_one_body,
     on_others,
     seeing,
+    turned,
 )
 from napari_splinesketch.tracking.events import Parts, parts
-from napari_splinesketch.tracking.identity import agrees, place
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.types import Line, Refine, View
 
@@ -51,6 +55,11 @@ UNSEEN = 0.04
 AT_ONCE = 2
 """Frames in which a body is missed after which only what stands out in the image is tried again:
 other attempts hardly ever find it."""
+REACH, LENGTH = 0.6, 0.5
+"""How far a body may have gone that is looked for among suggestions, as a share of its length; and
+what a px of difference in length costs, in px of distance."""
+TAKEN = 2.0
+"""A suggestion that lies so near to a placed curve is taken, px."""
 
 
 class Cancelled(Exception):
@@ -247,7 +256,7 @@ class Search:
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
-            near = agrees(curve.points, self.predicted[body.id], body.half_width)
+            near = self.predicted[body.id].agrees(curve.points, body.half_width)
             if not (held or near) and on_others(curve.points, rest):
                 said.append("it lies on other curves, away from where it was expected")
             empty = curve.status == "failed" or there <= LEAST
@@ -300,3 +309,27 @@ class _Pasted:
         picture = getattr(self._old, name).astype(np.float32)
         picture[self._part] = getattr(self._new, name)
         return picture
+
+
+def place(
+    bodies: Sequence[Body],
+    expected: Mapping[int, Line],
+    suggestions: Sequence[Line],
+    placed: Sequence[Line],
+) -> dict[int, Line]:
+    """Give bodies in doubt the suggestions that no other body has, the nearest to each.
+
+    What stands out in the frame is suggested; bodies that are not in doubt are placed.
+    """
+    free = [line for line in suggestions if not any(mostly_on(line, x, TAKEN) for x in placed)]
+    pairs = list(product(bodies, free))
+    lines = [turned(line, expected[body.id]) for body, line in pairs]
+    far = [
+        distance(line, expected[body.id]) + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
+        for (body, _), line in zip(pairs, lines, strict=True)
+    ]
+    cost = np.array(far).reshape(len(bodies), len(free))
+    reach = REACH * np.array([body.length for body in bodies]).reshape(-1, 1)
+    rows, columns = linear_sum_assignment(np.minimum(cost, reach))
+    found = zip(rows.tolist(), columns.tolist(), strict=True)
+    return {bodies[i].id: lines[i * len(free) + k] for i, k in found if cost[i, k] < reach[i, 0]}

@@ -17,7 +17,7 @@ import numpy as np
 from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
-from napari_splinesketch.tracking import identity, motion, surface
+from napari_splinesketch.tracking import motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
 from napari_splinesketch.tracking.drift import ShownPlaces, distance, folds, near_others
 from napari_splinesketch.tracking.motion import Predicted
@@ -243,38 +243,28 @@ class Window:
         bodies: Mapping[int, Body],
         predicted: Mapping[int, Predicted],
     ) -> Tracked:
-        """One frame in the light of those around it: its own curves stay if none is better."""
+        """One frame in the light of those around it: curves where they are predicted, if any."""
         there = {i: c for i, c in result.by_id.items() if i in bodies and i not in result.drifting}
         others = {i: c for i, c in result.by_id.items() if i not in bodies}
-        chosen = identity.kept(predicted, there, bodies, list(others.values()))
         sure = {
             i: c
-            for i, c in chosen.items()
+            for i, c in there.items()
             if distance(c.points, predicted[i].line) < SURE * bodies[i].half_width
             and not bodies[i].lacks(c)
         }
         rest = [body for i, body in bodies.items() if i not in sure]
+        chosen = {i: inferred(bodies[i].seen[-1][1], predicted[i]) for i in bodies} | there
         if rest and views and result.refinement:
             contrast = abs(result.refinement.model.contrast)
-            noise = result.refinement.model.noise / max(contrast, 1e-30)
             near = joined(views).around([predicted[body.id].line for body in rest])
             search = Search(
                 near, predicted, others | sure, self._refine, self._preset, lambda p: None,
                 contrast, shown=self._shown,
             )  # fmt: skip
             for i, one in search.held(rest).items():
-                likely = identity.agrees(one.curve.points, predicted[i], bodies[i].half_width)
-                if one.empty or not likely or folds(bodies[i], one.curve):
-                    continue
-                costs = [
-                    identity.cost_of(c, predicted[i], noise)
-                    for c in (one.curve, chosen.get(i))
-                    if c
-                ]
-                if costs[0] < min(costs[1:], default=np.inf):
+                likely = predicted[i].agrees(one.curve.points, bodies[i].half_width)
+                if likely and not (one.empty or folds(bodies[i], one.curve)):
                     chosen[i] = one.curve
-        for i in set(bodies) - set(chosen):
-            chosen[i] = inferred(bodies[i].seen[-1][1], predicted[i])
         return replace(
             result,
             by_id={**others, **chosen},

@@ -1,10 +1,9 @@
-"""Who gets which suggestion, and which curve of a frame."""
+"""Who gets which suggestion."""
 
 import numpy as np
 
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.identity import kept, place
-from napari_splinesketch.tracking.motion import Predicted
+from napari_splinesketch.tracking.search import place
 
 from .test_follow import LINE, OTHER, curve, moved
 
@@ -34,15 +33,3 @@ def test_the_sum_counts_not_the_first_come() -> None:
     found = place([other, FIRST], {1: LINE, 2: moved(LINE, 9, 0)}, [near, between], [])
     np.testing.assert_allclose(found[1], near)
     np.testing.assert_allclose(found[2], between)
-
-
-def test_a_curve_that_no_other_body_explains_stays_where_nobody_predicted_it() -> None:
-    bodies = {1: FIRST, 2: SECOND}
-    predicted = {1: Predicted(curve(LINE).points, 0.5), 2: Predicted(curve(OTHER).points, 0.5)}
-    far, there = curve(moved(LINE, 12, 0)), curve(OTHER)
-    assert kept(predicted, {1: far, 2: there}, bodies, []) == {1: far, 2: there}
-    assert kept(predicted, {1: there}, bodies, [far]) == {2: there}, "it is the other's"
-    across = curve(moved(LINE, 12.5, 3))
-    assert kept(predicted, {1: far, 2: there}, bodies, [across]) == {2: there}, "it shows another"
-    swapped = kept(predicted, {1: there, 2: curve(LINE)}, bodies, [])
-    assert swapped[2] is there and set(swapped) == {1, 2}
