@@ -9,7 +9,7 @@ from jaxtyping import Float, Real
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.spline import arc_length
 from napari_splinesketch.engine.types import Array, Curve, Refinement
-from napari_splinesketch.grids import Grid, Patch, around_all, slices
+from napari_splinesketch.grids import Grid, slices
 
 Line = Float[Array, "N 2"]
 WHOLE = Grid(np.zeros(2), np.ones(2))
@@ -36,17 +36,6 @@ class View:
         high = np.maximum(np.ceil(points.max(0) + margin), low + 1)
         pixels = self.pixels[slices(low.astype(int), high.astype(int))].copy()
         return View(pixels, Grid(self.place.to_image(low), self.place.step), whole=False)
-
-
-def joined(views: Sequence[View]) -> View:
-    """One view of some parts of a frame, without values in between."""
-    if all(view is views[0] for view in views):
-        return views[0]
-    grid, low, high = around_all([Patch(view.place, view.pixels) for view in views])
-    pixels = np.full(high.max(0), np.nan)
-    for view, begin, end in zip(views, low, high, strict=True):
-        pixels[slices(begin, end)] = view.pixels
-    return View(pixels, grid, whole=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ A film in which nothing of the kind happens passes through frame by frame.
 """
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
@@ -23,7 +23,7 @@ from napari_splinesketch.tracking.drift import ShownPlaces, distance, folds, nea
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
-from napari_splinesketch.tracking.types import Refine, Tracked, View, joined
+from napari_splinesketch.tracking.types import Refine, Tracked, View
 
 LONGEST = 45
 """Frames that are held back at most; then they are given as they are."""
@@ -49,10 +49,6 @@ class _Stretch:
     anchor: Body
     first: int
     """Number of the first frame of the stretch, in the order of their coming."""
-    doubted: tuple[Body, int]
-    """The same for the last time that doubts began."""
-    partners: set[int] = field(default_factory=set)
-    """Bodies that it may have been taken for."""
     trusted: int = 0
     """Frames for which it has been clear of doubts again ..."""
     clear: int = 0
@@ -84,11 +80,8 @@ class Window:
         number = self._begin + len(self._held) - 1
         self._note(result, given, before, number)
         self._keep(result, before)
-        known: dict[int, Body] = {}
-        for group in self._groups():
-            over = number - min(self._open[i].first for i in group) >= LONGEST
-            known |= self._close(group, over)
-        return known
+        waited = {i for i, s in self._open.items() if number - s.first >= LONGEST}
+        return self._decided({i for i, s in self._open.items() if s.clear >= CLEAR} | waited)
 
     def _keep(self, result: Tracked, before: Mapping[int, Body]) -> None:
         """Keep the pixels around the bodies in doubt; all of them where pictures are wanted."""
@@ -102,18 +95,10 @@ class Window:
         if not self._pictures:
             self._held[-1] = replace(result, view=None)
 
-    def _close(self, group: set[int], over: bool) -> dict[int, Body]:
-        """Decide on the stretches of a group that are over, or all if there is no more time."""
-        if not over and any(self._open[i].clear < CLEAR for i in group):
-            return {}
-        back = {i for i in group if self._open[i].trusted >= CLEAR}
-        known = self._decided({i: self._open[i] for i in back}) if back else {}
-        first = min(self._open[i].first for i in group)
-        for i in group:
-            stretch = self._open.pop(i)
-            if i not in back and stretch.doubted[1] > first:
-                self._open[i] = _Stretch(*stretch.doubted, stretch.doubted)
-        return known
+    def _decided(self, names: set[int]) -> dict[int, Body]:
+        """End stretches; those of bodies that are clear again are put right, backwards."""
+        over = {i: self._open.pop(i) for i in names}
+        return {i: self._bridged(i, s) for i, s in over.items() if s.trusted >= CLEAR}
 
     def ready(self, *, end: bool = False) -> Iterator[Tracked]:
         """Give the frames that nothing is to be learned about any more; at the `end`, all."""
@@ -154,8 +139,7 @@ class Window:
     def rest(self, *, decide: bool = True) -> Iterator[Tracked]:
         """Give all that are left, decided as well as may be, or as they are."""
         if decide:
-            for group in self._groups():
-                self._close(group, over=True)
+            self._decided(set(self._open))
         else:
             self._held = [self._as_is(k) for k in range(len(self._held))]
         self._open.clear()
@@ -188,90 +172,56 @@ class Window:
         opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
         for i in opening - set(self._open) - set(given):
             if before[i].seen:
-                self._open[i] = _Stretch(before[i], number, (before[i], number))
+                self._open[i] = _Stretch(before[i], number)
         for i in set(given) | result.lost:
             self._open.pop(i, None)
         for i, stretch in self._open.items():
-            stretch.partners |= near.get(i, set())
             trusted = i in curves and i not in doubted
-            if stretch.trusted and not trusted:
-                stretch.doubted = before[i], number
             stretch.trusted = stretch.trusted + 1 if trusted else 0
             stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
 
-    def _groups(self) -> list[set[int]]:
-        """The open stretches, those together that may have been taken for each other."""
-        groups: list[set[int]] = []
-        for i, stretch in self._open.items():
-            joined = {i} | (stretch.partners & set(self._open))
-            apart = [g for g in groups if not g & joined]
-            for g in groups:
-                joined |= g if g & joined else set()
-            groups = [*apart, joined]
-        return groups
-
-    def _decided(self, stretches: Mapping[int, _Stretch]) -> dict[int, Body]:
-        """Go through the frames of some stretches again, backwards, and put them right."""
-        first = min(s.first for s in stretches.values()) - self._begin
-        end = len(self._held) - CLEAR
-        names = sorted(stretches)
-        anchors = {i: stretches[i].anchor for i in names}
-        found = {i: [(r.frame, r.by_id[i]) for r in self._held[end:]] for i in names}
-        for k in range(end - 1, first - 1, -1):
+    def _bridged(self, name: int, stretch: _Stretch) -> Body:
+        """Go through the frames of a stretch again, and give the body as it is known then."""
+        body, end = stretch.anchor, len(self._held) - CLEAR
+        found = [(r.frame, r.by_id[name]) for r in self._held[end:]]
+        for k in range(end - 1, stretch.first - self._begin - 1, -1):
             result = self._held[k]
-            here = {i: b for i, b in anchors.items() if stretches[i].first <= self._begin + k}
-            predicted = {
-                i: motion.between(
-                    lines_of(body.seen), lines_of(found[i][:SIDE][::-1]), result.frame
-                )
-                for i, body in here.items()
-            }
-            views = [self._views[k][i] for i in here if i in self._views[k]]
-            self._held[k] = self._again(result, views, here, predicted)
-            for i in here:
-                if INFERRED not in (curve := self._held[k].by_id[i]).reasons:
-                    found[i].insert(0, (result.frame, curve))
-        for i in names:
-            for seen in found[i]:
-                anchors[i] = anchors[i].with_curve(*seen)
-        return anchors
+            there = motion.between(lines_of(body.seen), lines_of(found[:SIDE][::-1]), result.frame)
+            curve = self._again(result, self._views[k].get(name), body, there)
+            self._held[k] = replace(
+                result,
+                by_id={**result.by_id, name: curve},
+                sketches={**result.sketches, name: there.line},
+                drifting=result.drifting - {name},
+                missing={i: why for i, why in result.missing.items() if i != name},
+            )
+            if INFERRED not in curve.reasons:
+                found.insert(0, (result.frame, curve))
+        for seen in found:
+            body = body.with_curve(*seen)
+        return body
 
-    def _again(
-        self,
-        result: Tracked,
-        views: Sequence[View],
-        bodies: Mapping[int, Body],
-        predicted: Mapping[int, Predicted],
-    ) -> Tracked:
-        """One frame in the light of those around it: curves where they are predicted, if any."""
-        there = {i: c for i, c in result.by_id.items() if i in bodies and i not in result.drifting}
-        others = {i: c for i, c in result.by_id.items() if i not in bodies}
-        sure = {
-            i: c
-            for i, c in there.items()
-            if distance(c.points, predicted[i].line) < SURE * bodies[i].half_width
-            and not bodies[i].lacks(c)
-        }
-        rest = [body for i, body in bodies.items() if i not in sure]
-        chosen = {i: inferred(bodies[i].seen[-1][1], predicted[i]) for i in bodies} | there
-        if rest and views and result.refinement:
-            contrast = abs(result.refinement.model.contrast)
-            near = joined(views).around([predicted[body.id].line for body in rest])
+    def _again(self, result: Tracked, view: View | None, body: Body, predicted: Predicted) -> Curve:
+        """The curve of one frame in the light of those around: where it is predicted, if any."""
+        others = {i: c for i, c in result.by_id.items() if i != body.id}
+        there = None if body.id in result.drifting else result.by_id.get(body.id)
+        if (
+            there
+            and distance(there.points, predicted.line) < SURE * body.half_width
+            and not body.lacks(there)
+        ):
+            return there
+        if view and result.refinement:
             search = Search(
-                near, predicted, others | sure, self._refine, self._preset, lambda p: None,
-                contrast, shown=self._shown,
+                view.around([predicted.line]), {body.id: predicted}, others, self._refine,
+                self._preset, lambda p: None, abs(result.refinement.model.contrast),
+                shown=self._shown,
             )  # fmt: skip
-            for i, one in search.held(rest).items():
-                likely = predicted[i].agrees(one.curve.points, bodies[i].half_width)
-                if likely and not (one.empty or folds(bodies[i], one.curve)):
-                    chosen[i] = one.curve
-        return replace(
-            result,
-            by_id={**others, **chosen},
-            sketches={**result.sketches, **{i: there.line for i, there in predicted.items()}},
-            drifting=result.drifting - set(predicted),
-            missing={i: why for i, why in result.missing.items() if i not in predicted},
-        )
+            for one in search.held([body]).values():
+                likely = predicted.agrees(one.curve.points, body.half_width)
+                if likely and not (one.empty or folds(body, one.curve)):
+                    return one.curve
+        return there or inferred(body.seen[-1][1], predicted)
 
 
 def inferred(like: Curve, predicted: Predicted) -> Curve:
