@@ -1,6 +1,7 @@
 """What the frames around tell: gaps bridged, numbers put right, nothing held back without need."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 from weakref import WeakSet
 
@@ -12,7 +13,7 @@ from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.tracking import NOTHING_GIVEN, Body, Tracked, View, after, follow
 from napari_splinesketch.tracking.bodies import curve_inferred
-from napari_splinesketch.tracking.drift import ShownPlaces
+from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import REACH
 from napari_splinesketch.tracking.window import LONGEST, UNDECIDED, Window
 
@@ -60,7 +61,7 @@ def test_a_gap_is_bridged_although_others_have_waited_too_long() -> None:
     pair = {1: curve(LINE), 2: curve(moved(LINE, 3, 0))}
     gone = range(LONGEST - 2, LONGEST + 4)
     bodies = {i: Body(i, ((0, c),)) for i, c in {**pair, 3: curve(moved(LINE, 44, 48))}.items()}
-    window = Window(FakeRefine((0, 0)), "fast", True, ShownPlaces())
+    window = Window(partial(Search, refine=FakeRefine((0, 0)), preset="fast"), True)
     results: list[Tracked] = []
     for frame in range(1, LONGEST + 11):
         third = {} if frame in gone else {3: curve(moved(LINE, 2 * abs(frame - LONGEST // 2), 48))}

@@ -1,7 +1,7 @@
 """Frame after frame: carry the bodies over, refine, doubt, look again."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -81,8 +81,9 @@ def follow(
     bodies = {body.id: body for body in start}
     if refine is None:
         from napari_splinesketch.engine.refine import refine
-    step = _Step(read, refine, preset, smooth, pictures)
-    window = Window(refine, preset, pictures, step.shown)
+    search = partial(Search, refine=refine, preset=preset, shown=ShownPlaces())
+    step = _Step(read, search, smooth, pictures)
+    window = Window(search, pictures)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
         try:
@@ -132,19 +133,19 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
     return {number: body for number, body in known.items() if number not in result.lost}
 
 
+@dataclass(eq=False)
 class _Step:
     """Places all bodies in one frame."""
 
-    def __init__(
-        self, read: Read, refine: Refine, preset: PresetName, smooth: bool, pictures: bool
-    ):
-        self._read, self._refine, self._pictures = read, refine, pictures
-        self._smooth, self._patience = smooth, PATIENCE if smooth else AT_ONCE
-        self._entering = Entering()
-        self.shown = ShownPlaces()
-        self._parts: Mapping[int, Parts] = {}
-        self.contrast: float | None = None
-        self._preset: PresetName = preset
+    read: Read
+    search: Callable[..., Search]
+    smooth: bool
+    pictures: bool
+    contrast: float | None = None
+    """Usual contrast of the frames before."""
+    parts: Mapping[int, Parts] = field(default_factory=dict)
+    """Those of the last frame."""
+    entering: Entering = field(default_factory=Entering)
 
     def __call__(
         self, frame: int, bodies: Mapping[int, Body], given: Given, report: OnProgress
@@ -156,12 +157,10 @@ class _Step:
             return Tracked(frame, given=kept, missing=missing)
         predicted = {body.id: body.predicted(frame) for body in wanted}
         try:
-            view = self._read(frame, [there.line for there in predicted.values()])
+            view = self.read(frame, [there.line for there in predicted.values()])
             inside = [body for body in wanted if _inside(view, predicted[body.id].line)]
-            search = Search(
-                view, predicted, given.curves, self._refine, self._preset, report,
-                self.contrast, self._smooth, self.shown,
-            )  # fmt: skip
+            options = {"contrast": self.contrast, "smooth": self.smooth}
+            search = self.search(view, predicted, given.curves, report=report, **options)
             found = search(inside) if inside else {}
         except Cancelled:
             raise
@@ -176,20 +175,20 @@ class _Step:
         here = (*given.curves.values(), *judged.curves)
         refinement = search.refinement
         polarity = refinement.model.polarity if refinement else "auto"
-        if refinement and not self._pictures:
+        if refinement and not self.pictures:
             none = np.empty((0, 0))
             refinement = Refinement((), none, none, refinement.model, refinement.seconds)
         return replace(
             judged,
             given=kept,
-            entered=self._entering(view, polarity, bodies, here) if self._smooth else (),
+            entered=self.entering(view, polarity, bodies, here) if self.smooth else (),
             refinement=refinement,
             view=view,
         )
 
     def _divided(self, parts: Mapping[int, Parts]) -> dict[int, str]:
         """Say of bodies that they have divided: their parts move away from each other."""
-        before, self._parts = self._parts, parts
+        before, self.parts = self.parts, parts
         return {
             number: f"{DIVIDED} of {one:.0f} and {other:.0f} px"
             for number, (one, other, gap) in parts.items()
@@ -205,11 +204,11 @@ class _Step:
         divided: Mapping[int, str],
     ) -> Tracked:
         """Sort what was found into trusted, drifting, missing and lost."""
-        missing, lost = dict(gone), set(gone)
+        missing, lost, patience = dict(gone), set(gone), PATIENCE if self.smooth else AT_ONCE
         curves, drifting = dict[int, Curve](), set[int]()
         for body in bodies:
             one, curve = found[body.id], found[body.id].curve
-            given_up = body.id in divided or (body.misses >= self._patience and not one.trusted)
+            given_up = body.id in divided or (body.misses >= patience and not one.trusted)
             if given_up:
                 lost.add(body.id)
             if given_up or one.empty:

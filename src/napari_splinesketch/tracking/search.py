@@ -102,7 +102,7 @@ class Search:
     given: Mapping[int, Curve]
     refine: Refine
     preset: PresetName
-    report: OnProgress
+    report: OnProgress = field(default=lambda progress: None)
     contrast: float | None = None
     smooth: bool = True
     shown: ShownPlaces = field(default_factory=ShownPlaces)

@@ -7,23 +7,22 @@ A film in which nothing of the kind happens passes through frame by frame.
 """
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
 import numpy as np
 
-from napari_splinesketch.engine.settings import PresetName
 from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
-from napari_splinesketch.tracking.drift import ShownPlaces, distance, folds, near_others
+from napari_splinesketch.tracking.drift import distance, folds, near_others
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
-from napari_splinesketch.tracking.types import Refine, Tracked, View
+from napari_splinesketch.tracking.types import Tracked, View
 
 LONGEST = 45
 """Frames that are held back at most; then they are given as they are."""
@@ -58,10 +57,8 @@ class _Stretch:
 class Window:
     """Holds back the frames that are not decided yet."""
 
-    def __init__(self, refine: Refine, preset: PresetName, pictures: bool, shown: ShownPlaces):
-        self._shown = shown
-        self._refine, self._pictures = refine, pictures
-        self._preset: PresetName = preset
+    def __init__(self, search: Callable[..., Search], pictures: bool):
+        self._search, self._pictures = search, pictures
         self._held: list[Tracked] = []
         self._views: list[dict[int, View]] = []
         """What is kept of each frame for the bodies that are in doubt there."""
@@ -212,11 +209,9 @@ class Window:
         ):
             return there
         if view and result.refinement:
-            search = Search(
-                view.around([predicted.line]), {body.id: predicted}, others, self._refine,
-                self._preset, lambda p: None, abs(result.refinement.model.contrast),
-                shown=self._shown,
-            )  # fmt: skip
+            contrast = abs(result.refinement.model.contrast)
+            part, where = view.around([predicted.line]), {body.id: predicted}
+            search = self._search(part, where, others, contrast=contrast)
             for one in search.held([body]).values():
                 likely = predicted.agrees(one.curve.points, body.half_width)
                 if likely and not (one.empty or folds(body, one.curve)):
