@@ -71,7 +71,14 @@ class Window:
         """
         self._held.append(result)
         number = self._begin + len(self._held) - 1
-        self._note(result, given, before, number)
+        doubted = {i for i in chain(result.drifting, result.missing) if i in before}
+        for i in doubted - set(self._open) - set(given):
+            if before[i].seen:
+                self._open[i] = _Stretch(before[i], number)
+        for i in set(given) | result.lost:
+            self._open.pop(i, None)
+        for i, stretch in self._open.items():
+            stretch.clear = stretch.clear + 1 if i in result.by_id and i not in doubted else 0
         self._keep(result, before)
         waited = {i for i, s in self._open.items() if number - s.first >= LONGEST}
         return self._decided(waited | {i for i, s in self._open.items() if s.clear >= CLEAR})
@@ -147,23 +154,6 @@ class Window:
             if i in self._open and self._open[i].first <= self._begin + at
         }
         return replace(result, by_id={**result.by_id, **doubted})
-
-    def _note(
-        self,
-        result: Tracked,
-        given: Mapping[int, Curve],
-        before: Mapping[int, Body],
-        number: int,
-    ) -> None:
-        """Open and prolong the stretches of the bodies that are in doubt."""
-        doubted = {i for i in chain(result.drifting, result.missing) if i in before}
-        for i in doubted - set(self._open) - set(given):
-            if before[i].seen:
-                self._open[i] = _Stretch(before[i], number)
-        for i in set(given) | result.lost:
-            self._open.pop(i, None)
-        for i, stretch in self._open.items():
-            stretch.clear = stretch.clear + 1 if i in result.by_id and i not in doubted else 0
 
     def _bridged(self, name: int, stretch: _Stretch) -> Body:
         """Go through the frames of a stretch again, and give the body as it is known then."""
