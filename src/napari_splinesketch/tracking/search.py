@@ -256,9 +256,6 @@ class Search:
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
-            near = self.predicted[body.id].agrees(curve.points, body.half_width)
-            if not (held or near) and on_others(curve.points, rest):
-                said.append("it lies on other curves, away from where it was expected")
             empty = curve.status == "failed" or there <= LEAST
             one = Found(lines[body.id], curve, tuple(said), empty)
             if body.id not in found or one.score < found[body.id].score + (body.id in hidden):
