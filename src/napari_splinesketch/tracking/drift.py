@@ -209,11 +209,15 @@ def on_others(line: Line, others: Sequence[Curve]) -> bool:
     return float(apart_from(line, others, SAME).mean()) < 1 - ALONG
 
 
-def near_others(curves: Mapping[int, Curve]) -> set[int]:
-    """Numbers of the curves that come near another one."""
+def near_others(curves: Mapping[int, Curve], share: float = 0.0) -> dict[int, set[int]]:
+    """Say of each curve which others come near it, for more than a share of it, by number."""
     names = list(curves)
-    pairs = [(i, j) for i, j, near in _shares(list(curves.values()), NEAR) if near]
-    return {names[k] for pair in pairs for k in pair}
+    found: dict[int, set[int]] = {name: set() for name in names}
+    for i, j, near in _shares(list(curves.values()), NEAR):
+        if near > share:
+            found[names[i]].add(names[j])
+            found[names[j]].add(names[i])
+    return found
 
 
 def _half_width(curve: Curve) -> float:

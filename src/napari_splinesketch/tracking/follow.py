@@ -126,7 +126,7 @@ def after(bodies: Mapping[int, Body], result: Tracked, given: Given) -> dict[int
         body = known[number]
         if number in result.drifting:
             known[number] = body.missed()
-        elif not (number in near and misleads(body, result.frame, curve)):
+        elif not (near[number] and misleads(body, result.frame, curve)):
             known[number] = body.with_curve(result.frame, curve)
     for number in result.missing:
         known[number] = known[number].missed()

@@ -1,8 +1,8 @@
 """What one frame cannot tell, the frames around it can: stretches in doubt, seen from both ends.
 
-Where a body is in doubt or out of sight, frames are held back until it is clear again. Then each
-frame in between is gone through again, backwards, by what the frames before and after predict, and
-what it does not show is inferred.
+Where bodies lie on each other and the fit is unsure, or where one is out of sight, frames are held
+back until it is clear again. Then each frame in between is gone through again for it, backwards, by
+what the frames before and after predict, and what it does not show is inferred.
 A film in which nothing of the kind happens passes through frame by frame.
 """
 
@@ -18,7 +18,7 @@ from napari_splinesketch.engine.spline import fit_knots
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking import motion, surface
 from napari_splinesketch.tracking.bodies import INFERRED, Body, lines_of
-from napari_splinesketch.tracking.drift import distance, folds
+from napari_splinesketch.tracking.drift import distance, folds, near_others
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.search import Search
 from napari_splinesketch.tracking.surface import Seen
@@ -26,8 +26,10 @@ from napari_splinesketch.tracking.types import Tracked, View
 
 LONGEST = 45
 """Frames that are held back at most; then they are given as they are."""
+ALONG = 0.3
+"""Share of a body that may run along another without being taken for it."""
 CLEAR = 2
-"""Frames in a row for which nothing speaks against a curve before a stretch is over."""
+"""Frames in which a body must be clear of others and of doubts before a stretch is over."""
 SIDE = 5
 """Frames after one that predict a body there."""
 FEWEST_SEEN = 4
@@ -46,8 +48,10 @@ class _Stretch:
     anchor: Body
     first: int
     """Number of the first frame of the stretch, in the order of their coming."""
+    trusted: int = 0
+    """Frames for which it has been clear of doubts again ..."""
     clear: int = 0
-    """Frames for which it has been clear of doubts again."""
+    """... and of other bodies as well."""
 
 
 class Window:
@@ -71,17 +75,10 @@ class Window:
         """
         self._held.append(result)
         number = self._begin + len(self._held) - 1
-        doubted = {i for i in chain(result.drifting, result.missing) if i in before}
-        for i in doubted - set(self._open) - set(given):
-            if before[i].seen:
-                self._open[i] = _Stretch(before[i], number)
-        for i in set(given) | result.lost:
-            self._open.pop(i, None)
-        for i, stretch in self._open.items():
-            stretch.clear = stretch.clear + 1 if i in result.by_id and i not in doubted else 0
+        self._note(result, given, before, number)
         self._keep(result, before)
         waited = {i for i, s in self._open.items() if number - s.first >= LONGEST}
-        return self._decided(waited | {i for i, s in self._open.items() if s.clear >= CLEAR})
+        return self._decided({i for i, s in self._open.items() if s.clear >= CLEAR} | waited)
 
     def _keep(self, result: Tracked, before: Mapping[int, Body]) -> None:
         """Keep the pixels around the bodies in doubt; all of them where pictures are wanted."""
@@ -98,7 +95,7 @@ class Window:
     def _decided(self, names: set[int]) -> dict[int, Body]:
         """End stretches; those of bodies that are clear again are put right, backwards."""
         over = {i: self._open.pop(i) for i in names}
-        return {i: self._bridged(i, s) for i, s in over.items() if s.clear >= CLEAR}
+        return {i: self._bridged(i, s) for i, s in over.items() if s.trusted >= CLEAR}
 
     def ready(self, *, end: bool = False) -> Iterator[Tracked]:
         """Give the frames that nothing is to be learned about any more; at the `end`, all."""
@@ -154,6 +151,31 @@ class Window:
             if i in self._open and self._open[i].first <= self._begin + at
         }
         return replace(result, by_id={**result.by_id, **doubted})
+
+    def _note(
+        self,
+        result: Tracked,
+        given: Mapping[int, Curve],
+        before: Mapping[int, Body],
+        number: int,
+    ) -> None:
+        """Open and prolong the stretches of the bodies that are in doubt."""
+        curves = result.by_id
+        near = near_others({**given, **curves})
+        doubted = {i for i in chain(result.drifting, result.missing) if i in before}
+        along = near_others({**given, **curves}, ALONG)
+        unsure = {i for i, c in curves.items() if along[i] or (near[i] and c.status != "good")}
+        opening = (doubted | unsure) - set(self._open)
+        opening |= {j for i in opening for j in near.get(i, ()) if j in before and j in curves}
+        for i in opening - set(self._open) - set(given):
+            if before[i].seen:
+                self._open[i] = _Stretch(before[i], number)
+        for i in set(given) | result.lost:
+            self._open.pop(i, None)
+        for i, stretch in self._open.items():
+            trusted = i in curves and i not in doubted
+            stretch.trusted = stretch.trusted + 1 if trusted else 0
+            stretch.clear = stretch.clear + 1 if trusted and not near.get(i) else 0
 
     def _bridged(self, name: int, stretch: _Stretch) -> Body:
         """Go through the frames of a stretch again, and give the body as it is known then."""
