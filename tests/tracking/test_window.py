@@ -1,4 +1,4 @@
-"""What the frames around tell: gaps bridged, numbers put right, nothing held back without need."""
+"""What the frames around tell: gaps bridged, nothing held back without need."""
 
 from collections.abc import Sequence
 from functools import partial
