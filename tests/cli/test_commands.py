@@ -140,6 +140,12 @@ def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert '"pairs": 1' in capsys.readouterr().out
 
 
+def test_an_image_that_nothing_is_drawn_over_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["compare", "a.csv", "a.csv", "--image", "film.tif"])
+    assert "give --picture, too" in capsys.readouterr().err
+
+
 def test_demo_without_a_display_says_so_and_writes_files(
     monkeypatch: pytest.MonkeyPatch, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -255,8 +255,8 @@ class CompareJob(Job):
     (dynamic time warping), distance along the normal, and distance between the ends, all in px.
 
     For example:
-      napari-splinesketch compare labels.csv truth.csv --tolerance 2 --image worms.tif \
-          --picture comparison.png
+      napari-splinesketch compare labels.csv truth.csv --tolerance 2
+      napari-splinesketch compare labels.csv truth.csv --image worms.tif --picture comparison.png
 
     exit codes: 0 compared; 2 not compared, and the message says why
     """
@@ -271,6 +271,12 @@ class CompareJob(Job):
     )
     picture: Path | None = opt("draw curves and truth of the first frame", "PNG", endings=PICTURE)
     image: str | None = opt("image to draw them over (default: a blank sheet)", "IMAGE")
+
+    def __post_init__(self) -> None:
+        """Refuse an image that nothing is drawn over."""
+        super().__post_init__()
+        if self.image is not None and self.picture is None:
+            raise ValueError("--image is what --picture draws over; give --picture, too")
 
 
 @dataclass(frozen=True, kw_only=True)
