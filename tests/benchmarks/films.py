@@ -346,7 +346,7 @@ def _tracked(options: argparse.Namespace) -> str:
     tasks = [task for task in tasks if _name(task) not in kept]
     for task, counts in each(options.jobs, measured, tasks):
         kept[_name(task)] = counts
-        KEPT.write_text(json.dumps(dict(sorted(kept.items())), indent=0))
+        KEPT.write_text(json.dumps(dict(sorted(kept.items()))))
         print(row(_name(task), _read(counts)), end="", flush=True)
     return table_of(kept, options.held_out)
 
