@@ -358,10 +358,11 @@ def test_a_line_drawn_too_short_still_means_the_whole_body(seed):
         assert average_dtw(curve.points, line) < 2
 
 
-def test_a_straight_line_means_the_part_between_its_ends():
-    """Beyond one of them the body goes on; a stroke over it all means all of it."""
+@pytest.mark.parametrize("first", [0, 15])
+def test_a_straight_line_means_the_part_between_its_ends(first: int):
+    """Beyond one of them, or both, the body goes on; a stroke over it all means all of it."""
     line = np.column_stack([45 + 6 * np.sin(np.arange(101) / 16), np.arange(10.0, 111)])
-    image, part = drawn([line]), line[:70]
+    image, part = drawn([line]), line[first : first + 70]
     straight, whole = (refine(image, [s]).curves[0] for s in (part[[0, -1]], line[::5]))
     assert np.linalg.norm(straight.points[[0, -1]] - part[[0, -1]], axis=1).max() < 3
     assert np.linalg.norm(whole.points[[0, -1]] - line[[0, -1]], axis=1).max() < 3

@@ -109,6 +109,15 @@ MALFORMED = {
     "a word": (feature([[0, "x"], [1, 1]]), "geometry.coordinates[0][1]", "expected a number"),
     "a truth": (feature([[0, True], [1, 1]]), "geometry.coordinates[0][1]", "expected a number"),
     "NaN": (feature([[0, float("nan")], [1, 1]]), "geometry.coordinates[0][1]", "finite"),
+    "NaN in provenance": (
+        {
+            "type": "FeatureCollection",
+            "features": [],
+            "splinesketch": {"provenance": {"x": np.nan}},
+        },
+        "splinesketch",
+        "not JSON compliant",
+    ),
     "huge": (feature([[0, 10**400], [1, 1]]), "geometry.coordinates[0][1]", "finite"),
     "one number": (feature([[0], [1, 1]]), "geometry.coordinates[0]", "expected [x, y]"),
     "one point": (feature([[0, 0]]), "geometry.coordinates", "at least 2"),

@@ -182,7 +182,8 @@ def read_head(head: Node) -> Labels:
     """Read what `head_of` wrote, without labels; members may be missing."""
     scale, shape = (head.member(name, list, None) for name in ("scale", "shape"))
     units, provenance = head.member("units", str, None), head.member("provenance", dict, {})
-    with blamed(head.error, Exception):  # there may be anything in the lists
+    with blamed(head.error, Exception):  # there may be anything in them
+        encode(provenance)  # it must be possible to write it again
         return Labels((), scale, units, shape, provenance)
 
 

@@ -302,9 +302,17 @@ class _Pasted:
         low = np.rint(corner).astype(int)
         self._part = slices(low, low + new.shape)
 
-    def __getattr__(self, name: str) -> Float[np.ndarray, "H W"]:
-        picture = getattr(self._old, name).astype(np.float32)
-        picture[self._part] = getattr(self._new, name)
+    @property
+    def reconstruction(self) -> Float[np.ndarray, "H W"]:
+        return self._joined(self._old.reconstruction, self._new.reconstruction)
+
+    @property
+    def background(self) -> Float[np.ndarray, "H W"]:
+        return self._joined(self._old.background, self._new.background)
+
+    def _joined(self, whole: np.ndarray, part: np.ndarray) -> Float[np.ndarray, "H W"]:
+        picture = whole.astype(np.float32)
+        picture[self._part] = part
         return picture
 
 
