@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from napari_splinesketch import refine, synthetic
+from napari_splinesketch import Progress, refine, synthetic
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.look import relief
 from napari_splinesketch.engine.look.scene import leaning, read_scenes
+from napari_splinesketch.engine.types import CANCELLED
 from napari_splinesketch.metrics import average_dtw
 
 NOTE = "Bodies are in relief: bright on one side and dark on the other."
@@ -43,6 +44,18 @@ def test_curves_lie_between_the_bright_and_the_dark_sides(bodies: int) -> None:
     assert max(apart) < 1.5
     assert np.median(apart) < 0.7
     assert NOTE in found.model.notes
+
+
+def test_it_can_be_cancelled_while_the_light_is_looked_for() -> None:
+    asked, given = [], lit(scene_of(8))
+
+    def stop(progress: Progress) -> bool:
+        asked.append(progress.stage)
+        return len(asked) < 4
+
+    found = refine(*given, on_progress=stop)
+    assert asked == ["looking at the image"] * 4
+    assert all(curve.reasons == (CANCELLED,) for curve in found.curves)
 
 
 def test_straight_lines_tell_relief_too() -> None:

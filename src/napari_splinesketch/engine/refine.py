@@ -106,10 +106,8 @@ def refine(
     progress = _Progress(on_progress, lines, len(usable))
     try:
         with compile_cache.kept():
-            progress("looking at the image", 0.0)
-            for island, scenes in _read(
-                image, islands.split(image, lines, alone, still), polarity, half_width
-            ):
+            apart = islands.split(image, lines, alone, still)
+            for island, scenes in _read(image, apart, polarity, half_width, progress):
                 if isinstance(scenes, str):
                     there = {i for i in usable if copies.get(i, i) in island.members}
                     faults = [scenes if i in there else f for i, f in enumerate(faults)]
@@ -142,6 +140,7 @@ def _read(
     all_islands: Sequence[Island],
     polarity: Polarity,
     half_width: float | None,
+    progress: "_Progress",
 ) -> Iterator[tuple[Island, Scenes | str]]:
     """The scenes of each island, or why nothing is to be seen there.
 
@@ -149,6 +148,7 @@ def _read(
     """
     waiting, moments = list[tuple[Island, Scenes]](), np.zeros((3, 3))
     for island in all_islands:
+        progress("looking at the image", 0.0)
         pixels = checks.known(island.pose.cut(image))
         blank = checks.blank(pixels)
         if blank:
@@ -171,7 +171,10 @@ def _read(
     lights = relief.lights(moments)
     cost = _cost(waiting) if lights else 0.0
     for light in lights:
-        lit = [(island, _lit(image, island, light, half_width)) for island, _ in waiting]
+        lit = list[tuple[Island, Scenes]]()
+        for island, _ in waiting:
+            progress("looking at the image", 0.0)
+            lit.append((island, _lit(image, island, light, half_width)))
         if (now := _cost(lit)) < cost:
             waiting, cost = lit, now
     for island, scenes in waiting:
