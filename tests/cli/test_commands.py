@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from napari_splinesketch.cli.commands import COMMANDS
 from napari_splinesketch.cli.comparing import compare
 from napari_splinesketch.cli.demo import why_no_window
 from napari_splinesketch.cli.jobs import RefineJob
-from napari_splinesketch.cli.options import declared
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.format import Format
 
@@ -237,14 +237,12 @@ def test_an_option_is_declared_once_and_checked_wherever_it_comes_from(
         with pytest.raises(SystemExit):
             main([name, "--help"])
         told = capsys.readouterr().out
-        for _, opt in declared(kind):
-            assert (opt.flag if opt.help else str(opt.metavar)) in told
-    with pytest.raises(SystemExit):
-        main("export-training a.tif a.csv -o b --split 0 0 0".split())
-    assert "shares are (0.0, 0.0, 0.0)" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main("export-training a.tif a.csv -o b --split nan 0 0".split())
-    assert "--split is nan; give a number from 0" in capsys.readouterr().err
+        for one in fields(kind):
+            text, metavar = one.metadata["help"], one.metadata["metavar"]
+            assert (f"--{one.name.replace('_', '-')}" if text else metavar) in told
+    for wrong in ("--split 0 0 0", "--split nan 0 0", "--block 0", "--seed -1"):
+        assert main(f"export-training a.tif a.csv -o b {wrong}".split()) == 2
+        assert "; give " in capsys.readouterr().err
 
 
 def test_one_line_a_frame_or_one_a_curve(

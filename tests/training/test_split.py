@@ -66,6 +66,7 @@ def test_one_frame_and_none_make_no_trouble() -> None:
         ({"shares": (1.0, float("nan"), 0.1)}, "three numbers from 0"),
         ({"block": 0}, "block is 0"),
         ({"gap": -1}, "gap is -1"),
+        ({"seed": -1}, "seed is -1"),
     ],
 )
 def test_what_divides_nothing_is_refused(wrong: dict, reason: str) -> None:

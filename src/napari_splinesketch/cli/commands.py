@@ -18,7 +18,7 @@ from napari_splinesketch.files import counted, is_inside
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
 from napari_splinesketch.labels.types import ByFrame
-from napari_splinesketch.training import export_training
+from napari_splinesketch.training import Split, export_training
 
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
@@ -133,6 +133,7 @@ def _compare(job: jobs.CompareJob) -> int:
 
 
 def _export_training(job: jobs.TrainingJob) -> int:
+    split = Split(job.split, job.block, job.gap, job.seed)
     if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
         raise ValueError(
             f"{job.output} contains a file that is read, and is not replaced; choose another name"
@@ -143,7 +144,7 @@ def _export_training(job: jobs.TrainingJob) -> int:
             images,
             job.labels,
             keep=job.keep,
-            split=job.parts(),
+            split=split,
             whole_frames=job.whole_frames,
             name=images.name,
             overwrite=job.overwrite,

@@ -2,16 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from inspect import cleandoc
 from pathlib import Path
 from typing import Literal
 
-from napari_splinesketch.cli.options import check, declared, opt
-from napari_splinesketch.engine.settings import Asked, Look
+from napari_splinesketch.cli.options import COUNT, POSITIVE, SHARE, check, opt
+from napari_splinesketch.engine.settings import PresetName
+from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.images.frames import is_part_of
-from napari_splinesketch.labels.formats import READERS, WRITERS, writer_of
+from napari_splinesketch.labels.formats import READERS, WRITERS
 from napari_splinesketch.training import Split
 
 TIFF = (".tif", ".tiff")
@@ -31,8 +32,7 @@ class Job:
 
     def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
         """Give every file that is written, or that is read beside the image."""
-        roles = {one.name: "written" if o.endings else o.role for one, o in declared(type(self))}
-        named = (getattr(self, name) for name, its in roles.items() if its == role)
+        named = (getattr(self, one.name) for one in fields(self) if role in one.metadata)
         return tuple(path for path in named if path is not None)
 
     def check(self) -> None:
@@ -44,11 +44,10 @@ class Job:
             return image_too or any(same_file(path, own) for own in self.files("read"))
 
         check_outputs(self.files("written"), is_input, overwrite=self.overwrite)
-        for one, what in declared(type(self)):
-            path = getattr(self, one.name)
-            if what.endings and path and path.suffix.lower() not in what.endings:
-                endings = " or ".join(what.endings)
-                raise ValueError(f"{path}: expected a name that ends with {endings}")
+        for one in fields(self):
+            path, endings = getattr(self, one.name), one.metadata.get("written")
+            if endings and path and path.suffix.lower() not in endings:
+                raise ValueError(f"{path}: expected a name that ends with {' or '.join(endings)}")
 
     @contextmanager
     def owning(self) -> Iterator[None]:
@@ -66,7 +65,9 @@ class ScaledJob(Job):
     """A command that takes the size of a pixel."""
 
     pixel_size: tuple[float, ...] | None = opt(
-        "size of a pixel in --units; one number where pixels are square", ("Y", "X"), above=0
+        "size of a pixel in --units; one number where pixels are square",
+        ("Y", "X"),
+        allowed=POSITIVE,
     )
     units: str | None = opt("unit of --pixel-size, such as µm", "NAME")
 
@@ -96,24 +97,30 @@ class ImageJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameJob(ScaledJob, ImageJob, Look):
+class FrameJob(ScaledJob, ImageJob):
     """A command that goes through the frames of an image."""
 
-    output: Path = opt("file of labels to write", "LABELS", role="written", required=True)
+    polarity: Polarity = opt(
+        "whether bodies are brighter or darker than what is around them; auto looks", default="auto"
+    )
+    half_width: float | None = opt(
+        "rough distance from a body's centreline to its edge; measured where not given",
+        "PX",
+        allowed=POSITIVE,
+    )
+    output: Path = opt("file of labels to write", "LABELS", written=(), required=True)
     resume: bool = opt("continue an interrupted run of this command", default=False)
     verbose: bool = opt("report every curve, not one line per frame", default=False)
 
-    def check(self) -> None:
-        """Refuse outputs that could not be written, before it has cost any time."""
-        writer_of(self.output)
-        super().check()
-
 
 @dataclass(frozen=True, kw_only=True)
-class SketchedJob(FrameJob, Asked):
+class SketchedJob(FrameJob):
     """A command that refines sketches."""
 
-    sketches: Path = opt(metavar="SKETCHES", role="read")
+    preset: PresetName = opt(
+        "this engine, or the recipe of the paper (default: {default})", default="balanced"
+    )
+    sketches: Path = opt(metavar="SKETCHES", read=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +130,7 @@ class SharedJob(FrameJob):
     jobs: int = opt(
         "work on N frames at a time, each in its own process (default: {default})",
         "N",
-        least=1,
+        allowed=COUNT,
         default=1,
     )
     scheduler: str | None = opt(
@@ -159,10 +166,10 @@ class RefineJob(SharedJob, SketchedJob):
 
     seed: int = opt("seed of random numbers, where a preset uses any", "N", default=0)
     reconstruction: Path | None = opt(
-        "also write the image as the model explains it", "TIFF", endings=TIFF
+        "also write the image as the model explains it", "TIFF", written=TIFF
     )
-    masks: Path | None = opt("also write masks: body i has the value i + 1", "TIFF", endings=TIFF)
-    overlay: Path | None = opt("also draw the curves over the first frame", "PNG", endings=PICTURE)
+    masks: Path | None = opt("also write masks: body i has the value i + 1", "TIFF", written=TIFF)
+    overlay: Path | None = opt("also draw the curves over the first frame", "PNG", written=PICTURE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,8 +187,7 @@ class SuggestJob(SharedJob):
     sensitivity: float = opt(
         "0 suggests only what stands out, 1 also what is faint or short (default: {default})",
         "S",
-        least=0,
-        most=1,
+        allowed=SHARE,
         default=0.5,
     )
     frame: int | None = opt("suggest on this frame only, from 0", "N")
@@ -243,8 +249,8 @@ class ConvertJob(ScaledJob):
     exit codes: 0 converted; 2 not converted, and the message says why
     """
 
-    source: Path = opt(metavar="IN", role="read")
-    target: Path = opt(metavar="OUT", role="written")
+    source: Path = opt(metavar="IN", read=True)
+    target: Path = opt(metavar="OUT", written=())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,15 +267,15 @@ class CompareJob(Job):
     exit codes: 0 compared; 2 not compared, and the message says why
     """
 
-    labels: Path = opt(metavar="LABELS", role="read")
-    truth: Path = opt(metavar="TRUTH", role="read")
+    labels: Path = opt(metavar="LABELS", read=True)
+    truth: Path = opt(metavar="TRUTH", read=True)
     tolerance: float = opt(
         "largest average DTW at which a curve counts as found (default: {default})",
         "PX",
-        above=0,
+        allowed=POSITIVE,
         default=2.0,
     )
-    picture: Path | None = opt("draw curves and truth of the first frame", "PNG", endings=PICTURE)
+    picture: Path | None = opt("draw curves and truth of the first frame", "PNG", written=PICTURE)
     image: str | None = opt("image to draw them over (default: a blank sheet)", "IMAGE")
 
     def __post_init__(self) -> None:
@@ -296,7 +302,7 @@ class TrainingJob(ImageJob):
     exit codes: 0 written; 2 not written, and the message says why
     """
 
-    labels: Path = opt(metavar="LABELS", role="read")
+    labels: Path = opt(metavar="LABELS", read=True)
     output: Path = opt("folder to write", "FOLDER", required=True)
     keep: Literal["accepted", "good"] = opt(
         "keep the curves that were accepted, or all that are good and not rejected "
@@ -307,21 +313,11 @@ class TrainingJob(ImageJob):
     split: tuple[float, float, float] = opt(
         "shares of the film (default: 0.8 0.1 0.1)",
         ("TRAIN", "VAL", "TEST"),
-        least=0,
         default=Split.shares,
     )
     block: int | None = opt("frames that stay together (default: 1/20 of the film)", "N")
     gap: int | None = opt("frames left out between parts (default: 1/10 of a block)", "N")
-    seed: int = opt("which blocks go where (default: {default})", "N", least=0, default=0)
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that are not allowed, and a split that divides nothing."""
-        super().__post_init__()
-        self.parts()
-
-    def parts(self) -> Split:
-        """Give the split."""
-        return Split(self.split, self.block, self.gap, self.seed)
+    seed: int = opt("which blocks go where (default: {default})", "N", default=0)
 
 
 EXIT_CODES = """\

@@ -2,94 +2,71 @@
 
 import argparse
 import math
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Callable
+from dataclasses import MISSING, field, fields
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-
-@dataclass(frozen=True)
-class Opt:
-    """What the command line adds to a field."""
-
-    flag: str
-    """Its name, with the dashes."""
-    help: str = ""
-    """What it is; {default} stands for the default. Without it, the field is a positional
-    argument."""
-    metavar: str | tuple[str, ...] | None = None
-    """What stands for its value in the help."""
-    above: float = -math.inf
-    least: float = -math.inf
-    most: float = math.inf
-    """`above`, `least` and `most`: which numbers are allowed."""
-    role: Literal["", "read", "written"] = ""
-    """Whether it names a file that is read, or one that is written."""
-    endings: tuple[str, ...] = ()
-    """How the name of a file that is written may end; any where there is none."""
-
-    def problem(self, value: float) -> str:
-        """Say what is wrong with a number; nothing where it is allowed."""
-        if self.above < value < math.inf and self.least <= value <= self.most:
-            return ""
-        if self.most < math.inf:
-            return f"give a number from {self.least:g} to {self.most:g}"
-        least = f"above {self.above:g}" if self.above > -math.inf else f"from {self.least:g}"
-        return f"give a number {least}"
+Allowed = tuple[str, Callable[[float], bool]]
+"""Which numbers are allowed: in words, and a function that tells."""
+POSITIVE: Allowed = "a number above 0", lambda number: 0 < number < math.inf
+SHARE: Allowed = "a number from 0 to 1", lambda number: 0 <= number <= 1
+COUNT: Allowed = "a number from 1", lambda number: number >= 1
 
 
 def opt(
     text: str = "", metavar: Any = None, *, default: Any = None, required: bool = False, **more: Any
 ) -> Any:
-    """Declare an option, or a positional argument, with the arguments of `Opt`."""
+    """Declare an option by its help, in which {default} stands for the default.
+
+    Without help it is a positional argument. `metavar` stands for its value in the help. `allowed`
+    says which numbers it takes; `read=True` marks a file that is read, and `written` one that is
+    written: how its name may end, () for any ending.
+    """
     default = MISSING if required or not text else default
     return field(default=default, metadata={"help": text, "metavar": metavar, **more})
 
 
-def declared(options: type) -> list[tuple[Field[Any], Opt]]:
-    """Give every field with its declaration; positional arguments come first."""
-    found = [
-        (one, Opt(f"--{one.name.replace('_', '-')}", **one.metadata)) for one in fields(options)
-    ]
-    return sorted(found, key=lambda one: bool(one[1].help))
-
-
-def check(options: object) -> None:
+def check(options: Any) -> None:
     """Refuse numbers that are not allowed, with a ValueError."""
-    for one, opt in declared(type(options)):
+    for one in fields(options):
+        words, fits = one.metadata.get("allowed", ("", lambda number: True))
         value = getattr(options, one.name)
         for number in value if isinstance(value, tuple) else (value,):
-            if isinstance(number, (int, float)) and opt.problem(number):
-                raise ValueError(f"{opt.flag} is {number}; {opt.problem(number)}")
+            if number is not None and not fits(number):
+                raise ValueError(f"{flag_of(one.name)} is {number}; give {words}")
 
 
-def add_options(parser: argparse.ArgumentParser, options: type) -> None:
+def flag_of(name: str) -> str:
+    """Give an option's name on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
     """Add the options of a command to a parser."""
     hints = get_type_hints(options)
-    for one, opt in declared(options):
+    for one in fields(options):
         kinds = get_args(hints[one.name])
         kind = kinds[0] if NoneType in kinds else hints[one.name]
-        if not opt.help:
-            parser.add_argument(one.name, metavar=opt.metavar, type=kind)
+        text, metavar = one.metadata["help"], one.metadata["metavar"]
+        if not text:
+            parser.add_argument(one.name, metavar=metavar, type=kind)
             continue
-        flags = ["-o", opt.flag] if one.name == "output" else [opt.flag]
-        text = opt.help.replace("{default}", str(one.default)).replace("%", "%%")
-        more: dict[str, Any] = {"dest": one.name, "help": text}
+        more: dict[str, Any] = {"type": kind, "metavar": metavar, "default": one.default}
         if kind is bool:
-            parser.add_argument(*flags, action="store_true", **more)
-            continue
-        if get_origin(kind) is Literal:
-            more |= {"choices": get_args(kind)}
+            more = {"action": "store_true"}
+        elif get_origin(kind) is Literal:
+            more |= {"type": str, "choices": kinds}
         elif get_origin(kind) is tuple:
             sizes = get_args(kind)
-            count = "+" if sizes[-1] is ... else len(sizes)
-            more |= {"nargs": count, "type": sizes[0], "metavar": opt.metavar}
-        else:
-            more |= {"type": kind, "metavar": opt.metavar}
-        parser.add_argument(*flags, required=one.default is MISSING, default=one.default, **more)
+            more |= {"type": sizes[0], "nargs": "+" if sizes[-1] is ... else len(sizes)}
+        flags = ["-o", flag_of(one.name)] if one.name == "output" else [flag_of(one.name)]
+        text = text.replace("{default}", str(one.default))
+        parser.add_argument(*flags, help=text, required=one.default is MISSING, **more)
 
 
 def given(options: type, parsed: argparse.Namespace) -> Any:
     """Build a command's options from the parsed arguments."""
-    values = {one.name: getattr(parsed, one.name) for one, _ in declared(options)}
+    values = {one.name: getattr(parsed, one.name) for one in fields(options)}
     lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
     return options(**values | lists)

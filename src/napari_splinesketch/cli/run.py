@@ -219,7 +219,7 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
     """
     with open_frames(job.image, channel=job.channel, z=job.z) as images:
         check_call(None, getattr(job, "seed", 0))
-        masked = getattr(job, "masks", None) or writer_of(job.output) is masks.FORMAT
+        masked = writer_of(job.output) is masks.FORMAT or getattr(job, "masks", None)
         if masked and drawn:
             masks.page_count(drawn)
         if masked or job.half_width is not None:

@@ -1,6 +1,6 @@
 """What may be asked of a refinement."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from napari_splinesketch.engine.types import Polarity
@@ -14,40 +14,15 @@ MARGIN = 40
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """What users may say of bodies, in the words of the command line and the window."""
+class Asked:
+    """What users may ask of a refinement, in the words of the command line and the window."""
 
-    polarity: Polarity = field(
-        default="auto",
-        metadata={
-            "help": "whether bodies are brighter or darker than what is around them; auto looks"
-        },
-    )
+    polarity: Polarity = "auto"
     """Whether bodies are brighter or darker than what is around them."""
-    half_width: float | None = field(
-        default=None,
-        metadata={
-            "help": "rough distance from a body's centreline to its edge; measured where not given",
-            "metavar": "PX",
-            "above": 0,
-        },
-    )
+    half_width: float | None = None
     """Rough distance from a body's centreline to its edge, px; None measures it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked(Look):
-    """What users may ask of a refinement."""
-
-    preset: PresetName = field(
-        default="balanced",
-        metadata={"help": "this engine, or the recipe of the paper (default: {default})"},
-    )
+    preset: PresetName = "balanced"
     """This engine, or the recipe of the paper."""
-
-
-HELP: dict[str, str] = {one.name: one.metadata["help"] for one in fields(Asked)}
-"""What each of them is, in words."""
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,8 @@ class Split:
             raise ValueError(f"block is {self.block}; give a number of frames from 1")
         if self.gap is not None and self.gap < 0:
             raise ValueError(f"gap is {self.gap}; give a number of frames from 0")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; give a whole number from 0")
 
     def sizes(self, frames: Int[Array, " F"]) -> tuple[int, int]:
         """Give the frames of a block and of a gap, for these frames."""
