@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from napari_splinesketch.batch.flow import AHEAD, DeadlyError, Here, through
+from napari_splinesketch.batch.flow import AHEAD, DeadlyError, through
 from napari_splinesketch.batch.local import Local, limit_threads
 
 
@@ -72,19 +72,7 @@ def test_no_more_tasks_exist_than_there_is_room_for() -> None:
     assert results == {number: number**2 for number in range(200)}
 
 
-def test_here_tasks_are_done_one_after_another_and_tell_of_their_progress() -> None:
-    told: list[object] = []
-
-    def work(task: int, progress) -> int:
-        progress(task / 10)
-        return task
-
-    for task, _ in through(Here(told.append), work, [1, 2]):
-        told.append(f"done {task}")
-    assert told == [0.1, "done 1", 0.2, "done 2"]
-
-
-def test_another_task_may_take_the_place_of_one_that_failed(tasks) -> None:
+def test_another_task_may_take_the_place_of_one_that_failed_or_it_ends_everything(tasks) -> None:
     def retry(task: int, error: BaseException) -> int | None:
         return task + 1 if "odd" in str(error) else None
 
@@ -93,14 +81,6 @@ def test_another_task_may_take_the_place_of_one_that_failed(tasks) -> None:
         assert sorted(given) == [(2, 2), (4, 4)]
         with pytest.raises(ValueError, match="negative"):
             list(through(workers, tasks.even, [-2], retry=retry))
-
-
-def test_what_the_work_raises_ends_everything() -> None:
-    def work(task: int, progress: object) -> int:
-        raise ValueError("not the same version")
-
-    with pytest.raises(ValueError, match="same version"):
-        list(through(Here(print), work, [1, 2]))
 
 
 def test_a_killed_process_costs_no_result(tasks, tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Work on many tasks: in this process, in others on this machine, or on a cluster."""
+"""Work on many tasks: in other processes on this machine, or on a cluster."""

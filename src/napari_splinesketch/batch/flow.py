@@ -9,14 +9,12 @@ AHEAD = 2
 ALONE = 2
 """A task during which so many workers died is tried once more, with no other beside it."""
 
-Progress = Callable[[float], None]
-"""Called with the share of a task that is done."""
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
 class Workers(Protocol):
-    """What does the work: this process, other processes, or other machines."""
+    """What does the work: other processes, or other machines."""
 
     @property
     def room(self) -> int:
@@ -39,7 +37,7 @@ class DeadlyError(RuntimeError):
 
 def through(
     workers: Workers,
-    work: Callable[..., Done],
+    work: Callable[[Task], Done],
     tasks: Iterable[Task],
     *,
     retry: Callable[[Task, BaseException], Task | None] = lambda task, error: None,
@@ -54,8 +52,7 @@ def through(
     workers
         What does the work.
     work
-        Takes a task and, for workers in this process, a callback for the progress. Must be
-        importable.
+        Takes a task. Must be importable.
     tasks
         Taken one by one.
     retry
@@ -99,19 +96,3 @@ def _is_room(
     if any(died >= ALONE for _, died in (*again[:1], *begun)):
         return not begun
     return len(begun) < max(workers.room, 1)
-
-
-class Here:
-    """Works in this process, one task after another, and reports the `progress` within each."""
-
-    room = 1
-    deaths = ()
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-
-    def submit(self, work: Callable[..., Done], task: Any) -> Future[Done]:
-        """Do it now."""
-        future: Future[Done] = Future()
-        future.set_result(work(task, self._progress))
-        return future

@@ -8,15 +8,13 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from functools import partial as bind
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.flow import Progress
 from napari_splinesketch.batch.local import limit_threads
 from napari_splinesketch.batch.reports import FrameReport, words
 from napari_splinesketch.images.frames import Frames, ImageError, checksum, is_url, open_frames
@@ -85,6 +83,8 @@ class FrameDone:
     """(H, W), where it was asked for."""
 
 
+Progress = Callable[[float], None]
+"""Called with the share of a task that is done."""
 Find = Callable[[Real[np.ndarray, "H W"], Progress], FrameDone]
 """Works on the image of a frame; what it reports lacks the time and what the image is like."""
 
@@ -136,30 +136,13 @@ def failed(task: FrameTask, why: str, seconds: float = 0.0, sha256: str | None =
     return FrameDone(FrameReport(task.frame, (), why, round(seconds, 3), sha256), task.instead)
 
 
-class Reading:
-    """How a frame's pixels reach a worker: it reads them itself, or they are sent."""
-
-    def __init__(self, images: Frames, source: Source, *, here: bool) -> None:
-        self._images, self._send = images, False
-        self._read = images.__getitem__ if here else source.read
-
-    def of(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
-        """Give the function that reads a frame."""
-        return self._sent(frame) if self._send else bind(self._read, frame)
-
-    def again(self, task: FrameTask, error: BaseException) -> FrameTask | None:
-        """Send the pixels where a worker cannot open the image."""
-        if not isinstance(error, UnreachableError):
-            return None
-        self._send = True
-        return replace(task, read=self._sent(task.frame))
-
-    def _sent(self, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
-        try:
-            return bind(np.asarray, self._images[frame])
-        except ImageError as error:
-            return bind(_refuse, str(error))
+def sent(images: Frames, frame: int) -> Callable[[], Real[np.ndarray, "H W"]]:
+    """Read a frame here, for a worker that cannot; gives the function that the worker calls."""
+    try:
+        return partial(np.asarray, images[frame])
+    except ImageError as error:
+        return partial(_refuse, error)
 
 
-def _refuse(why: str) -> Real[np.ndarray, "H W"]:
-    raise ImageError(why)
+def _refuse(error: ImageError) -> Real[np.ndarray, "H W"]:
+    raise error

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Real
 
 import napari_splinesketch
-from napari_splinesketch.batch.flow import Progress
-from napari_splinesketch.batch.frame_task import FrameDone
+from napari_splinesketch.batch.frame_task import FrameDone, Progress
 from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
 from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run

@@ -4,21 +4,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
+from functools import partial
+from itertools import starmap
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.flow import DeadlyError, Here, Workers, through
+from napari_splinesketch.batch.flow import DeadlyError, Workers, through
 from napari_splinesketch.batch.frame_task import (
     Find,
     FrameDone,
     FrameTask,
-    Reading,
     Source,
+    UnreachableError,
     do_frame,
     failed,
+    sent,
 )
 from napari_splinesketch.batch.local import Local
 from napari_splinesketch.batch.partial import Partial
@@ -112,24 +115,36 @@ class Run:
 
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
         """Work on independent frames, here or shared among workers."""
+        left = (each for each in todo if not self.finished(each[0]))
+        if job.jobs == 1 and not job.scheduler:
+            for frame, find, instead in left:
+                read = partial(self.images.__getitem__, frame)
+                self.keep(do_frame(FrameTask(frame, read, find, instead), self.part))
+            return
+        source, unreachable = Source.of(job.image, job.channel, job.z, self.images), False
+
+        def task_of(frame: int, find: Find, instead: tuple[Label, ...]) -> FrameTask:
+            read = sent(self.images, frame) if unreachable else partial(source.read, frame)
+            return FrameTask(frame, read, find, instead)
+
+        def again(task: FrameTask, error: BaseException) -> FrameTask | None:
+            nonlocal unreachable
+            if not isinstance(error, UnreachableError):
+                return None
+            unreachable = True
+            return task_of(task.frame, task.find, task.instead)
+
         with self._workers(job) as workers:
-            source = Source.of(job.image, job.channel, job.z, self.images)
-            reading = Reading(self.images, source, here=isinstance(workers, Here))
-            tasks = (
-                FrameTask(frame, reading.of(frame), find, instead)
-                for frame, find, instead in todo
-                if not self.finished(frame)
-            )
-            for task, done in through(workers, do_frame, tasks, retry=reading.again):
+            for task, done in through(workers, do_frame, starmap(task_of, left), retry=again):
                 self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
 
     def _workers(self, job: SharedJob) -> AbstractContextManager[Workers]:
-        """Give the cluster of the job's scheduler, other processes, or this one."""
-        if job.scheduler:
-            from napari_splinesketch.batch.cluster import Cluster
+        """Give the cluster of the job's scheduler, or other processes here."""
+        if not job.scheduler:
+            return Local(job.jobs)
+        from napari_splinesketch.batch.cluster import Cluster
 
-            return Cluster(job.scheduler)
-        return Local(job.jobs) if job.jobs > 1 else nullcontext(Here(self.part))
+        return Cluster(job.scheduler)
 
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image; count it.
@@ -246,8 +261,8 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
             "reconstruction": bool(getattr(job, "reconstruction", None)),
             **settings,
         }
-        partial = Partial(job.output, depends, resume=job.resume)
+        kept = Partial(job.output, depends, resume=job.resume)
         settings |= {"sketches": [path.name for path in job.files("read")]}
         with ExitStack() as outputs:
-            yield Run(job, images, partial, head, settings, report, outputs)
-        partial.remove()
+            yield Run(job, images, kept, head, settings, report, outputs)
+        kept.remove()
