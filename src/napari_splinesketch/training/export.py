@@ -3,23 +3,23 @@
 import csv
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import re
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 import tifffile
-from jaxtyping import Int, Real
+from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import POINTS, Array
 from napari_splinesketch.files import atomic_folder, checksum_of_file, owned
 from napari_splinesketch.images.frames import checksum
 from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.types import ByFrame, Labels, in_frames
-from napari_splinesketch.training.chosen import MARGIN, Chosen, Keep, is_kept
+from napari_splinesketch.labels.types import ByFrame, Label, Labels, in_frames
+from napari_splinesketch.raster import label_image, rasterise
 from napari_splinesketch.training.split import LEFT_OUT, PARTS, Split
 
 MANIFEST = "manifest.json"
@@ -28,6 +28,13 @@ FOLDERS = ("images", "splines", "masks", "ignore")
 FORMAT = "napari-splinesketch training set"
 VERSION = 1
 COLUMNS = ("frame", "split", "bodies", "ignored", "sha256")
+OURS = re.compile(rf"{MANIFEST}|{FRAMES}|({'|'.join(FOLDERS)})(/frame-[^/]*)?")
+"""What is in a training set, and nothing else."""
+Keep = Literal["accepted", "good"]
+MARGIN = 3.0
+"""Margin around a body that is ignored, px."""
+USUAL = 3.0
+"""Half-width where none is known in the whole frame, px."""
 
 
 class Images(Protocol):
@@ -87,7 +94,8 @@ def export_training(
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
     parts = split.parts(frames)
-    with _whole_folder(folder, overwrite=overwrite) as temporary:
+    target = _free(Path(folder), overwrite)
+    with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
         wanted = dict(zip(frames.tolist(), parts.tolist(), strict=True))
         image, counts = _write_frames(temporary, source, wanted, images, keep)
         head, path = source.head, None if isinstance(labels, Labels) else Path(labels)
@@ -119,11 +127,18 @@ def export_training(
     return manifest
 
 
+def _is_kept(label: Label, keep: Keep) -> bool:
+    """Whether to train on a curve: one that somebody accepted, or any good one."""
+    if keep == "accepted":
+        return label.review == "accepted"
+    return label.status == "good" and label.review != "rejected"
+
+
 def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]:
     """Give the frames that have something to train on; ValueError where there are none."""
     frames, accepted = list[int](), False
     for labels in source.read():
-        kept = [is_kept(label, keep) for label in labels]
+        kept = [_is_kept(label, keep) for label in labels]
         accepted = accepted or any(label.review == "accepted" for label in labels)
         if all(kept) or (any(kept) and not whole_frames):
             frames.append(labels[0].frame)
@@ -155,42 +170,51 @@ def _write_frames(
             frame = curves[0].frame
             if parts.get(frame, LEFT_OUT) == LEFT_OUT:
                 continue
-            part, chosen = PARTS[parts[frame]], Chosen.of(curves, keep)
+            kept = [label.resampled(POINTS) for label in curves if _is_kept(label, keep)]
+            others = [label for label in curves if not _is_kept(label, keep)]
             try:
-                pixels, bodies = np.asarray(images[frame]), len(chosen.kept)
+                pixels = np.asarray(images[frame])
             except IndexError:
                 raise ValueError(f"the labels have a frame {frame}, and the images none") from None
-            signs += _write(folder, frame, pixels, chosen)
+            signs += _write(folder, frame, pixels, kept, others)
             image = image or {"shape": list(pixels.shape), "dtype": str(pixels.dtype)}
+            part = PARTS[parts[frame]]
             counts[part]["frames"] += 1
-            counts[part]["bodies"] += bodies
-            table.writerow((frame, part, bodies, len(chosen.others), checksum(pixels)))
+            counts[part]["bodies"] += len(kept)
+            table.writerow((frame, part, len(kept), len(others), checksum(pixels)))
     return {**image, "polarity": "bright" if signs >= 0 else "dark"}, counts
 
 
-def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) -> int:
+def _write(
+    folder: Path,
+    frame: int,
+    image: Real[Array, "..."],
+    kept: Sequence[Label],
+    others: Sequence[Label],
+) -> int:
     """Write a frame; gives 1 where its bodies are bright, -1 where dark, 0 where none is seen."""
     if image.ndim != 2:
         raise ValueError(f"frame {frame} has shape {image.shape}; give (frames, H, W)")
-    for one in chosen.kept:
+    for one in kept:
         if not np.any(np.all((one.points >= 0) & (one.points < image.shape), axis=1)):
             size = "{} × {} px".format(*image.shape)
             raise ValueError(
                 f"curve {one.curve} lies outside frame {frame}, which has {size}; "
                 "give the image that the labels belong to, or reject the curve"
             )
-    mask = chosen.mask((image.shape[0], image.shape[1]))
-    ignored = chosen.ignored(mask)
+    bodies = [(i, one.points, one.half_width) for i, one in enumerate(kept, 1)]
+    mask = label_image(bodies, (image.shape[0], image.shape[1]), np.uint16)
+    ignored = _ignored(kept, others, mask)
     pictures = {"images": image, "masks": mask, "ignore": 255 * ignored.astype(np.uint8)}
     for content, pixels in pictures.items():
         path = folder / content / f"{file_name(frame)}.tif"
         tifffile.imwrite(path, pixels, compression="zlib", photometric="minisblack")
     np.savez_compressed(
         folder / "splines" / f"{file_name(frame)}.npz",
-        splines=np.stack([label.points[:, ::-1] for label in chosen.kept]),
-        half_width=np.stack([label.half_width for label in chosen.kept]),
-        sd=np.stack([label.sd for label in chosen.kept]),
-        curve=np.array([label.curve for label in chosen.kept]),
+        splines=np.stack([label.points[:, ::-1] for label in kept]),
+        half_width=np.stack([label.half_width for label in kept]),
+        sd=np.stack([label.sd for label in kept]),
+        curve=np.array([label.curve for label in kept]),
     )
     known = np.isfinite(image)
     inside, outside = image[known & (mask > 0)], image[known & (mask == 0) & ~ignored]
@@ -199,40 +223,47 @@ def _write(folder: Path, frame: int, image: Real[Array, "..."], chosen: Chosen) 
     return int(np.sign(float(np.median(inside)) - float(np.median(outside))))
 
 
+def _ignored(
+    kept: Sequence[Label], others: Sequence[Label], mask: UInt16[Array, "H W"]
+) -> Bool[Array, "H W"]:
+    """Draw what is neither body nor background: the other curves and a margin around them."""
+    ignored = np.zeros(mask.shape, dtype=bool)
+    wide = [label for label in kept if np.isfinite(label.half_width).all()]
+    usual = float(np.median([np.median(label.half_width) for label in wide])) if wide else USUAL
+    # A curve that is kept but has no width has no mask either.
+    for label in (*others, *(label for label in kept if label not in wide)):
+        # A line without a width is a rough one: the body may be beside it.
+        known = np.isfinite(label.half_width).all()
+        reach = label.half_width if known else np.full(len(label.points), 2 * usual)
+        drawn = rasterise(label.points, reach + MARGIN, mask.shape)
+        if drawn is not None:
+            place, depth = drawn
+            ignored[place] |= depth >= 0
+    return ignored & (mask == 0)
+
+
 def file_name(frame: int) -> str:
     """Name a frame's files, without their endings."""
     return f"frame-{frame:09d}"
 
 
-@contextmanager
-def _whole_folder(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary folder that becomes `path` when the block succeeds.
-
-    No other process makes it in the meantime. `overwrite` replaces a training set of this name; a
-    folder with anything else in it is never replaced.
-    """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"{target.parent}: no such folder; make it first")
-    if os.path.lexists(target) and not (overwrite and _is_set(target)):
+def _free(folder: Path, overwrite: bool) -> Path:
+    """Refuse a folder that cannot be made, or replaced: only training sets are, where asked."""
+    if not folder.parent.is_dir():
+        raise FileNotFoundError(f"{folder.parent}: no such folder; make it first")
+    if os.path.lexists(folder) and not (overwrite and _is_set(folder)):
         foreign = "is no training set, or has other files in it, and is not replaced"
         again = "exists already; choose another name or ask for it to be overwritten"
-        raise FileExistsError(f"{target} {foreign if overwrite else again}")
-    with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
-        yield temporary
+        raise FileExistsError(f"{folder} {foreign if overwrite else again}")
+    return folder
 
 
 def _is_set(folder: Path) -> bool:
     """Tell whether a folder is a training set, and nothing else."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        foreign = {path.name for path in folder.iterdir()} - {MANIFEST, FRAMES, *FOLDERS}
-        foreign |= {
-            path.name
-            for part in FOLDERS
-            for path in (folder / part).iterdir()
-            if not path.name.startswith("frame-")
-        }
+        names = [path.relative_to(folder).as_posix() for path in folder.rglob("*")]
     except (OSError, ValueError):
         return False
-    return isinstance(manifest, dict) and manifest.get("format") == FORMAT and not foreign
+    known = isinstance(manifest, dict) and manifest.get("format") == FORMAT
+    return known and all(map(OURS.fullmatch, names))
