@@ -11,9 +11,8 @@ import tifffile
 
 from napari_splinesketch import __version__, palette
 from napari_splinesketch.cli import main
-from napari_splinesketch.cli.commands import COMMANDS
+from napari_splinesketch.cli.commands import COMMANDS, why_no_window
 from napari_splinesketch.cli.comparing import compare
-from napari_splinesketch.cli.demo import why_no_window
 from napari_splinesketch.cli.jobs import RefineJob
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 from napari_splinesketch.labels.format import Format
@@ -150,7 +149,7 @@ def test_demo_without_a_display_says_so_and_writes_files(
     monkeypatch: pytest.MonkeyPatch, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(
-        "napari_splinesketch.cli.demo.why_no_window", lambda: "no display was found"
+        "napari_splinesketch.cli.commands.why_no_window", lambda: "no display was found"
     )
     assert main(["demo"]) == 0
     said = capsys.readouterr()
@@ -178,7 +177,7 @@ def test_demo_keeps_existing_files_unless_asked(
 
 def test_no_window_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", "pass")
+    monkeypatch.setattr("napari_splinesketch.cli.commands.PROBE", "pass")
     monkeypatch.setenv("DISPLAY", ":7")
     assert why_no_window() is None
     monkeypatch.delenv("DISPLAY")
@@ -191,9 +190,9 @@ def test_no_window_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_window_where_qt_cannot_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":7")
     for probe in ("import sys; sys.exit('no libEGL\\nhint')", "raise ImportError('no libEGL')"):
-        monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", probe)
+        monkeypatch.setattr("napari_splinesketch.cli.commands.PROBE", probe)
         assert "no libEGL; the README" in str(why_no_window())
-    monkeypatch.setattr("napari_splinesketch.cli.demo.PROBE", "import os; os.abort()")
+    monkeypatch.setattr("napari_splinesketch.cli.commands.PROBE", "import os; os.abort()")
     assert "does not say why" in str(why_no_window())
 
 

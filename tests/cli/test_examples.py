@@ -41,7 +41,7 @@ def examples() -> list[str]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What the examples take for granted: images, sketches, labels and a truth."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("napari_splinesketch.cli.demo.why_no_window", lambda: "none in a test")
+    monkeypatch.setattr("napari_splinesketch.cli.commands.why_no_window", lambda: "none in a test")
     frames = film(3)
     tifffile.imwrite("worms.tif", frames[0])
     tifffile.imwrite("film.tif", frames, photometric="minisblack")

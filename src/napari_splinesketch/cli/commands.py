@@ -2,10 +2,15 @@
 
 import argparse
 import json
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from importlib.resources import as_file, files
+from itertools import chain, count
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -23,6 +28,10 @@ from napari_splinesketch.training import Split, export_training
 if TYPE_CHECKING:
     from napari_splinesketch.cli.run import Outcome
 
+IMAGE, SKETCHES = "worms_dense.png", "worms_dense_sketches.csv"
+"""What the demo shows, in the package's data."""
+FOLDER = "splinesketch-demo"
+PROBE = "from qtpy.QtWidgets import QApplication; QApplication([])"
 KEPT = "finished frames are kept; add --resume to continue"
 
 
@@ -71,20 +80,48 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 def _demo(job: jobs.DemoJob) -> int:
-    from napari_splinesketch.cli import demo
-
-    reason = demo.why_no_window()
+    reason = why_no_window()
     if job.output is None and reason is None:
         from napari_splinesketch.plugin.files import open_demo
 
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # Qt does not hear of it while it waits
         open_demo()
         return report.DONE
-    folder = job.output or demo.free_folder()
+    names = chain([FOLDER], (f"{FOLDER}-{number}" for number in count(2)))
+    folder = job.output or next(path for path in map(Path, names) if not path.exists())
     if job.output is None:
         terminal.say(f"No window: {reason}. Working without one; the results go to {folder}.")
-    with demo.refine_job(job, folder) as refine:
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; name a folder, existing or new")
+    folder.mkdir(parents=True, exist_ok=True)
+    data = files("napari_splinesketch.data")
+    with as_file(data / IMAGE) as image, as_file(data / SKETCHES) as sketches:
+        refine = jobs.RefineJob(
+            image=str(image),
+            sketches=sketches,
+            output=folder / "labels.csv",
+            overlay=folder / "overlay.png",
+            reconstruction=folder / "reconstruction.tif",
+            resume=True,
+            overwrite=job.overwrite,
+            json=job.json,
+            verbose=job.verbose,
+        )
         return _frames("refining.run", refine)
+
+
+def why_no_window() -> str | None:
+    """Say why a window cannot be opened, or None where it can."""
+    has_screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not has_screen:
+        return "no display was found"
+    # Qt ends the process when it cannot start, so it is tried in another process.
+    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
+    if probe.returncode:
+        lines = probe.stderr.strip().splitlines() or ["it does not say why"]
+        reason = lines[-1 if lines[0].startswith("Traceback") else 0]
+        return f"Qt cannot open one here ({reason}; the README lists what it needs)"
+    return None
 
 
 def _frames(name: str, job: jobs.FrameJob) -> int:
@@ -115,9 +152,9 @@ def _convert(job: jobs.ConvertJob) -> int:
         losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.head.notes, *losses]
     terminal.say(*notes)
-    count = labels.facts.count
-    text = f"{counted(count, 'curve')} written to {job.target}"
-    return _show(job, {"written": str(job.target), "curves": count, "notes": notes}, [text])
+    curves = labels.facts.count
+    text = f"{counted(curves, 'curve')} written to {job.target}"
+    return _show(job, {"written": str(job.target), "curves": curves, "notes": notes}, [text])
 
 
 def _compare(job: jobs.CompareJob) -> int:
