@@ -288,10 +288,10 @@ def test_outputs_that_cannot_be_are_refused(
 
 def test_what_lies_inside_a_folder() -> None:
     Path("film.zarr/0").mkdir(parents=True)
-    assert is_inside("film.zarr/0/a.csv", ["film.zarr"])
-    assert is_inside(Path("film.zarr").absolute() / "new.csv", ["film.zarr"])
-    assert not is_inside("film.csv", ["film.zarr"])
-    assert not is_inside("film.zarr", ["film.zarr"])
+    assert is_inside("film.zarr/0/a.csv", "film.zarr")
+    assert is_inside(Path("film.zarr").absolute() / "new.csv", "film.zarr")
+    assert not is_inside("film.csv", "film.zarr")
+    assert not is_inside("film.zarr", "film.zarr")
 
 
 def test_outputs_whose_names_differ_by_case_alone_are_refused(tmp_path: Path) -> None:

@@ -2,13 +2,12 @@
 
 import errno
 import hashlib
-import json
 import os
 import shutil
 import socket
 import stat
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
@@ -108,10 +107,11 @@ def owned(path: str | os.PathLike[str]) -> Iterator[None]:
     lock = target.with_name(f".{target.name}.lock")
     descriptor = _take(lock, target)
     try:
-        owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.time()}
+        since = time.strftime("%Y-%m-%d %H:%M:%S")
         with _full_disk(target):
             os.truncate(descriptor, 0)
-            os.write(descriptor, json.dumps(owner).encode())
+            owner = f"process {os.getpid()} on {socket.gethostname()}, since {since}"
+            os.write(descriptor, owner.encode())
         yield
     finally:
         # Deleted while it is still ours: who waits for it notices, and makes a new one.
@@ -165,10 +165,9 @@ def _may_be_same(path: Path, other: Path) -> bool:
     return same_file(path, other) or len(set(names)) == 1
 
 
-def is_inside(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]]) -> bool:
-    """Tell whether a file lies in one of some folders, however deep."""
-    parents = Path(os.path.realpath(path)).parents
-    return any(Path(os.path.realpath(folder)) in parents for folder in folders)
+def is_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> bool:
+    """Tell whether a file lies in a folder, however deep."""
+    return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents
 
 
 def checksum_of_file(path: str | os.PathLike[str]) -> str:
@@ -300,11 +299,6 @@ def _lock(descriptor: int) -> bool:
 
 def _owner(descriptor: int) -> str:
     """Say who owns a lock file, and what to do."""
-    try:
-        with open(descriptor, encoding="utf-8", closefd=False) as file:
-            owner = json.load(file)
-        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(owner["since"]))
-        who = f"process {owner['pid']} on {owner['host']}, since {since}"
-    except (ValueError, KeyError, TypeError):  # it has only just begun
-        who = "another process"
+    with open(descriptor, encoding="utf-8", errors="replace", closefd=False) as file:
+        who = printable(file.read()) or "another process"  # which has only just begun
     return f"{who}; wait until it is done, stop it, or choose another name"

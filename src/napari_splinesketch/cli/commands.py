@@ -171,7 +171,7 @@ def _compare(job: jobs.CompareJob) -> int:
 
 def _export_training(job: jobs.TrainingJob) -> int:
     split = Split(job.split, job.block, job.gap, job.seed)
-    if is_inside(job.labels, [job.output]) or is_inside(job.image, [job.output]):
+    if is_inside(job.labels, job.output) or is_inside(job.image, job.output):
         raise ValueError(
             f"{job.output} contains a file that is read, and is not replaced; choose another name"
         )

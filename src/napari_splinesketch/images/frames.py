@@ -113,7 +113,7 @@ def is_part_of(path: Path, pattern: str) -> bool:
         return False
     image = Path(pattern)
     if image.is_file() or _is_zarr(image):
-        return same_file(path, image) or is_inside(path, [image])
+        return same_file(path, image) or is_inside(path, image)
     if path.suffix.lower() not in TIFFS + STILLS:
         return False
     if image.is_dir():
