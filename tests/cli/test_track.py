@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 import napari_splinesketch
-from napari_splinesketch.batch.reports import CurveReport, FrameReport
+from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
 from napari_splinesketch.cli import main
 from napari_splinesketch.cli.report import as_text
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
@@ -158,7 +158,7 @@ def test_what_is_lost_is_reported(
 def test_what_ends_and_what_comes_into_view_is_said() -> None:
     gone = CurveReport(4, 0.0, None, None, "lost", ("it left the image",))
     one = FrameReport(3, (gone,), notes=("a body came into view at row 2, column 5",))
-    said = list(as_text([one]))
+    said = list(as_text(Spool([one])))
     assert said[1:3] == ["  curve 4 ends: it left the image", f"  {one.notes[0]}"]
     kept = json.loads(json.dumps(asdict(one)))
     assert FrameReport.from_json(kept) == one

@@ -3,9 +3,9 @@
 import json
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -89,10 +89,6 @@ def words(error: Exception) -> str:
     if isinstance(error, np.linalg.LinAlgError):
         return f"the fit has no solution ({text}); change the sketches, --half-width or --preset"
     return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
-
-
-class Reports(Iterable[FrameReport], Sized, Protocol):
-    """The reports of a run, which can be gone through more than once, and counted."""
 
 
 class Spool:

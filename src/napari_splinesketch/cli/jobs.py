@@ -117,9 +117,7 @@ class FrameJob(ScaledJob, ImageJob):
 class SketchedJob(FrameJob):
     """A command that refines sketches."""
 
-    preset: PresetName = opt(
-        "this engine, or the recipe of the paper (default: {default})", default="balanced"
-    )
+    preset: PresetName = opt("this engine, or the recipe of the paper", default="balanced")
     sketches: Path = opt(metavar="SKETCHES", read=True)
 
 
@@ -128,10 +126,7 @@ class SharedJob(FrameJob):
     """A command whose frames can be shared among workers."""
 
     jobs: int = opt(
-        "work on N frames at a time, each in its own process (default: {default})",
-        "N",
-        allowed=COUNT,
-        default=1,
+        "work on N frames at a time, each in its own process", "N", allowed=COUNT, default=1
     )
     scheduler: str | None = opt(
         "work on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786", "ADDRESS"
@@ -185,7 +180,7 @@ class SuggestJob(SharedJob):
     """
 
     sensitivity: float = opt(
-        "0 suggests only what stands out, 1 also what is faint or short (default: {default})",
+        "0 suggests only what stands out, 1 also what is faint or short",
         "S",
         allowed=SHARE,
         default=0.5,
@@ -212,8 +207,7 @@ class TrackJob(SketchedJob):
 
     last: int | None = opt("stop after this frame, from 0", "N")
     smooth: Literal["on", "off"] = opt(
-        "use the frames before and after where one frame is not enough (default: {default})",
-        default="on",
+        "use the frames before and after where one frame is not enough", default="on"
     )
 
 
@@ -270,10 +264,7 @@ class CompareJob(Job):
     labels: Path = opt(metavar="LABELS", read=True)
     truth: Path = opt(metavar="TRUTH", read=True)
     tolerance: float = opt(
-        "largest average DTW at which a curve counts as found (default: {default})",
-        "PX",
-        allowed=POSITIVE,
-        default=2.0,
+        "largest average DTW at which a curve counts as found", "PX", allowed=POSITIVE, default=2.0
     )
     picture: Path | None = opt("draw curves and truth of the first frame", "PNG", written=PICTURE)
     image: str | None = opt("image to draw them over (default: a blank sheet)", "IMAGE")
@@ -305,19 +296,16 @@ class TrainingJob(ImageJob):
     labels: Path = opt(metavar="LABELS", read=True)
     output: Path = opt("folder to write", "FOLDER", required=True)
     keep: Literal["accepted", "good"] = opt(
-        "keep the curves that were accepted, or all that are good and not rejected "
-        "(default: {default})",
+        "keep the curves that were accepted, or all that are good and not rejected",
         default="accepted",
     )
     whole_frames: bool = opt("leave out frames in which only some curves are kept", default=False)
     split: tuple[float, float, float] = opt(
-        "shares of the film (default: 0.8 0.1 0.1)",
-        ("TRAIN", "VAL", "TEST"),
-        default=Split.shares,
+        "shares of the film", ("TRAIN", "VAL", "TEST"), default=Split.shares
     )
     block: int | None = opt("frames that stay together (default: 1/20 of the film)", "N")
     gap: int | None = opt("frames left out between parts (default: 1/10 of a block)", "N")
-    seed: int = opt("which blocks go where (default: {default})", "N", default=0)
+    seed: int = opt("which blocks go where", "N", default=0)
 
 
 EXIT_CODES = """\

@@ -17,7 +17,7 @@ COUNT: Allowed = "a number from 1", lambda number: number >= 1
 def opt(
     text: str = "", metavar: Any = None, *, default: Any = None, required: bool = False, **more: Any
 ) -> Any:
-    """Declare an option by its help, in which {default} stands for the default.
+    """Declare an option by its help, which ends with the default.
 
     Without help it is a positional argument. `metavar` stands for its value in the help. `allowed`
     says which numbers it takes; `read=True` marks a file that is read, and `written` one that is
@@ -61,7 +61,9 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
             sizes = get_args(kind)
             more |= {"type": sizes[0], "nargs": "+" if sizes[-1] is ... else len(sizes)}
         flags = ["-o", flag_of(one.name)] if one.name == "output" else [flag_of(one.name)]
-        text = text.replace("{default}", str(one.default))
+        if kind is not bool and one.default not in (None, MISSING):
+            values = one.default if isinstance(one.default, tuple) else (one.default,)
+            text = f"{text} (default: {' '.join(map(str, values))})"
         parser.add_argument(*flags, help=text, required=one.default is MISSING, **more)
 
 

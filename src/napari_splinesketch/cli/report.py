@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 
-from napari_splinesketch.batch.reports import CurveReport, FrameReport, Reports
+from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
 from napari_splinesketch.files import counted
 
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
@@ -16,13 +16,13 @@ ENDED = {"failed": "failed", "lost": "ends"}
 """Verbs of the lines that name each curve that ended, and why."""
 
 
-def exit_code(frames: Reports) -> int:
+def exit_code(frames: Spool) -> int:
     """Say whether every frame and curve could be refined."""
     total = _total(frames)
     return FAILURES if any(total.get(what) for what in (*ENDED, "frames not refined")) else DONE
 
 
-def as_json(frames: Reports, **more: object) -> Iterator[str]:
+def as_json(frames: Spool, **more: object) -> Iterator[str]:
     """Give the report as JSON, line by line."""
     head = json.dumps({**more, "counts": _total(frames)}, indent=2)
     yield from (head.removesuffix("\n}") + ',\n  "frames": [').split("\n")
@@ -32,7 +32,7 @@ def as_json(frames: Reports, **more: object) -> Iterator[str]:
     yield from ("  ]", "}")
 
 
-def as_text(frames: Reports, *, verbose: bool = False) -> Iterator[str]:
+def as_text(frames: Spool, *, verbose: bool = False) -> Iterator[str]:
     """Give one line for each frame, or for each curve, and then the counts."""
     if verbose:
         yield "frame curve  length  half-width      sd  status"

@@ -25,7 +25,7 @@ from napari_splinesketch.batch.frame_task import (
 )
 from napari_splinesketch.batch.local import Local
 from napari_splinesketch.batch.partial import Partial
-from napari_splinesketch.batch.reports import FrameReport, Reports, Spool
+from napari_splinesketch.batch.reports import FrameReport, Spool
 from napari_splinesketch.cli.jobs import FrameJob, SharedJob
 from napari_splinesketch.cli.terminal import Report, was_interrupted
 from napari_splinesketch.engine.checks import check_call, check_options
@@ -47,7 +47,7 @@ Todo = tuple[int, Find, tuple[Label, ...]]
 class Outcome:
     """What a command did."""
 
-    frames: Reports
+    frames: Spool
     """A report of each frame that was worked on."""
     notes: tuple[str, ...]
     """What was left out of the sketches, or could not be written into the labels."""
@@ -188,7 +188,7 @@ class Run:
         self._written.append(path)
         return write(self.outputs.enter_context(own), *content)
 
-    def _labels(self, reports: Reports) -> ByFrame:
+    def _labels(self, reports: Spool) -> ByFrame:
         first = next((self.images[done.frame] for done in reports if done.error is None), None)
         head = self.head
         if first is not None:
