@@ -98,6 +98,18 @@ def feature(coordinates: object, **properties: object) -> dict[str, object]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
+@pytest.mark.parametrize("short", [[[0, 0]], []], ids=["one point", "no points"])
+def test_a_line_that_is_too_short_costs_no_other(tmp_path: Path, short: list[object]) -> None:
+    parts = {"type": "MultiLineString", "coordinates": [short, LINE]}
+    lines = [feature(short), feature(LINE), {"type": "Feature", "geometry": parts}]
+    (tmp_path / "a.geojson").write_text(json.dumps(lines))
+    labels = read_labels(tmp_path / "a.geojson")
+    assert [label.curve for label in labels.labels] == [0, 1]
+    assert labels.notes == (
+        "left out 2 LineStrings: only lines of two or more points can be sketches",
+    )
+
+
 OURS = {"frame": 0, "curve": 1, "status": "good", "half_width": [1, 1], "sd": [1, None]}
 LINE = [[0, 0], [1, 1]]
 MALFORMED = {
@@ -120,8 +132,6 @@ MALFORMED = {
     ),
     "huge": (feature([[0, 10**400], [1, 1]]), "geometry.coordinates[0][1]", "finite"),
     "one number": (feature([[0], [1, 1]]), "geometry.coordinates[0]", "expected [x, y]"),
-    "one point": (feature([[0, 0]]), "geometry.coordinates", "at least 2"),
-    "no points": (feature([]), "geometry.coordinates", "at least 2"),
     "short width": (
         feature(LINE, splinesketch={**OURS, "half_width": [1]}),
         "properties.splinesketch",

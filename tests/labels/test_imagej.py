@@ -144,6 +144,36 @@ def test_rois_of_other_programs_are_sketches(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("positions", "frames"),
+    [
+        ([(1, 5), (1, 7)], [4, 6]),
+        ([(1, 5), (3, 7)], [0, 2]),
+        ([(1, 1), (1, 1)], [0, 0]),
+    ],
+    ids=["planes", "times and planes", "channels"],
+)
+def test_a_hyperstack_without_times_has_its_lines_in_their_planes(
+    tmp_path: Path, positions: list[tuple[int, int]], frames: list[int]
+) -> None:
+    # In hyperstacks, ImageJ gives all three positions, 1 along an axis that there is not.
+    kind = roifile.ROI_TYPE.POLYLINE
+    rois = [roi(kind, c_position=2, t_position=t, z_position=z) for t, z in positions]
+    archive(tmp_path / "a.zip", a=rois[0].tobytes(), b=rois[1].tobytes())
+    assert [label.frame for label in read_labels(tmp_path / "a.zip").labels] == frames
+
+
+def test_a_line_that_is_too_short_costs_no_other(tmp_path: Path) -> None:
+    short = roifile.ImagejRoi.frompoints([[10, 20]])
+    short.roitype = roifile.ROI_TYPE.POLYLINE
+    archive(tmp_path / "a.zip", a=short.tobytes(), b=roi(roifile.ROI_TYPE.FREELINE).tobytes())
+    labels = read_labels(tmp_path / "a.zip")
+    assert [label.curve for label in labels.labels] == [0]
+    assert labels.notes == (
+        "left out 1 polyline: only lines of two or more points can be sketches",
+    )
+
+
 def test_a_single_roi(tmp_path: Path) -> None:
     roi(roifile.ROI_TYPE.POLYLINE).tofile(tmp_path / "a.roi")
     assert len(read_labels(tmp_path / "a.roi").labels) == 1

@@ -129,17 +129,21 @@ class Source:
         return replace(self.head, labels=labels, notes=tuple(map(printable, notes)))
 
 
-def numbered(lines: Iterable[tuple[Label, bool]]) -> Iterator[Label]:
-    """Give labels with a number of their own, then the others, numbered on from the highest."""
-    others, first = list[Label](), 0
-    for label, ours in lines:
-        if ours:
+def numbered(lines: Iterable[tuple[Label, int | None]]) -> Iterator[Label]:
+    """Give labels with a number of their own, then the others, numbered on from the highest.
+
+    The others come with their plane, which is their frame where all of them are at time 0.
+    """
+    others, first = list[tuple[Label, int]](), 0
+    for label, plane in lines:
+        if plane is None:
             first = max(first, label.curve + 1)
             yield label
         else:
-            others.append(label)
-    for number, label in enumerate(others, first):
-        yield replace(label, curve=number)
+            others.append((label, plane))
+    timed = any(label.frame for label, _ in others)
+    for number, (label, plane) in enumerate(others, first):
+        yield replace(label, curve=number, frame=label.frame if timed else plane)
 
 
 Read = Callable[[Source], Iterator[Label]]

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,22 +57,13 @@ def read(source: Source) -> Iterator[Label]:
     yield from numbered(_lines(source))
 
 
-def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
-    """Give each line, and whether it was written by us, with a number.
-
-    Planes are the frames of lines that were not written by us, where all are at time 0.
-    """
-    root, others = json_tree.read_json(source.path), list[tuple[Label, int]]()
+def _lines(source: Source) -> Iterator[tuple[Label, int | None]]:
+    """Give each line, and the plane of those that were not written by us."""
+    root = json_tree.read_json(source.path)
     if OURS in root:
         source.head = json_tree.read_head(root[OURS])
     for feature in _features(root):
-        for label, z in _labels(source, feature):
-            if z is None:
-                yield label, True
-            else:
-                others.append((label, z))
-    timed = any(label.frame for label, _ in others)
-    yield from ((label if timed else replace(label, frame=z), False) for label, z in others)
+        yield from _labels(source, feature)
 
 
 def _features(root: json_tree.Node) -> Iterable[json_tree.Node]:
@@ -100,6 +90,9 @@ def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, in
     own = properties[OURS] if OURS in properties else None
     for line in [lines] if kind == "LineString" else lines:
         points = line.places()[:, ::-1] - CORNER
+        if len(points) < 2:
+            source.left_out[LINES[0]] += 1
+            continue
         z = None
         if own:
             source.place = own.place

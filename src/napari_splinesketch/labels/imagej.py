@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
+from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels.format import Format, Source, blamed, numbered, open_regular
 from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
 
@@ -53,14 +55,15 @@ def read(source: Source) -> Iterator[Label]:
     yield from numbered(_lines(source))
 
 
-def _lines(source: Source) -> Iterator[tuple[Label, bool]]:
-    """Give each line, and whether it has a number."""
+def _lines(source: Source) -> Iterator[tuple[Label, int | None]]:
+    """Give each line, and the plane of those that were not written by us."""
     for content in _entries(source):
         with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
             _require_whole(content)
             roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
-        if roi.roitype in LINES:
-            yield _label(roi)
+            xy = roi.coordinates() if roi.roitype in LINES else ()
+        if len(xy) > 1:
+            yield _label(roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
         else:
             source.left_out[roi.roitype.name.lower()] += 1
 
@@ -99,12 +102,12 @@ def _require_whole(content: bytes) -> None:
             raise ValueError(f"cut off at byte {len(content)}")
 
 
-def _label(roi: ImagejRoi) -> tuple[Label, bool]:
-    points = np.asarray(roi.coordinates(), dtype=np.float64)[:, ::-1]
-    frame = max(roi.t_position or roi.z_position or roi.position, 1) - 1
+def _label(roi: ImagejRoi, points: Float[Array, "N 2"]) -> tuple[Label, int | None]:
+    plane = max(roi.z_position or roi.position, 1) - 1
+    frame = roi.t_position - 1 if roi.t_position > 0 else plane
     lines = [line for line in roi.props.splitlines() if line.startswith(OURS)]
     if not lines:
-        return Label.from_sketch(points, frame=frame), False
+        return Label.from_sketch(points, frame=frame), plane
     try:
         own = dict(line.split(": ", 1) for line in lines)
         curve = int(own[f"{OURS}curve"])
@@ -113,7 +116,7 @@ def _label(roi: ImagejRoi) -> tuple[Label, bool]:
         status = own[f"{OURS}status"]
     except (KeyError, ValueError) as error:
         raise ValueError(f"its properties {OURS}... are damaged ({error})") from None
-    return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status)), True
+    return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status)), None
 
 
 def claims(ending: str, head: bytes) -> bool:
