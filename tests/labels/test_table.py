@@ -141,8 +141,13 @@ def test_a_byte_order_mark_and_other_line_ends_are_read(tmp_path: Path, end: str
         (f"{UNITS_HEADER},locked\n" + ",5,,1,2,,,,,,,,,\n,5,,3,4.5,,,,,,,,,\n", 0),
         ("curve, row, col\n5, 1, 2\n5, 3, 4.5\n", 0),
         ("curve,row,col\n5,1,2\n5,3,4.5\n\n,,\n", 0),
+        ("curve,row,col,,\n5,1,2,,\n5,3,4.5,,\n", 0),
+        ("curve ,row\t, col \n5,1,2\n5,3,4.5\n", 0),
     ],
-    ids=["no frame", "frame", "empty fields", "all empty", "spaces", "empty rows below"],
+    ids=[
+        *("no frame", "frame", "empty fields", "all empty", "spaces", "empty rows below"),
+        *("empty columns beside", "spaces after names"),
+    ],
 )
 def test_a_sketch_needs_places_only(tmp_path: Path, text: str, frame: int) -> None:
     (tmp_path / "a.csv").write_text(text)

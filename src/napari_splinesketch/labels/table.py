@@ -218,7 +218,7 @@ def read_curves(
     """
     with open_regular(source.path) as raw, io.TextIOWrapper(raw, "utf-8-sig", newline="") as file:
         table, source.place = _table(source, file), "line 1"
-        _, header = next(table, (1, ()))
+        header = [name.strip() for name in next(table, (1, ()))[1]]
         _check_header(source, header, required)
         check(header)
         keys = [header.index(name) for name in by if name in header]
@@ -298,7 +298,8 @@ def _check_header(source: Source, header: Sequence[str], required: Sequence[str]
         what = f"no column {', '.join(missing)}" if any(header) else "nothing is in it"
         columns = f"the columns {', '.join(required)}, separated by commas"
         raise source.error(f"{what}; expected a table of curves, with {columns}")
-    twice = sorted(name for name, count in Counter(header).items() if count > 1)
+    # Spreadsheets keep empty columns beside a table.
+    twice = sorted(name for name, count in Counter(header).items() if count > 1 and name)
     if twice:
         raise source.error(f"column {', '.join(twice)} occurs twice")
 
