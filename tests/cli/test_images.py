@@ -274,6 +274,36 @@ def test_zarr_images_of_both_versions(tmp_path: Path) -> None:
         assert np.array_equal(frames[2], FRAMES[2])
 
 
+def test_the_scale_of_the_whole_zarr_image_counts_too(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    axes = [{"name": "t"}, *({"name": n, "unit": "micrometer"} for n in "yx")]
+    level = {"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 2, 1]}]}
+    whole = [{"type": "scale", "scale": [0.1, 0.25, 0.5]}]
+    image = {"axes": axes, "datasets": [level], "coordinateTransformations": whole}
+    attributes = {"multiscales": [image]}
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2, attributes=attributes)
+    group.create_array("0", data=FRAMES)
+    with open_frames(str(tmp_path / "a.zarr")) as frames:
+        assert (frames.scale, frames.units) == ((0.5, 0.5), "µm")
+
+
+@pytest.mark.parametrize(
+    ("axes", "data"),
+    [({"axes": ["t", "y", "x"]}, FRAMES), ({}, FRAMES[:, None, None])],
+    ids=["0.3", "0.1 and 0.2"],
+)
+def test_zarr_images_of_early_versions(
+    tmp_path: Path, axes: dict[str, object], data: np.ndarray
+) -> None:
+    zarr = pytest.importorskip("zarr")
+    attributes = {"multiscales": [{"datasets": [{"path": "0"}], **axes}]}
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2, attributes=attributes)
+    group.create_array("0", data=data)
+    with open_frames(str(tmp_path / "a.zarr")) as frames:
+        assert (frames.count, frames.scale) == (4, None)
+        assert np.array_equal(frames[3], FRAMES[3])
+
+
 @pytest.mark.parametrize("name", ["a.avi", "a.mp4"])
 def test_films_are_read_frame_by_frame(tmp_path: Path, name: str) -> None:
     pytest.importorskip("av")

@@ -64,8 +64,11 @@ def open_zarr(address: str, channel: int | None, z: int | None) -> Iterator[Fram
         if isinstance(node, zarr.Group):
             image = _image(node.attrs)
             level = image["datasets"][0]
-            axes = "".join(axis["name"] for axis in image["axes"]).upper()
-            scale, units = _scale(image["axes"], level)
+            # Version 0.3 has names only, and those before it always have these five.
+            named = image.get("axes", "tczyx")
+            known = [{"name": axis} if isinstance(axis, str) else axis for axis in named]
+            axes = "".join(axis["name"] for axis in known).upper()
+            scale, units = _scale(known, level, image)
             node = node[level["path"]]
         if is_url(address):
             chunk_bytes = math.prod(node.shards or node.chunks) * node.dtype.itemsize
@@ -130,12 +133,13 @@ def _image(attributes: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _scale(
-    axes: list[dict[str, str]], level: Mapping[str, Any]
+    axes: Sequence[Mapping[str, str]], *described: Mapping[str, Any]
 ) -> tuple[tuple[float, float], str] | tuple[None, None]:
-    for transformation in level.get("coordinateTransformations", ()):
-        if transformation.get("type") == "scale":
-            y, x = transformation["scale"][-2:]
-            unit = axes[-1].get("unit")
-            if unit and unit == axes[-2].get("unit"):
-                return (float(y), float(x)), SHORT.get(unit, unit)
-    return None, None
+    """Multiply the scales of a level and of the whole image."""
+    steps = (step for each in described for step in each.get("coordinateTransformations", ()))
+    scales = [step["scale"][-2:] for step in steps if step.get("type") == "scale"]
+    unit = axes[-1].get("unit")
+    if not scales or not unit or unit != axes[-2].get("unit"):
+        return None, None
+    y, x = np.prod(scales, axis=0).tolist()
+    return (y, x), SHORT.get(unit, unit)
