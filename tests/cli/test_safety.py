@@ -291,6 +291,14 @@ def test_a_report_that_cannot_be_written_is_said() -> None:
     assert len(run.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize("arguments", [("convert", "sketches.csv", "µ.csv"), ("refine", "--help")])
+def test_what_the_output_s_encoding_lacks_is_spelt_out(arguments: tuple[str, ...]) -> None:
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    run = subprocess.run(command(*arguments), capture_output=True, env=ascii_only)
+    assert (run.returncode, run.stderr) == (0, b"")
+    assert rb"\xb5" in run.stdout
+
+
 @POSIX
 def test_a_closed_output_is_no_error() -> None:
     closed = ["sh", "-c", 'exec "$@" >&-', "sh", *command("convert", "sketches.csv", "out.zip")]

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.machinery import ExtensionFileLoader
+from io import TextIOWrapper
 from types import FrameType
 from typing import TextIO
 
@@ -72,6 +73,8 @@ def take_over() -> None:
     """
     # What is closed stays without a reader: a file that is written must not take its place.
     sys.stdout, sys.stderr = (each or open(os.devnull, "w") for each in (sys.stdout, sys.stderr))
+    if isinstance(sys.stdout, TextIOWrapper):  # spelt out, as on the standard error
+        sys.stdout.reconfigure(errors="backslashreplace")
     warnings.showwarning = lambda message, *where, **more: say(message)
     # Where Ctrl-C meets a destructor, Python tells of it with a traceback and goes on.
     sys.unraisablehook = lambda told: None if _interrupted else sys.__unraisablehook__(told)
