@@ -38,8 +38,19 @@ def test_every_frame_gets_its_lines(folder: Path, capsys: pytest.CaptureFixture[
         assert all(np.allclose(a, b) for a, b in zip(lines, wanted, strict=True))
     assert {label.frame for label in labels} == {0, 2}
     assert {label.status for label in labels} == {"sketch"}
-    assert f"3 frames: {len(labels)} sketches" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"3 frames: {len(labels)} sketches" in said
+    assert "frame 1: 0 sketches;" in said
     assert not Path("lines.csv.partial").exists()
+
+
+def test_an_image_without_bodies_has_no_sketches(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert suggest("--frame", "1", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["counts"]["sketch"] == 0
+    assert suggest("--frame", "1", "--overwrite") == 0
+    assert "1 frame: 0 sketches;" in capsys.readouterr().out
 
 
 def test_one_frame_and_what_was_asked_for(

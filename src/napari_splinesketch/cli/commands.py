@@ -132,14 +132,15 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
     left_out = (path for path in job.files("written") if path not in outcome.written)
     notes = *outcome.notes, *(f"{path} is not written: no frame was refined" for path in left_out)
     terminal.say(*notes)
+    named = report.SUGGESTED if isinstance(job, jobs.SuggestJob) else report.REFINED
     if job.json:
         written = [str(path) for path in outcome.written]
         source = dict(outcome.labels.head.provenance)
         source.pop("image", None)  # the reports have the checksums of the frames
         more = {"written": written, "notes": notes, "provenance": source}
-        told = report.as_json(outcome.frames, **more)
+        told = report.as_json(outcome.frames, named, **more)
     else:
-        told = report.as_text(outcome.frames, verbose=job.verbose)
+        told = report.as_text(outcome.frames, named, verbose=job.verbose)
     return report.exit_code(outcome.frames) if terminal.tell(told) else report.FAILURES
 
 

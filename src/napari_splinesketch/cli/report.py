@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
@@ -11,20 +11,23 @@ from napari_splinesketch.files import counted
 DONE, FAILURES, NOTHING, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
 STATUSES = ("good", "check", "failed", "drift", "missing", "lost")
-"""In the order in which they are counted; the first three are always named."""
+"""In the order in which they are counted."""
+REFINED = STATUSES[:3]
+SUGGESTED = (*REFINED, "sketch")
+"""`REFINED` and `SUGGESTED`: what is counted even where there is none, of curves and of lines."""
 ENDED = {"failed": "failed", "lost": "ends"}
 """Verbs of the lines that name each curve that ended, and why."""
 
 
 def exit_code(frames: Spool) -> int:
     """Say whether every frame and curve could be refined."""
-    total = _total(frames)
+    total = _total(frames, REFINED)
     return FAILURES if any(total.get(what) for what in (*ENDED, "frames not refined")) else DONE
 
 
-def as_json(frames: Spool, **more: object) -> Iterator[str]:
+def as_json(frames: Spool, named: Sequence[str] = REFINED, /, **more: object) -> Iterator[str]:
     """Give the report as JSON, line by line."""
-    head = json.dumps({**more, "counts": _total(frames)}, indent=2)
+    head = json.dumps({**more, "counts": _total(frames, named)}, indent=2)
     yield from (head.removesuffix("\n}") + ',\n  "frames": [').split("\n")
     last = len(frames) - 1
     for number, frame in enumerate(frames):
@@ -32,7 +35,9 @@ def as_json(frames: Spool, **more: object) -> Iterator[str]:
     yield from ("  ]", "}")
 
 
-def as_text(frames: Spool, *, verbose: bool = False) -> Iterator[str]:
+def as_text(
+    frames: Spool, named: Sequence[str] = REFINED, /, *, verbose: bool = False
+) -> Iterator[str]:
     """Give one line for each frame, or for each curve, and then the counts."""
     if verbose:
         yield "frame curve  length  half-width      sd  status"
@@ -42,12 +47,12 @@ def as_text(frames: Spool, *, verbose: bool = False) -> Iterator[str]:
         if frame.error:
             yield f"frame {frame.frame}: {frame.error}"
         elif not verbose:
-            yield f"frame {frame.frame}: {_in_words(_total([frame]))}; {frame.seconds:.1f} s"
+            yield f"frame {frame.frame}: {_in_words(_total([frame], named))}; {frame.seconds:.1f} s"
             for one in frame.curves:
                 if one.status in ENDED:
                     yield f"  curve {one.curve} {ENDED[one.status]}: {'; '.join(one.reasons)}"
         yield from (f"  {note}" for note in frame.notes)
-    total = _total(frames)
+    total = _total(frames, named)
     text, lost = _in_words(total), total["frames not refined"]
     if lost:
         text += f"; {counted(lost, 'frame')} could not be refined"
@@ -69,8 +74,8 @@ def _curve_line(frame: int, curve: CurveReport) -> str:
     )
 
 
-def _total(frames: Iterable[FrameReport]) -> dict[str, int]:
-    statuses, lost = Counter[str](dict.fromkeys(STATUSES[:3], 0)), 0
+def _total(frames: Iterable[FrameReport], named: Sequence[str]) -> dict[str, int]:
+    statuses, lost = Counter[str](dict.fromkeys(named, 0)), 0
     for frame in frames:
         statuses.update(curve.status for curve in frame.curves)
         lost += frame.error is not None
