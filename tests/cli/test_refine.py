@@ -70,6 +70,21 @@ def test_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
     assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
 
 
+def test_lines_in_units_become_pixels(
+    folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    y, x = (LINE * (0.5, 0.25)).T.tolist()
+    record = {"id": "a", "t": 0, "x": x, "y": y}
+    root = {"units": {"t": "s", "x": "mm", "y": "mm"}, "data": record}
+    Path("lines.wcon").write_text(json.dumps(root))
+    command = ["refine", "film.tif", "lines.wcon", "-o", "labels.csv", "--pixel-size"]
+    assert main([*command, "0.5", "0.25", "--units", "µm"]) == 2
+    assert "the lines are in mm; give the size of a pixel in that unit" in capsys.readouterr().err
+    assert main([*command, "0.5", "0.25", "--units", "mm"]) == 0
+    assert "taken as 1 pixel" not in capsys.readouterr().err
+    assert np.array_equal(engine.calls[0][1], [LINE])
+
+
 def test_the_last_word_on_the_pixel_size_is_the_user_s(folder: Path, engine: FakeEngine) -> None:
     write_labels("sketches.csv", Labels((Label.from_sketch(LINE),), (2, 3), "nm"), overwrite=True)
     refine()

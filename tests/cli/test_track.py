@@ -77,6 +77,19 @@ def test_bodies_are_carried_and_newcomers_join(
     assert not Path("labels.csv.partial").exists()
 
 
+def test_lines_in_units_become_pixels(
+    folder: Path, engine: list, capsys: pytest.CaptureFixture[str]
+) -> None:
+    y, x = (LINE * (0.5, 0.25)).T.tolist()
+    record = {"id": "a", "t": 0, "x": x, "y": y}
+    root = {"units": {"t": "s", "x": "mm", "y": "mm"}, "data": record}
+    Path("lines.wcon").write_text(json.dumps(root))
+    command = ["track", "film.tif", "lines.wcon", "-o", "labels.csv", "--last", "0"]
+    assert main([*command, "--pixel-size", "0.5", "0.25", "--units", "mm"]) == 0
+    assert "taken as 1 pixel" not in capsys.readouterr().err
+    assert np.allclose(read_labels("labels.csv").labels[0].points[[0, -1]], LINE)
+
+
 def test_lines_after_the_last_frame_are_counted(
     folder: Path, engine: list, capsys: pytest.CaptureFixture[str]
 ) -> None:

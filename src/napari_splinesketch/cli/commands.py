@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from importlib.resources import as_file, files
 from itertools import chain, count
@@ -22,7 +22,6 @@ from napari_splinesketch.cli.options import add_options, given
 from napari_splinesketch.files import counted, is_inside
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
-from napari_splinesketch.labels.types import ByFrame
 from napari_splinesketch.training import Split, export_training
 
 if TYPE_CHECKING:
@@ -146,10 +145,7 @@ def _frames(name: str, job: jobs.FrameJob) -> int:
 
 def _convert(job: jobs.ConvertJob) -> int:
     with job.owning():
-        labels = open_labels(job.source)
-        if job.scale:
-            head = labels.head.with_pixel_size(job.scale, job.units)
-            labels = replace(labels, head=head) if isinstance(labels, ByFrame) else head
+        labels = job.sized(open_labels(job.source))
         losses = write_labels(job.target, labels, overwrite=job.overwrite)
     notes = [*labels.head.notes, *losses]
     terminal.say(*notes)

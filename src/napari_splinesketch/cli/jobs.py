@@ -13,6 +13,7 @@ from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.files import check_outputs, owned, same_file
 from napari_splinesketch.images.frames import is_part_of
 from napari_splinesketch.labels.formats import READERS, WRITERS
+from napari_splinesketch.labels.types import AnyLabels
 from napari_splinesketch.training import Split
 
 TIFF = (".tif", ".tiff")
@@ -75,6 +76,10 @@ class ScaledJob(Job):
     def scale(self) -> tuple[float, float] | None:
         """(y, x) size of a pixel, or None."""
         return (self.pixel_size[0], self.pixel_size[-1]) if self.pixel_size else None
+
+    def sized(self, labels: AnyLabels) -> AnyLabels:
+        """Give labels with the size of a pixel, if there is one; lines in units become pixels."""
+        return labels.with_pixel_size(self.scale, self.units) if self.scale else labels
 
     def check(self) -> None:
         """Refuse an invalid size of a pixel, and outputs that could not be written."""

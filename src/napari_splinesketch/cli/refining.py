@@ -31,7 +31,7 @@ def run(job: RefineJob, report: Report) -> Outcome:
     A frame that cannot be refined is reported and its sketches come back as drawn, "failed".
     Finished frames are kept beside the output until all outputs are written.
     """
-    sketches = in_frames(open_labels(job.sketches))
+    sketches = in_frames(job.sized(open_labels(job.sketches)))
     with open_run(job, report, sketches) as work:
         work.count, work.alike = len(sketches.frames), bool(job.masks or job.reconstruction)
         options = {name: getattr(job, name) for name in OPTIONS}

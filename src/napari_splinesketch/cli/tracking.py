@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
-from napari_splinesketch.labels.types import in_frames
+from napari_splinesketch.labels.types import AnyLabels, in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
 ENTERED = "a body came into view at row {:.0f}, column {:.0f}; sketch it in this frame to track it"
@@ -31,7 +31,7 @@ def run(job: TrackJob, report: Report) -> Outcome:
     Sketches in later frames are refined there: new numbers join, known ones start again. A frame
     that cannot be read or refined is reported, and the bodies are looked for in the next one.
     """
-    sketches = read_labels(job.sketches)
+    sketches = job.sized(read_labels(job.sketches))
     drawn = {labels[0].frame: labels for labels in in_frames(sketches).read()}
     if not drawn:
         raise ValueError(f"{job.sketches} has no line; draw or suggest some in the first frame")
@@ -46,7 +46,7 @@ def run(job: TrackJob, report: Report) -> Outcome:
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
         notes = *_beyond(frames[-1], sketches), *judged(sum(map(is_judged, sketches.labels)))
-        return work.write(frames, (*sketches.notes, *notes))
+        return work.write(frames, (*sketches.head.notes, *notes))
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -59,7 +59,7 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     return range(first, last + 1)
 
 
-def _beyond(last: int, sketches: Labels) -> Iterator[str]:
+def _beyond(last: int, sketches: AnyLabels) -> Iterator[str]:
     """Say which lines are left out, as no frame of theirs is tracked."""
     if number := sum(label.frame > last for label in sketches.labels):
         yield f"left out: {counted(number, 'line')} in frames after {last}, the last one"

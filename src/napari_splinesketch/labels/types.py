@@ -266,6 +266,10 @@ class ByFrame:
     """Called on the way through them, with the share that is done if that is known; an exception
     that it raises ends the reading."""
 
+    def with_pixel_size(self, scale: tuple[float, float], units: str | None) -> "ByFrame":
+        """Give the (y, x) size of a pixel: what is read frame by frame is in pixels."""
+        return replace(self, head=self.head.with_pixel_size(scale, units))
+
     @property
     def labels(self) -> Iterator[Label]:
         """Go through all labels."""
