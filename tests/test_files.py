@@ -210,6 +210,20 @@ def test_one_process_does_not_own_it_twice() -> None:
         pass
 
 
+@POSIX
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK])
+def test_a_disk_that_cannot_lock_files_is_written_to(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def unable(*given: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", unable)
+    with owned("a.csv"):
+        write("a.csv")
+    assert os.listdir() == ["a.csv"]
+
+
 def test_of_many_who_want_it_one_at_a_time_has_it() -> None:
     inside: list[int] = []
     most: list[int] = []

@@ -13,6 +13,8 @@ from pathlib import Path
 from uuid import uuid4
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+LOCKLESS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
+"""What locking says on a disk that cannot lock files, as some of clusters cannot."""
 BEYOND = 2**30
 """Where Windows locks a byte: what it locks cannot be read."""
 SAID_WHEN_FULL = ("No space left", "File too large", "requested and")
@@ -278,7 +280,10 @@ def _take(lock: Path, target: Path) -> int:
 
 
 def _lock(descriptor: int) -> bool:
-    """Own an open file, for as long as it is open; False where another process does."""
+    """Own an open file, for as long as it is open; False where another process does.
+
+    Where the disk cannot lock files, nobody is kept away.
+    """
     try:
         if os.name == "nt":
             import msvcrt
@@ -293,7 +298,8 @@ def _lock(descriptor: int) -> bool:
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
             return False
-        raise
+        if error.errno not in LOCKLESS:
+            raise
     return True
 
 
