@@ -194,6 +194,8 @@ def test_what_is_no_training_set_is_said(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(ValueError, match="part is 'both'"):
         read_training(folder, "both")  # pyright: ignore[reportArgumentType]
     manifest = folder / "manifest.json"
+    with pytest.raises(ValueError, match=r"manifest\.json is no training set"):
+        read_training(manifest)
     manifest.write_text(manifest.read_text().replace('"version": 1', '"version": 2'))
     with pytest.raises(ValueError, match="version 1 at most"):
         read_training(folder)

@@ -125,7 +125,7 @@ def _read(path: Path, read: Callable[[TextIO], Any]) -> Any:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             return read(file)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{path.parent} is no training set: it has no {path.name}") from None
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is damaged ({error}); write the training set again") from None
