@@ -93,10 +93,10 @@ def test_a_file_of_another_program(tmp_path: Path) -> None:
     [
         ({"ox": 10, "oy": 20}, (20, 10)),
         ({"ox": [10], "oy": [20]}, (20, 10)),
-        ({"cx": [10], "cy": [20]}, (20, 10)),
-        ({"cx": [1], "cy": [1], "ox": 0, "oy": 0}, (0, 0)),
+        ({"cx": [1.5], "cy": [4]}, (0, 0)),
+        ({"cx": [1.5], "cy": [4], "ox": 10, "oy": 20}, (20, 10)),
     ],
-    ids=["origin", "origin in an array", "centroid is the origin", "origin before centroid"],
+    ids=["origin", "origin in an array", "centroid", "origin and centroid"],
 )
 def test_the_origin_is_added(
     tmp_path: Path, origin: dict[str, object], shift: tuple[float, float]
@@ -107,6 +107,45 @@ def test_the_origin_is_added(
     labels = read_labels(tmp_path / "a.wcon")
     assert np.array_equal(labels.labels[0].points, np.array([[3, 1], [5, 2]]) + shift)
     assert labels.scale is None
+
+
+def test_lines_with_a_centroid_are_where_the_format_s_own_examples_have_them(
+    tmp_path: Path,
+) -> None:
+    # "All four test files starting with offset_ should represent the same spine points":
+    # github.com/openworm/tracker-commons, tests/offset_*.wcon, of which these are the first animals
+    line = {"id": "1", "t": [0], "x": [[6.5, 7, 7.5]], "y": [[8.3, 8, 7.6]]}
+    moved = line | {"x": [[4.5, 5, 5.5]], "y": [[4.3, 4, 3.6]], "ox": [2], "oy": [4]}
+    records = [
+        line,
+        line | {"cx": [7], "cy": [8]},
+        moved,
+        moved | {"cx": [5], "cy": [4]},
+    ]
+    for record in records:
+        root = {"units": {"t": "s", "x": "mm", "y": "mm"}, "data": [record]}
+        (tmp_path / "a.wcon").write_text(json.dumps(root))
+        points = read_labels(tmp_path / "a.wcon").labels[0].points
+        assert np.allclose(points, [[8.3, 6.5], [8, 7], [7.6, 7.5]])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "units"),
+    [
+        ("micrometers", "micrometers", "µm"),
+        ("microns", "um", "µm"),
+        ("pixels", "pixels", None),
+        ("mm", "mm", "mm"),
+    ],
+)
+def test_names_of_units(tmp_path: Path, x: str, y: str, units: str | None) -> None:
+    record = {"id": "1", "t": [0], "x": [[1, 2]], "y": [[3, 5]]}
+    (tmp_path / "a.wcon").write_text(
+        json.dumps({"units": {"t": "s", "x": x, "y": y}, "data": [record]})
+    )
+    labels = read_labels(tmp_path / "a.wcon")
+    assert labels.units == units
+    assert (labels.notes == ()) == (units is None)
 
 
 def test_missing_points_are_left_out(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, La
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
-MICROMETRE = {"um": "µm", "μm": "µm", "micron": "µm", "microns": "µm"}
+MICROMETRE = {"um", "μm", *(f"micro{n}{s}" for n in ("n", "meter", "metre") for s in ("", "s"))}
+PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
 def write(path: Path, labels: AnyLabels) -> None:
@@ -77,12 +78,12 @@ def read(source: Source) -> Iterator[Label]:
 
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
     """Take the unit of another program's file; one unit is taken as a pixel."""
-    x, y = (root["units"][axis].expected(str) for axis in "xy")
-    if x != y:
-        raise root["units"].error(f"x is in {x!r} and y in {y!r}; expected one unit")
-    if x in ("", "1"):
+    named = (root["units"][axis].expected(str) for axis in "xy")
+    units, y = ("µm" if name in MICROMETRE else name for name in named)
+    if units != y:
+        raise root["units"].error(f"x is in {units!r} and y in {y!r}; expected one unit")
+    if units in PIXEL:
         return Labels()
-    units = MICROMETRE.get(x, x)
     source.notes.append(NO_PIXEL_SIZE.format(units))
     with blamed(root["units"].error):
         return Labels((), (1.0, 1.0), units, in_units=True)
@@ -112,15 +113,14 @@ def _line(node: json_tree.Node) -> Float[Array, " N"]:
 
 
 def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]:
-    """Give the offset of x or y: the origin, or else the centroid, or else nothing."""
-    for name in (f"o{axis}", f"c{axis}"):
-        if name in record:
-            node = record[name]
-            values = node.numbers() if isinstance(node.value, list) else [node.number()]
-            if len(values) not in (1, count):
-                raise node.error(f"its length is {len(values)}; expected {count}, as in t")
-            return np.broadcast_to(values, count)
-    return np.zeros(count)
+    """Give the origin of x or y; the centroid has nothing to do with it."""
+    if f"o{axis}" not in record:
+        return np.zeros(count)
+    node = record[f"o{axis}"]
+    values = node.numbers() if isinstance(node.value, list) else [node.number()]
+    if len(values) not in (1, count):
+        raise node.error(f"its length is {len(values)}; expected {count}, as in t")
+    return np.broadcast_to(values, count)
 
 
 def claims(ending: str, head: bytes) -> bool:
