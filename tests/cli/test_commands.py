@@ -64,6 +64,15 @@ def test_lines_in_units_become_pixels(capsys: pytest.CaptureFixture[str]) -> Non
     assert (labels.scale, labels.units) == ((0.5, 0.25), "mm")
 
 
+@pytest.mark.parametrize("units", ["um", "μm", "microns"])
+def test_a_unit_may_be_spelt_in_any_way(units: str) -> None:
+    record = {"id": "a", "t": 0.5, "x": [1, 2], "y": [10, 11]}
+    root = {"units": {"t": "s", "x": "micrometers", "y": "micrometers"}, "data": [record]}
+    Path("a.wcon").write_text(json.dumps(root))
+    assert main(["convert", "a.wcon", "b.csv", "--pixel-size", "0.5", "--units", units]) == 0
+    assert read_labels("b.csv").units == "µm"
+
+
 def test_convert_holds_a_frame_at_a_time_and_keeps_the_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

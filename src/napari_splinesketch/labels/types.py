@@ -20,7 +20,13 @@ REVIEWS: tuple[Review, ...] = get_args(Review)
 MAX_COORDINATE = 1e9
 MAX_INTEGER = 2**63 - 1
 MAX_SCALE = 1e30
+MICROMETRE = {"um", "μm", *(f"micro{n}{s}" for n in ("n", "meter", "metre") for s in ("", "s"))}
 NO_PIXEL_SIZE = "the file has no pixel size: 1 {} is taken as 1 pixel"
+
+
+def unit_of(name: str) -> str:
+    """Give the one name of a unit, of which micrometres have many (one of them with a Greek μ)."""
+    return "µm" if name in MICROMETRE else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +201,7 @@ class Labels:
         """Give the (y, x) size of a pixel; coordinates in units become pixels."""
         if not self.in_units:
             return replace(self, scale=scale, units=units)
-        if units not in (None, self.units):
+        if units is not None and unit_of(units) != self.units:
             raise ValueError(
                 f"the lines are in {self.units}; give the size of a pixel in that unit"
             )

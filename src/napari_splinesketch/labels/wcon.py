@@ -13,11 +13,10 @@ from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.format import Format, Source, blamed
 from napari_splinesketch.labels.table import whole
-from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels
+from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels, unit_of
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
-MICROMETRE = {"um", "μm", *(f"micro{n}{s}" for n in ("n", "meter", "metre") for s in ("", "s"))}
 PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
@@ -79,7 +78,7 @@ def read(source: Source) -> Iterator[Label]:
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
     """Take the unit of another program's file; one unit is taken as a pixel."""
     named = (root["units"][axis].expected(str) for axis in "xy")
-    units, y = ("µm" if name in MICROMETRE else name for name in named)
+    units, y = map(unit_of, named)
     if units != y:
         raise root["units"].error(f"x is in {units!r} and y in {y!r}; expected one unit")
     if units in PIXEL:
