@@ -80,7 +80,10 @@ def read(source: Source) -> Iterator[Label]:
     for body in root["annotations"]:
         source.place = body.place
         if "track_id" not in body or "attributes" not in body:
-            raise source.error(f"not written by {OURS}; of COCO, nothing else is read")
+            raise source.error(
+                f"not written by {OURS}; of COCO, nothing else is read: save lines as GeoJSON, "
+                "ImageJ ROIs or a table"
+            )
         points = body["keypoints"].numbers().reshape(-1, 3)[:, 1::-1]
         frame, curve = body["image_id"].integer(), body["track_id"].integer()
         yield json_tree.read_own(body["attributes"], frame, curve, points)
