@@ -183,7 +183,8 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
     def read(index: int) -> np.ndarray:
         with _file(paths[index], channel, z) as frames:
             if frames.count != 1:
-                raise ImageError(f"{paths[index]} has {frames.count} frames; expected one per file")
+                many = f"{paths[index]} has {frames.count} frames; expected one per file"
+                raise ImageError(f"{many}: give that file alone to read them")
             return frames[0]
 
     scale, units = None, None
