@@ -270,13 +270,23 @@ def test_a_scheduler_that_is_none_is_said_with_the_remedy(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(clusters, "PATIENCE", 0.3)
-    for address in ("tcp://127.0.0.1:1", "nonsense://", "nonsense"):
+    for address in ("tcp://127.0.0.1:1", "nonsense://", "nonsense", ""):
         assert main([*COMMAND, "-o", "none.csv", "--scheduler", address]) == 2
         told = capsys.readouterr().err
         assert told.startswith(f"napari-splinesketch refine: --scheduler {address}: no scheduler")
         assert "dask scheduler" in told
         assert len(told.splitlines()) == 1
     assert not list(folder.glob("none.csv*"))
+
+
+def test_no_client_is_made_of_an_address_that_cannot_be(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # At the end of Python, a client that could not begin waits 40 s and prints a traceback.
+    monkeypatch.setattr("distributed.Client", lambda *given, **more: pytest.fail("a client"))
+    for address in ("nonsense", "nonsense://", "tcp://:x", ""):
+        assert main([*COMMAND, "-o", "none.csv", "--scheduler", address]) == 2
+        assert "no scheduler answers there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("more", [["--jobs", "0"], ["--jobs", "2", "--scheduler", "tcp://a:1"]])

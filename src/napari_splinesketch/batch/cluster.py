@@ -29,6 +29,7 @@ class Cluster:
         """Connect; ValueError says what to do where that fails."""
         try:
             from distributed import Client, KilledWorker
+            from distributed.comm.addressing import resolve_address
         except ImportError:
             raise ValueError(
                 "--scheduler needs a library; pip install 'napari-splinesketch[cluster]'"
@@ -37,6 +38,7 @@ class Cluster:
         # Dask's messages at the end of a connection are replaced by one sentence of ours.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
+            resolve_address(self._address)  # a client of none keeps Python from ending for 40 s
             client = Client(self._address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:  # no answer, or no address at all
             raise ValueError(

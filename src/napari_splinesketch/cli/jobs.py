@@ -140,7 +140,7 @@ class SharedJob(FrameJob):
     def __post_init__(self) -> None:
         """Refuse two kinds of workers at once."""
         super().__post_init__()
-        if self.jobs > 1 and self.scheduler:
+        if self.jobs > 1 and self.scheduler is not None:
             raise ValueError("--jobs and --scheduler cannot be combined; choose one")
 
 

@@ -116,7 +116,7 @@ class Run:
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
         """Work on independent frames, here or shared among workers."""
         left = (each for each in todo if not self.finished(each[0]))
-        if job.jobs == 1 and not job.scheduler:
+        if job.jobs == 1 and job.scheduler is None:
             for frame, find, instead in left:
                 read = partial(self.images.__getitem__, frame)
                 self.keep(do_frame(FrameTask(frame, read, find, instead), self.part))
@@ -140,7 +140,7 @@ class Run:
 
     def _workers(self, job: SharedJob) -> AbstractContextManager[Workers]:
         """Give the cluster of the job's scheduler, or other processes here."""
-        if not job.scheduler:
+        if job.scheduler is None:
             return Local(job.jobs)
         from napari_splinesketch.batch.cluster import Cluster
 
