@@ -19,7 +19,7 @@ from napari_splinesketch import (
 )
 from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine.judge.assess import as_drawn
-from napari_splinesketch.engine.settings import OFFERED
+from napari_splinesketch.engine.settings import OFFERED, Hold, Settings
 
 from .scenes import SHAPE, frame, miss, refined, sketches_of
 
@@ -314,6 +314,7 @@ SENSELESS = {
     "a word": ((IMAGE, ["ab"]), "sketch 0 is 'ab'; give"),
     "uneven": ((IMAGE, [SKETCH, [[1, 2], [3]]]), r"sketch 1 is \[\[1, 2\], \[3\]\]; give"),
     "complex sketch": ((IMAGE, [SKETCH * 1j]), "sketch 0 is array.*give"),
+    "too large": ((IMAGE, [[[10**400, 1], [2, 2]]]), r"sketch 0 is \[\[1000.*give"),
     "preset": ((IMAGE, [SKETCH], "best"), "preset is 'best'; choose one of fast, balanced"),
     "no preset": ((IMAGE, [SKETCH], None), "preset is None; choose one of fast, balanced"),
 }
@@ -349,6 +350,31 @@ def test_senseless_options_say_what_is_wrong(case):
     options, message = OPTIONS[case]
     with pytest.raises(ValueError, match=message):
         refine(IMAGE, [SKETCH], **options)
+
+
+SETTINGS = {
+    "none": ({"knots": ()}, r"knots is \(\); give whole numbers"),
+    "a number": ({"knots": 8}, "knots is 8; give whole numbers"),
+    "too few": ({"knots": (1, 8)}, r"knots is \(1, 8\).*from 2 to 24"),
+    "many only": ({"knots": (48, 96)}, r"knots is \(48, 96\).*from 2 to 24"),
+    "falling": ({"knots": (16, 8)}, "in rising order"),
+    "broken": ({"knots": (8.0,)}, "whole numbers"),
+    "one hold": ({"hold": Hold(1.0, 1.0, 1.0)}, "hold is Hold.*one Hold for each sketch"),
+    "numbers": ({"hold": ((1.0, 1.0, 1.0),)}, "hold is .*one Hold for each sketch"),
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_senseless_settings_say_what_is_wrong(case):
+    given, message = SETTINGS[case]
+    with pytest.raises(ValueError, match=message):
+        Settings(**given)
+
+
+@pytest.mark.parametrize("sd", [0.0, -1.0, np.nan, np.inf, "1"])
+def test_errors_that_no_sketch_has_are_refused(sd):
+    with pytest.raises(ValueError, match=r"hold is Hold.*finite standard errors above 0"):
+        Hold(1.0, sd, 1.0)
 
 
 @pytest.mark.parametrize("far", [2e9, 1e200])

@@ -57,7 +57,8 @@ def _checked_sketch(number: int, sketch: Any) -> Float[Array, "N 2"]:
     try:
         line = np.asarray(sketch)
         line = line.astype(np.float64, casting="unsafe" if line.dtype.kind == "O" else "same_kind")
-    except (TypeError, ValueError):  # text, complex numbers, rows of unequal length
+    # Text, complex numbers, rows of unequal length, numbers beyond 1e308.
+    except (OverflowError, TypeError, ValueError):
         raise ValueError(
             f"sketch {number} is {short(sketch)}; give (N, 2) numbers, row and col in px."
         ) from None

@@ -1,8 +1,14 @@
 """What may be asked of a refinement."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from itertools import pairwise
+from numbers import Integral, Real
 from typing import Literal, get_args
 
+import numpy as np
+
+from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import Polarity
 
 PresetName = Literal["fast", "balanced", "thorough", "paper"]
@@ -36,6 +42,10 @@ class Hold:
     stretch: float
     """Of its knots along the path, against each other: how well its length is known."""
 
+    def __post_init__(self) -> None:
+        if not all(isinstance(sd, Real) and 0 < float(sd) < np.inf for sd in astuple(self)):
+            raise ValueError(f"hold is {self!r}; give finite standard errors above 0, px.")
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -46,12 +56,33 @@ class Settings:
     traced
         Whether paths are looked for in the graph of traces, beside those along the sketch.
     knots
-        Numbers of knots that a curve may have, in rising order.
+        Numbers of knots that a curve may have, in rising order; the first from 2 to 24.
     hold
         How precisely each sketch is known to lie on its body; nothing is searched for, and curves
         are held to their sketches by that. None to search.
+
+    Raises
+    ------
+    ValueError
+        Where no curve can have such numbers of knots, or be held like that.
     """
 
     traced: bool = True
     knots: tuple[int, ...] = (8, 12, 16, 24, 48, 96)
     hold: tuple[Hold, ...] | None = None
+
+    def __post_init__(self) -> None:
+        knots, most = self.knots, const.KNOTS_MANY
+        if (
+            not (isinstance(knots, Sequence) and knots)
+            or not all(isinstance(number, Integral) for number in knots)
+            or not 2 <= knots[0] <= most
+            or any(more <= number for number, more in pairwise(knots))
+        ):
+            raise ValueError(
+                f"knots is {knots!r}; give whole numbers in rising order, the first from 2 to"
+                f" {most}, such as (8, 12, 16)."
+            )
+        held = () if self.hold is None else self.hold
+        if not (isinstance(held, Sequence) and all(isinstance(one, Hold) for one in held)):
+            raise ValueError(f"hold is {held!r}; give one Hold for each sketch, or None to search.")
