@@ -203,6 +203,15 @@ def test_a_bad_frame_does_not_stop_the_others() -> None:
     assert results[2].ids == (7, 3)
 
 
+@pytest.mark.parametrize("seen", [(), ((0, curve(LINE)),)])
+def test_a_body_of_which_no_length_is_known_does_not_stop_the_others(seen: tuple) -> None:
+    """Such as the curve of a sketch of one point."""
+    dot = [(frame, replace(one, points=np.full((100, 2), 20.0))) for frame, one in seen]
+    results = run(FakeRefine(), start={5: dot, 7: [(0, curve(LINE))]})
+    assert [result.ids for result in results] == [(7,)] * 3
+    assert not any(result.error for result in results)
+
+
 def test_progress_rises_and_cancelling_ends_it() -> None:
     told: list[Progress] = []
     known_well = [(t, curve(moved(LINE, 0, t))) for t in range(-4, 1)]

@@ -52,7 +52,8 @@ def follow(
     frames
         Numbers of the frames to go to, in that order: forwards or backwards.
     start
-        The bodies as they are known before.
+        The bodies as they are known before; those without a curve that has a length, such as that
+        of a sketch of one point, take no part.
     read
         Reads a frame.
     refine
@@ -78,7 +79,7 @@ def follow(
     ------
     A `Tracked` for each frame; one that cannot be read or refined does not stop the others.
     """
-    bodies = {body.id: body for body in start}
+    bodies = {body.id: body for body in start if body.seen and body.length > 0}
     if refine is None:
         from napari_splinesketch.engine.refine import refine
     search = partial(Search, refine=refine, preset=preset, shown=ShownPlaces())
