@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.layers.pictures import ASKED
 from napari_splinesketch.plugin.layers.results import OVER
 
 from .fakes import FakeEngine
@@ -238,6 +239,37 @@ def test_results_follow_an_image_that_becomes_a_film(
         for line, curve in zip(LINES, layers[1].data, strict=True):
             np.testing.assert_allclose(curve[[0, -1], -2:], line[:, 1:], atol=1e-4)
     assert sketches.nshapes == 2
+
+
+@pytest.mark.parametrize(
+    "placed",
+    [{"scale": (0.5, 0.25), "units": "um"}, {"translate": (9, -7), "rotate": 30}],
+    ids=["scaled", "turned"],
+)
+def test_results_follow_an_image_that_is_placed_elsewhere(
+    viewer: Any, dock: SplinesketchDock, fake: FakeEngine, placed: dict[str, Any]
+) -> None:
+    image = viewer.add_image(np.random.default_rng(0).random((96, 128)), name="worms")
+    sketches = viewer.add_shapes([line[:, 1:] for line in LINES], shape_type="line", name="s")
+    refine(dock)
+    for entry in dock.eyes.entries.values():
+        entry.trigger()
+    own = [layer for layer in viewer.layers if layer not in (image, sketches)]
+    assert len(own) == len(OVER) + 1 + len(ASKED)
+    for name, value in placed.items():
+        setattr(image, name, value)
+    place = np.array([3.0, 5.0])
+
+    def lies_on_it(layer: Any) -> bool:
+        return np.allclose(layer.data_to_world(place), image.data_to_world(place))
+
+    until(lambda: all(map(lies_on_it, own)), 5)
+    assert {layer.units for layer in own} == {image.units}
+    viewer.layers["s reconstruction"].translate = 50, 0
+    viewer.scene.camera.zoom *= 2
+    QTest.qWait(60)
+    assert viewer.layers["s reconstruction"].translate[0] == 50, "beside it: the user's choice"
+    np.testing.assert_array_equal(sketches.data[0], LINES[0][:, 1:])
 
 
 def test_layers_that_were_being_added_are_shown_by_what_comes_next(

@@ -58,6 +58,7 @@ class Made(NamedTuple):
     data: Any
     always: Mapping[str, Any] = {}
     look: Mapping[str, Any] = {}
+    grid: grids.Grid | None = None  # of its pixels, where they are not the image's
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class Slot:
         self.veiled = False  # made, and not shown yet
         self.made: Layer | None = None  # the layer that we have made, and not taken away
         self._source: Sequence[Any] | None = None
+        self._grid: grids.Grid | None = None  # of its pixels, where they are not the image's
 
     @property
     def layer(self) -> Any:
@@ -98,7 +100,7 @@ class Slot:
     def make(self, *data: Any, **how: Any) -> Any:
         """Make the layer: from data, or an empty one of some axes, to be filled by `update`."""
         image, layers, kind = self.work.image, self.work.viewer.layers, self.maker.kind
-        layer = kind(*data, **space.placement(image) | self._named | how)
+        layer = kind(*data, **space.placement_on(image, self._grid) | self._named | how)
         # Pictures over the image, all else over everything.
         at = layers.index(image) + 1 if kind in (Image, Labels) else len(layers)
         # napari selects what is added: undone silently, as to tell of it twice takes as long again.
@@ -123,18 +125,28 @@ class Slot:
         if made is None:
             self.remove()
         elif layer is None:
+            self._grid = made.grid
             how = {**made.always, "visible": self.maker.title > "", **made.look}
             self.make(made.data, **how)
         else:
             if self.maker.kind is Points:  # napari keeps the numbers of points that are gone
                 layer.selected_data = set()
-            layer.data = made.data
+            layer.data, self._grid = made.data, made.grid
+            if made.grid is not None:
+                self.place()
             for name, value in made.always.items():
                 # napari draws everything again for a breadth, even for the same.
                 if not (isinstance(value, float) and np.all(getattr(layer, name) == value)):
                     setattr(layer, name, value)
         self._source = source
         yield
+
+    def place(self) -> bool:
+        """Lay the layer where the image lies by now; say whether it has lain elsewhere."""
+        layer = self.layer
+        if layer is None or self.unfit:
+            return False
+        return space.place(layer, self.work.image, self._grid)
 
     def remove(self) -> None:
         """Take the layer away, if it is there."""
@@ -192,7 +204,7 @@ def _film(work: Work, patches: Film, *make: Pixels, **look: Any) -> Made | None:
         low, high = image.contrast_limits
         look = {} if image.rgb else {"colormap": image.colormap.name, "gamma": image.gamma}
         look["contrast_limits"] = (float(low or 0), float(high or 0))
-    return Made(film, space.placement_on(image, grid), look)
+    return Made(film, {}, look, grid)
 
 
 def _rest(image: Image, frame: int, patch: grids.Patch) -> grids.Picture:
@@ -289,7 +301,7 @@ def _masks(work: Work, _: object) -> Made:
         return label_image(bodies, size, np.int32)
 
     planes = grids.Planes((*space.frame_shape(work.image), *size), np.int32, mask)
-    return Made(planes, space.placement(work.image))
+    return Made(planes)
 
 
 MAKERS: dict[str, Maker] = {

@@ -16,7 +16,7 @@ from superqt.utils import qthrottled
 from napari_splinesketch.engine.spline import fine
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import thinned
-from napari_splinesketch.plugin import columns, model, sessions
+from napari_splinesketch.plugin import choices, columns, model, sessions
 from napari_splinesketch.plugin.layers import drawn, looks, space
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS, SAMPLE, Slot
 
@@ -125,8 +125,11 @@ class Work:
         self._busy = False
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
+        self._soon_placed = qthrottled(self._place, AFTER_MS, leading=False)
         for moved in (viewer.scene.camera.events, viewer.dims.events.current_step):
             moved.connect(self._on_move)
+        for name in choices.PLACED:
+            getattr(image.events, name).connect(self._on_placed)
         vars(sketches).setdefault(WORKS, []).append(self)
         vars(sketches).setdefault(ORIGIN, origin_of(image))
 
@@ -322,6 +325,15 @@ class Work:
     def _on_move(self, event: object) -> None:
         if self.records:
             self._soon_seen()
+
+    def _on_placed(self, event: object) -> None:
+        self._soon_placed()
+
+    def _place(self) -> None:
+        """Let the layers follow the image."""
+        if [slot for slot in self.slots.values() if slot.place()]:
+            self.changes.curves.emit()  # for their lengths, in its unit
+            self._look()
 
     def _look(self) -> None:
         """Let what depends on the camera follow it."""

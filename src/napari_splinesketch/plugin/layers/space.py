@@ -238,12 +238,26 @@ def placement(image: Image, ndim: int | None = None) -> dict[str, Any]:
     return placed | {"affine": affine, "units": units, "axis_labels": labels}
 
 
-def placement_on(image: Image, grid: Grid) -> dict[str, Any]:
-    """Place the pixels of a grid where they lie on the image."""
+def placement_on(image: Image, grid: Grid | None) -> dict[str, Any]:
+    """Place the pixels of a grid where they lie on the image; without one, as the image's own."""
+    if grid is None:
+        return placement(image)
     place = np.concatenate([np.zeros(image.ndim - 2), grid.origin])
     size = np.concatenate([np.ones(image.ndim - 2), grid.step])
     corner = image.affine.inverse(image.data_to_world(place))
     return placement(image) | {"scale": image.scale * size, "translate": corner}
+
+
+def place(layer: Layer, image: Image, grid: Grid | None) -> bool:
+    """Lay a layer of as many axes on an image, as above; say whether it has lain elsewhere."""
+    wanted = placement_on(image, grid)
+    before = {name: getattr(layer, name) for name in wanted}
+    for each in (wanted, before):
+        each["affine"] = each["affine"].affine_matrix
+    moved = [name for name in wanted if not np.array_equal(before[name], wanted[name])]
+    for name in moved:  # napari draws everything again for each
+        setattr(layer, name, wanted[name])
+    return bool(moved)
 
 
 def ruler_of(image: Image | None) -> Ruler:
