@@ -26,6 +26,8 @@ HALF_WIDTHS = {
     "px on an image with a unit": (3.0, "px", "µm", 0.5, 3.0),
     "a unit on an image without": (3.0, "µm", "px", 1.0, None),
     "a unit of something else": (3.0, "s", "µm", 0.5, None),
+    "no unit": (3.0, "foo", "µm", 0.5, None),
+    "no unit, on an image without": (3.0, "1/0", "px", 1.0, None),
 }
 
 
@@ -55,6 +57,17 @@ def test_the_manifest_has_every_key_and_default(
     assert replace(settings.load(), keys={}) == Settings()
     dock = add_dock(viewer)
     assert dock.controller.actions.keys == settings.load().keys
+
+
+def test_a_half_width_is_in_the_unit_that_was_shown(
+    viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    form = add_dock(viewer).settings_form
+    image = viewer.add_image(np.random.default_rng(0).random((64, 96)))
+    image.scale, image.units = (0.5, 0.5), ("um", "um")
+    assert form.half_width.suffix() == " px"
+    form.half_width.setValue(3.0)
+    assert form.half_width.text() == "1.500 µm"
 
 
 @pytest.mark.slow

@@ -46,7 +46,10 @@ class Settings(Asked):
         """Give the half-width in px of an image; None to measure it."""
         if not self.half_width or self.half_width_unit == "px":
             return self.half_width or None
-        given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
+        try:
+            given = pint.get_application_registry().Quantity(self.half_width, self.half_width_unit)
+        except Exception:  # whatever pint makes of what was typed in napari's preferences
+            return None
         if ruler.unit == "px" or not given.is_compatible_with(ruler.unit):
             return None  # it says nothing about pixels of this image
         return float(given.to(ruler.unit).magnitude) / ruler.pixel

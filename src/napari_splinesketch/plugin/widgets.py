@@ -337,7 +337,7 @@ class SettingsForm(qt.QWidget):
     def _take(self, name: str, value: Any) -> None:
         chosen = {name: value}
         if name == "half_width":
-            chosen["half_width_unit"] = ruler_of(self._controller.image).unit
+            chosen["half_width_unit"] = self.half_width.suffix().strip()  # as it was shown
         self._controller.choose(**chosen)
 
     def _ask_for_folder(self) -> None:
