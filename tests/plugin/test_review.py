@@ -162,7 +162,18 @@ def test_the_table_goes_elsewhere(
     menu = panel.more.menu()
     assert menu is not None
     menu.actions()[1].trigger()
-    assert path.read_text(encoding="utf-8").splitlines()[1].startswith("5,0,,failed,open,40.0")
+    text = path.read_text(encoding="utf-8")
+    assert text.splitlines()[1].startswith("5,0,,failed,open,40.0")
+    picture = path = tmp_path / "image.tif"
+    picture.write_bytes(b"pixels")
+    menu.actions()[1].trigger()
+    assert picture.read_bytes() == b"pixels", "what is no table is never replaced"
+    assert (tmp_path / "image.tif.csv").read_text(encoding="utf-8") == text
+    panel.shown.setCurrentIndex(0)
+    panel.shown.activated.emit(0)
+    menu.actions()[1].trigger()
+    assert "exists" in dock.notice.text(), "nobody was asked about that name"
+    assert (tmp_path / "image.tif.csv").read_text(encoding="utf-8") == text
 
 
 @pytest.mark.slow

@@ -277,7 +277,9 @@ class ReviewPanel(qt.QWidget):
         chosen, _ = ui.ask_where(self, "Save the table", image, name, kind)
         try:
             if chosen:
-                with atomic(chosen, overwrite=True) as temporary:
+                path = chosen if chosen.lower().endswith(".csv") else f"{chosen}.csv"
+                # The dialog has asked about the name as it was typed.
+                with atomic(path, overwrite=path == chosen) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
             self.controller.say(f"The table was not saved: {error}")
