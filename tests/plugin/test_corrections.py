@@ -347,6 +347,21 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
         assert made.controller.notice.text == "Undone: refine 2 curves."
 
 
+def test_knots_are_put_away_whatever_is_selected(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        controller.selected = 0, 1
+        controller.toggle_knots()
+        made.viewer.cursor.position = (20, 30)
+        controller.actions.run("split")
+        assert len(controller.selection) == 2
+        done = CommandButton(controller.actions, "knots")
+        assert done.text() == "Done"
+        click(done)
+        assert not controller.knots
+
+
 def test_knots_are_not_pasted(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()

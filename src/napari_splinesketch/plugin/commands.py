@@ -175,8 +175,7 @@ COMMANDS = (
             "Refine each line as soon as it is drawn, while you draw the next", meanwhile=True),
     Command("knots", "Knots", "U", lambda c: c.toggle_knots(),
             "Drag the knots of the selected curve", "curve", ONE,
-            problem=lambda c: RUNNING if c.progress and not c.knots else "",
-            label=lambda c: "Done" if c.knots else "Knots", meanwhile=True),
+            label=lambda c: "Done" if c.knots else "Knots"),
     Command("flip", "Flip", "Shift+H",
             _shape("Flip", lambda c, *of: [replace(r, curve=editing.flipped(r.curve)) for r in of]),
             "Swap head and tail of the selected curves", "curve", ANY),
@@ -262,6 +261,8 @@ class Commands:
     def problem(self, name: str) -> str:
         """Say why a command cannot be carried out now; empty if it can."""
         command, c = self.table[name], self._controller
+        if name == "knots" and c.knots:  # they can be put away, whatever is selected by now
+            return ""
         if c.progress and not command.meanwhile:
             return RUNNING
         number = len(c.selection) if command.curves else 0
