@@ -320,7 +320,7 @@ MAKERS: dict[str, Maker] = {
                         "What the model has behind the bodies"),
     "ribbon": Maker(Vectors, "uncertainty", _curves, _ribbon, "Uncertainty",
                     "Lines at twice the standard error to both sides of each curve",
-                    "No standard errors are known: the preset Paper gives none."),
+                    "No standard errors are known: failed curves and Paper's have none."),
     "masks": Maker(Labels, "masks", _curves, _masks, "Masks",
                    "A Labels layer: pixels have their curve's number"),
 }  # fmt: skip
