@@ -48,13 +48,13 @@ class Bench:
         self.viewer.add_layer(layer)
         return layer
 
-    def click(self, layer: Shapes, *points: tuple[float, float]) -> None:
+    def click(self, layer: Shapes, *points: tuple[float, ...]) -> None:
         """Click vertices of a polyline that is not ended yet."""
         layer.mode = "add_polyline"
         self.viewer.layers.selection.active = layer
-        for row, col in points:
-            pos = np.array([col, row])
-            event = {"position": (row, col), "pos": pos, "modifiers": (), "type": "mouse_press"}
+        for point in points:
+            pos = np.array(point[:-3:-1])
+            event = {"position": point, "pos": pos, "modifiers": (), "type": "mouse_press"}
             mouse_press_callbacks(layer, SimpleNamespace(**event))
 
     def refine(self) -> None:

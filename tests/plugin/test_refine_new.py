@@ -146,3 +146,23 @@ def test_a_line_that_is_being_drawn_waits_until_it_is_finished(qapp: Any, fake: 
         made.rest()
         assert len(controller.records()) == 3
         assert "polyline" not in to_do(controller.request())
+
+
+def test_lines_outlive_a_polyline_that_was_given_up_and_a_view_in_3d(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        viewer: Any = made.viewer
+        made.image((3, 96, 128))
+        lines = [np.insert(line, 0, 0, axis=1) for line in LINES]
+        layer: Any = made.sketches(lines)
+        layer.features = {"id": [7, 8]}
+        made.click(layer, (0, 80, 20))
+        assert layer.nshapes == 3
+        layer.remove([])  # ends it, as Enter does; after one vertex, it is no line
+        until(lambda: len(layer.features) == 2, SOON)
+        for axes in (3, 2):
+            viewer.dims.ndisplay = axes
+        for line, there in zip(lines, layer.data, strict=True):
+            np.testing.assert_array_equal(there, line)
+        assert [*layer.features["id"]] == [7, 8]

@@ -309,6 +309,8 @@ class Controller(Keeper):
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
         image, layer = self.image, self.sketches
+        if layer:
+            drawn.forget_given_up(layer)
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)

@@ -8,6 +8,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
 
@@ -105,6 +106,15 @@ def clicked(viewer: ViewerModel, layer: Shapes) -> bool:
     # napari makes it as long along both axes, and measures that along the last one.
     short = abs(right) < CLICK * space.screen_pixel(viewer, layer)[-1]
     return bool(short and np.isclose(down, right, rtol=1e-3))
+
+
+def forget_given_up(layer: Shapes) -> None:
+    """Drop what napari keeps of paths that were given up: a view in 3-D would lose all shapes."""
+    count, features = layer.nshapes, pd.DataFrame(layer.features)
+    if len(features) > count:
+        layer.features = features.head(count)
+        view = layer._data_view  # nothing public can shorten its colours
+        view._edge_color, view._face_color = view._edge_color[:count], view._face_color[:count]
 
 
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
