@@ -39,7 +39,7 @@ def refined(
         list(frame.sketches),
         half_width=seen.half_width,
         seed=0,
-        report=lambda *_: True,
+        report=lambda *_: None,
         settings=settings or phases.PaperSettings(),
     )
     return seen, found

@@ -11,7 +11,7 @@ import pytest
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import spline
-from napari_splinesketch.engine.types import Curve
+from napari_splinesketch.engine.types import CANCELLED, Curve, Progress
 from napari_splinesketch.metrics import average_dtw
 from napari_splinesketch.paper import phases, result
 from napari_splinesketch.paper.blobs import spline_knots
@@ -37,7 +37,7 @@ def frame(seed: int, bodies: int = 1, shape: tuple[int, int] = SHAPE, **look):
     return scene, normal.astype(np.float32)
 
 
-def fit(image, sketches, *, seed=0, report=lambda *_: True, settings=SETTINGS) -> PaperFit:
+def fit(image, sketches, *, seed=0, report=lambda *_: None, settings=SETTINGS) -> PaperFit:
     return phases.refine_paper(
         image, list(sketches), half_width=HALF_WIDTH, seed=seed, report=report, settings=settings
     )
@@ -143,7 +143,7 @@ def test_fixed_curves_are_drawn_and_do_not_move(crossing) -> None:
         sketches[:1],
         half_width=HALF_WIDTH,
         seed=0,
-        report=lambda *_: True,
+        report=lambda *_: None,
         fixed=[still],
         settings=SETTINGS,
     )
@@ -243,48 +243,46 @@ def test_pixels_that_are_not_finite_are_left_out(crossing) -> None:
 
 def test_reports_rise_to_one_with_the_curves_as_they_move(crossing) -> None:
     _, image, sketches, _ = crossing
-    told: list[tuple[str, float, list[np.ndarray] | None]] = []
-    fit(image, sketches, report=lambda *record: told.append(record) is None)
+    told: list[tuple[str, float, list[np.ndarray]]] = []
+    fit(image, sketches, report=lambda stage, share, lines: told.append((stage, share, lines())))
     fractions = [fraction for _, fraction, _ in told]
     assert fractions == sorted(fractions) and fractions[-1] == pytest.approx(1.0)
     assert len({stage for stage, _, _ in told}) == 3
-    assert all(lines and [line.shape for line in lines] == [(100, 2)] * 2 for _, _, lines in told)
+    assert all([line.shape for line in lines] == [(100, 2)] * 2 for _, _, lines in told)
 
 
-def test_it_stops_when_told_to(crossing) -> None:
-    _, image, sketches, _ = crossing
-    told: list[float] = []
+def test_the_preset_shows_the_curves_and_stops_when_told_to(
+    crossing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(result, "refine_paper", partial(result.refine_paper, settings=SETTINGS))
+    scene, _, sketches, _ = crossing
+    told: list[Progress] = []
 
-    def report(_stage: str, fraction: float, _lines: list[np.ndarray] | None) -> bool:
-        told.append(fraction)
-        return fraction < 0.4
+    def stop(progress: Progress) -> bool:
+        told.append(progress)
+        return progress.fraction < 0.4
 
-    found = fit(image, sketches, report=report)
-    assert found.cancelled
-    assert told[-1] >= 0.4 and all(fraction < 0.4 for fraction in told[:-1])
-    assert len(found.losses["everything"]) == 0
-    assert np.isfinite(found.knots).all()
+    found = refine(scene.image, sketches, "paper", on_progress=stop)
+    assert told[-1].fraction >= 0.4 and all(progress.fraction < 0.4 for progress in told[:-1])
+    assert [curve.reasons for curve in found.curves] == [(CANCELLED,)] * 2
+    shown = next(progress.centrelines for progress in reversed(told) if progress.centrelines)
+    for line, truth in zip(shown, scene.centrelines, strict=True):
+        assert average_dtw(line, truth) < 5
 
 
 def test_noise_is_as_large_as_the_gradient_of_its_spline_and_decays() -> None:
     gradient = {"offsets": jnp.array([[[3.0, -4.0]], [[0.0, 0.0]]]), "blend": jnp.array(-2.0)}
-    draws: dict[int, list[dict[str, np.ndarray]]] = {0: [], 99: []}
+    plan = PaperSettings(noise=4.0, noise_decay=1.0).plan("splines")
 
     @jax.jit
     def drawn(seed, step):
-        noise = phases.relative_noise(variance=4.0, decay=1.0, key=jax.random.key(seed))
-        state = noise.init(gradient)._replace(step=step)  # pyright: ignore
-        noisy, after = noise.update(gradient, state)
-        return jax.tree.map(jnp.subtract, noisy, gradient), after.step  # pyright: ignore
+        noisy = phases.relative_noise(gradient, jax.random.key(seed), step, plan)
+        return jax.tree.map(jnp.subtract, noisy, gradient)
 
-    for seed in range(300):
-        for step, found in draws.items():
-            noise, after = drawn(seed, step)
-            assert after == step + 1
-            found.append(jax.tree.map(np.asarray, noise))
     for step, expected in ((0, 2.0), (99, 0.2)):
-        offsets = np.array([draw["offsets"] for draw in draws[step]])
-        blends = np.array([draw["blend"] for draw in draws[step]])
+        draws = [jax.tree.map(np.asarray, drawn(seed, step)) for seed in range(300)]
+        offsets = np.array([draw["offsets"] for draw in draws])
+        blends = np.array([draw["blend"] for draw in draws])
         assert offsets[:, 0].std() == pytest.approx(expected * np.sqrt(12.5), rel=0.15)
         assert blends.std() == pytest.approx(expected * 2.0, rel=0.15)
         assert not offsets[:, 1].any()

@@ -53,8 +53,6 @@ class PaperFit:
     """Mean of (Y - Ŷ)² over the image: the smaller, the likelier the fit is right."""
     alpha: float
     """α: 1 where the brightest of overlapping bodies hides the others, 0 where they add up."""
-    cancelled: bool
-    """Whether `report` stopped it; then everything is the best so far."""
     scene: Blobs
     place: Place
     canvas: Canvas

@@ -1,9 +1,10 @@
 """The paper's three phases: background, then all but the texture, then everything."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import Any, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +13,10 @@ import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
+from napari_splinesketch.engine.fit.fit_scene import Centrelines
 from napari_splinesketch.paper.blobs import (
     Blobs,
     Canvas,
-    Place,
     compose,
     convolve,
     half_width_ratio,
@@ -32,12 +33,18 @@ from napari_splinesketch.paper.fit import (
     prepare,
     render_bodies,
 )
-from napari_splinesketch.paper.loss import Weights, reconstruction_loss, regularization
-from napari_splinesketch.paper.settings import PaperSettings, PhaseName, Plan
+from napari_splinesketch.paper.loss import (
+    DEFAULT_WEIGHTS,
+    Weights,
+    reconstruction_loss,
+    regularization,
+)
 
 __all__ = ["PaperFit", "PaperSettings", "refine_paper", "render_bodies"]
 
-Report = Callable[[str, float, list[np.ndarray] | None], bool]
+PhaseName = Literal["background", "splines", "everything"]
+Tell = Callable[[PhaseName, int, Blobs], None]
+"""Takes how many more steps of a phase are done, and where they led."""
 
 _TEXTURE = ("profile", "kernel")
 _TRAINED: dict[PhaseName, tuple[str, ...]] = {
@@ -52,6 +59,56 @@ _STAGE: dict[PhaseName, str] = {
 }
 _PIECE_SECONDS = 0.1
 _FEWEST_STEPS = 512
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """How long and how hard to try."""
+
+    knots: int = 12
+    """Knots of each spline, K."""
+    spacing: float = 0.8
+    """Largest distance between the blobs of a sketch, in half-widths."""
+    background_steps: int = 100
+    splines_steps: int = 600
+    everything_steps: int = 100
+    """`background_steps`, `splines_steps` and `everything_steps`: Adam's steps in each phase."""
+    seeds: int = 2
+    """How often the second phase is tried, with different noise."""
+    rate: float = 1e-2
+    last_rate: float = 1e-4
+    """`rate` and `last_rate`: learning rate of the first two phases, and of the last."""
+    noise: float = 1.0
+    noise_decay: float = 1.0
+    """`noise` and `noise_decay`: η and γ: at step t the noise on the gradients has the variance η /
+    (1 + t)^γ, in units of the gradient's own mean square."""
+    weights: Weights = DEFAULT_WEIGHTS
+    """Weights and priors of the regularizers."""
+
+    def __post_init__(self) -> None:
+        """Refuse what could not run."""
+        if self.knots < 3 or self.seeds < 1 or self.spacing <= 0:
+            raise ValueError(
+                f"{self} cannot run: it needs at least 3 knots and 1 seed, and a spacing above 0."
+            )
+
+    def plan(self, phase: PhaseName) -> "Plan":
+        """Numbers of one phase."""
+        steps = getattr(self, f"{phase}_steps")
+        rate = self.last_rate if phase == "everything" else self.rate
+        return Plan(steps, rate, self.noise, self.noise_decay, self.weights)
+
+
+class Plan(NamedTuple):
+    """Numbers of one phase; data, so that other ones do not cause a compilation."""
+
+    steps: Int[Array, ""] | int
+    rate: Float[Array, ""] | float
+    noise: Float[Array, ""] | float
+    noise_decay: Float[Array, ""] | float
+    weights: Weights
+
+
 _DEFAULT = PaperSettings()
 
 
@@ -80,7 +137,7 @@ def refine_paper(
     *,
     half_width: float,
     seed: int,
-    report: Report,
+    report: Callable[[str, float, Centrelines], object],
     fixed: Sequence[Float[np.ndarray, "K 3"]] = (),
     settings: PaperSettings = _DEFAULT,
 ) -> PaperFit:
@@ -98,8 +155,8 @@ def refine_paper(
     seed
         Seed of the noise on the gradients.
     report
-        Called with what is being done, the share done and the centrelines so far; returns False
-        to cancel.
+        Called with what is being done, the share done and what gives the centrelines so far; what
+        it raises ends the work.
     fixed
         (K, 3) knots (row, col, half-width, px) of curves that are drawn but do not move; only W,
         which all share, changes their widths.
@@ -114,14 +171,21 @@ def refine_paper(
         knots=settings.knots,
         spacing=settings.spacing,
     )
+    place, done = problem.place, 0
     total = settings.background_steps + settings.everything_steps
-    watch = _Watch(report, len(sketches), total + settings.seeds * settings.splines_steps)
-    run = partial(_run, problem=problem, canvas=canvas, settings=settings, watch=watch)
+    total += settings.seeds * settings.splines_steps
+
+    def tell(phase: PhaseName, steps: int, now: Blobs) -> None:
+        nonlocal done
+        done += steps
+        report(_STAGE[phase], done / total, partial(centrelines, now, place, len(sketches)))
+
+    run = partial(_run, problem=problem, canvas=canvas, settings=settings, tell=tell)
     first = run("background", scene, 0)
     tries = [run("splines", first.scene, n) for n in range(seed, seed + settings.seeds)]
     kept = min(tries, key=lambda attempt: attempt.loss)
     last = run("everything", kept.scene, 0)
-    scene, place = last.scene, problem.place
+    scene = last.scene
     rows, columns = map(slice, image.shape)
     both = pictures(scene, draw(scene, place, canvas)[0], place, canvas.frame)
     drawn, empty = (np.asarray(picture)[rows, columns] for picture in both)
@@ -133,7 +197,6 @@ def refine_paper(
         losses={"background": first.losses, "splines": kept.losses, "everything": last.losses},
         score=float(np.nanmean((image - drawn) ** 2)),
         alpha=float(jax.nn.sigmoid(scene.blend)),
-        cancelled=watch.cancelled,
         scene=scene,
         place=place,
         canvas=canvas,
@@ -148,68 +211,40 @@ def _run(
     problem: Problem,
     canvas: Canvas,
     settings: PaperSettings,
-    watch: "_Watch",
+    tell: Tell,
 ) -> Attempt:
-    """One phase, in pieces short enough to be cancelled between them."""
+    """One phase, in pieces between which it can be cancelled."""
     plan = settings.plan(phase)
     left, piece = int(plan.steps), 1
     drawn = draw(scene, problem.place, canvas) if phase == "background" else None
-    state = _start(scene, seed, plan, phase=phase, room=bucket(left, _FEWEST_STEPS, 2))
-    while left and not watch.cancelled:
+    state = _start(scene, phase=phase, room=bucket(left, _FEWEST_STEPS, 2))
+    while left:
         piece = min(piece, left)
         began = perf_counter()
-        state = _advance(scene, drawn, problem, state, plan, piece, phase=phase, canvas=canvas)
+        state = _advance(
+            scene, drawn, problem, state, plan, seed, piece, phase=phase, canvas=canvas
+        )
         jax.block_until_ready(state)
         per_step = (perf_counter() - began) / piece
         left -= piece
-        watch.tell(phase, piece, scene._replace(**state.trained), problem.place)
+        tell(phase, piece, scene._replace(**state.trained))
         piece = int(np.clip(_PIECE_SECONDS / per_step, 1, 4 * piece))
     losses = np.asarray(state.losses)[: int(state.step)]
     return Attempt(scene._replace(**state.best), float(state.best_loss), losses)
 
 
-def _optimizer(
-    phase: PhaseName, plan: Plan, key: jax.Array | int = 0
-) -> optax.GradientTransformation:
-    if phase != "splines":
-        return optax.flatten(optax.adam(plan.rate))
-
-    def cosine(step: Any) -> jax.Array:
-        return plan.rate * (1 + jnp.cos(jnp.pi * step / plan.steps)) / 2
-
-    noise = relative_noise(plan.noise, plan.noise_decay, key)
-    return optax.chain(noise, optax.flatten(optax.adam(cosine)))
-
-
-class NoiseState(NamedTuple):
-    """Where a sequence of noise stands."""
-
-    key: jax.Array
-    step: Int[Array, ""]
-
-
 def relative_noise(
-    variance: Float[Array, ""] | float, decay: Float[Array, ""] | float, key: jax.Array | int
-) -> optax.GradientTransformation:
-    """Gaussian noise of variance η / (1 + t)^γ in units of the gradient's own mean square.
+    gradient: dict[str, jax.Array], key: jax.Array, step: Int[Array, ""], plan: Plan
+) -> dict[str, jax.Array]:
+    """A gradient with Gaussian noise of variance η / (1 + t)^γ, in units of its own mean square.
 
     The mean is over a parameter of one spline. Noise of one size for all parameters, as of
     `optax.add_noise`, drowns those of small gradient: widths, and with them the ends, stay put.
     """
-
-    def init(params: Any) -> NoiseState:
-        del params
-        return NoiseState(jnp.asarray(key), jnp.asarray(0, jnp.int32))
-
-    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, NoiseState]:
-        del params
-        typical, restore = ravel_pytree(jax.tree.map(_root_mean_square, updates))
-        noise = jax.random.normal(jax.random.fold_in(state.key, state.step), typical.shape)
-        sd = jnp.sqrt(variance / (1.0 + state.step) ** decay)
-        noisy = jax.tree.map(jnp.add, updates, restore(sd * typical * noise))
-        return noisy, NoiseState(state.key, state.step + 1)
-
-    return optax.GradientTransformation(init, update)
+    typical, restore = ravel_pytree(jax.tree.map(_root_mean_square, gradient))
+    noise = jax.random.normal(jax.random.fold_in(key, step), typical.shape)
+    sd = jnp.sqrt(plan.noise / (1.0 + step) ** plan.noise_decay)
+    return jax.tree.map(jnp.add, gradient, restore(sd * typical * noise))
 
 
 def _root_mean_square(gradient: Float[Array, "*S"]) -> Float[Array, "*S"]:
@@ -219,14 +254,16 @@ def _root_mean_square(gradient: Float[Array, "*S"]) -> Float[Array, "*S"]:
     return jnp.broadcast_to(jnp.sqrt(mean), gradient.shape)
 
 
+def _adam(rate: Any = 0.0) -> optax.GradientTransformation:
+    return optax.flatten(optax.adam(rate))
+
+
 @partial(jax.jit, static_argnames=("phase", "room"))
-def _start(scene: Blobs, seed: Int[Array, ""], plan: Plan, *, phase: PhaseName, room: int) -> State:
+def _start(scene: Blobs, *, phase: PhaseName, room: int) -> State:
     trained = {name: getattr(scene, name) for name in _TRAINED[phase]}
-    optimizer = _optimizer(phase, plan, jax.random.key(seed)).init(trained)
     # Of the types that `_advance` gives back: weak ones would have it compiled twice.
-    trained = jax.tree.map(lambda value: jnp.asarray(value, value.dtype), trained)
     worst, step = jnp.asarray(jnp.inf, jnp.float32), jnp.asarray(0, jnp.int32)
-    return State(trained, optimizer, trained, worst, jnp.zeros(room), step)
+    return State(trained, _adam().init(trained), trained, worst, jnp.zeros(room), step)
 
 
 @partial(jax.jit, static_argnames=("phase", "canvas"))
@@ -236,20 +273,24 @@ def _advance(
     problem: Problem,
     state: State,
     plan: Plan,
-    count: Int[Array, ""],
+    seed: Int[Array, ""] | int,
+    count: Int[Array, ""] | int,
     *,
     phase: PhaseName,
     canvas: Canvas,
 ) -> State:
     """`count` steps of a phase; `drawn` is what `draw` gives, where nothing of it is trained."""
-    descend = _optimizer(phase, plan)
     objective = partial(
         _objective, scene=scene, problem=problem, drawn=drawn, weights=plan.weights, canvas=canvas
     )
 
     def step(_: int, state: State) -> State:
         (_, loss), gradient = jax.value_and_grad(objective, has_aux=True)(state.trained)
-        updates, optimizer = descend.update(gradient, state.optimizer, state.trained)
+        rate = plan.rate
+        if phase == "splines":
+            gradient = relative_noise(gradient, jax.random.key(seed), state.step, plan)
+            rate = rate * (1 + jnp.cos(jnp.pi * state.step / plan.steps)) / 2  # annealing
+        updates, optimizer = _adam(rate).update(gradient, state.optimizer)
         better = loss < state.best_loss
         best = jax.tree.map(partial(jnp.where, better), state.trained, state.best)
         trained = cast(dict[str, jax.Array], optax.apply_updates(state.trained, updates))
@@ -286,17 +327,3 @@ def _objective(
         image = convolve(image, scene.kernel)
     loss = reconstruction_loss(target, image)
     return loss + regularization(scene, length, target, place, weights), loss
-
-
-class _Watch:
-    """Tells how far the work is, and remembers that it was cancelled."""
-
-    def __init__(self, report: Report, count: int, total: int) -> None:
-        self.cancelled = False
-        self._report, self._count, self._total, self._done = report, count, total, 0
-
-    def tell(self, phase: PhaseName, steps: int, scene: Blobs, place: Place) -> None:
-        """Pass on the state after `steps` more steps."""
-        self._done += steps
-        lines = centrelines(scene, place, self._count)
-        self.cancelled = not self._report(_STAGE[phase], self._done / self._total, lines)

@@ -30,7 +30,7 @@ def fit_paper(island: Island, seen: Scene, seed: int, report: Reporter) -> Part:
         island.sketches,
         half_width=seen.half_width,
         seed=seed,
-        report=lambda stage, share, _: report(stage, share) is None,
+        report=report,
         fixed=island.fixed,
     )
     bodies = found.reconstruction - found.background
