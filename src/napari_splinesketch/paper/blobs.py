@@ -1,7 +1,6 @@
 """The paper's renderer: rows of radially symmetric blobs, stamped in local patches."""
 
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -178,31 +177,22 @@ def stamp(
     apart = (pixel - points[:, :2, None]) / points[:, 2:, None]
     squared = apart[:, 0, :, None] ** 2 + apart[:, 1, None, :] ** 2
     blobs = evaluate_profile(profile, jnp.exp(-jnp.sqrt(squared + _TINY)))
-    blobs *= jnp.asarray(_trapezoid(len(points)), blobs.dtype)[:, None, None]
+    trapezoid = np.pad(np.ones(len(points) - 2), 1, constant_values=0.5)
+    blobs *= jnp.asarray(trapezoid, blobs.dtype)[:, None, None]
     # The margin takes what is outside of the tile.
     height, width = canvas.tile
     limit = jnp.asarray([[height, width]]) + canvas.patch
     corner = jnp.clip(corner + canvas.patch, 0, limit)
     margin = 2 * canvas.patch
-    tile = _add_windows(jnp.zeros((height + margin, width + margin), blobs.dtype), corner, blobs)
+    tile = jnp.zeros((height + margin, width + margin), blobs.dtype)
+    tile = jax.lax.scatter_add(tile, corner, blobs, **_WINDOWS)
     return tile[canvas.patch : -canvas.patch, canvas.patch : -canvas.patch]
 
 
-def _trapezoid(points: int) -> Float[np.ndarray, " P"]:
-    return np.pad(np.ones(points - 2), 1, constant_values=0.5)
-
-
-_WINDOWS = jax.lax.ScatterDimensionNumbers((1, 2), (), (0, 1))
-_add_windows = partial(
-    jax.lax.scatter_add,
-    dimension_numbers=_WINDOWS,
-    mode=jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS,
-)
-_max_windows = partial(
-    jax.lax.scatter_max,
-    dimension_numbers=_WINDOWS,
-    mode=jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS,
-)
+_WINDOWS: Any = {
+    "dimension_numbers": jax.lax.ScatterDimensionNumbers((1, 2), (), (0, 1)),
+    "mode": jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS,
+}
 
 
 def draw_tiles(
@@ -258,11 +248,11 @@ def blend_tiles(
 ) -> Float[Array, "H W"]:
     """α·max + (1 - α)·sum over splines, in the padded frame; `blend` is the logit of α."""
     empty = jnp.zeros(frame, tiles.dtype)
-    highest = _max_windows(empty, origin, jax.lax.stop_gradient(tiles))
+    highest = jax.lax.scatter_max(empty, origin, jax.lax.stop_gradient(tiles), **_WINDOWS)
     above = jax.vmap(lambda at: jax.lax.dynamic_slice(highest, at, tiles.shape[1:]))(origin)
     alpha = jax.nn.sigmoid(blend)
     share = jnp.where(tiles == above, 1.0, 1 - alpha)
-    return _add_windows(empty, origin, tiles * share)
+    return jax.lax.scatter_add(empty, origin, tiles * share, **_WINDOWS)
 
 
 def background(scene: Blobs, place: Place, frame: tuple[int, int]) -> Float[Array, "H W"]:

@@ -143,13 +143,23 @@ def centrelines(scene: Blobs, place: Place, count: int) -> list[Float[np.ndarray
 
 def render_bodies(fit: PaperFit) -> Float[np.ndarray, "n H W"]:
     """Each body rendered alone, without background, in the units of the given image."""
-    tiles, origin = _tiles(fit.scene, fit.place, fit.canvas)
-    bodies = np.zeros((len(fit.knots), *fit.canvas.frame), np.float32)
-    for body, tile, (row, col) in zip(bodies, tiles, origin, strict=False):
-        body[row : row + tile.shape[0], col : col + tile.shape[1]] = tile
-    blurred = [_blur(fit.scene, body) for body in bodies]
-    height, width = fit.reconstruction.shape
-    return np.array(blurred)[:, :height, :width]
+    place, bodies = fit.place._replace(real=jnp.asarray(1)), []
+    for i in range(len(fit.knots)):
+        names = ("centre", "offsets", "widths")
+        first = {name: jnp.roll(getattr(fit.scene, name), -i, axis=0) for name in names}
+        scene = fit.scene._replace(**first)
+        image, empty = render(scene, place, fit.canvas, fit.reconstruction.shape)
+        bodies.append(image - empty)
+    return np.array(bodies)
+
+
+def render(
+    scene: Blobs, place: Place, canvas: Canvas, shape: tuple[int, ...]
+) -> list[Float[np.ndarray, "H W"]]:
+    """Give reconstruction and background, as large as the image, in its units."""
+    height, width = shape
+    both = _pictures(scene, draw(scene, place, canvas)[0], place, canvas.frame)
+    return [np.asarray(picture)[:height, :width] for picture in both]
 
 
 @partial(jax.jit, static_argnames="canvas")
@@ -160,20 +170,10 @@ def draw(scene: Blobs, place: Place, canvas: Canvas) -> tuple[jax.Array, jax.Arr
 
 
 @partial(jax.jit, static_argnames="frame")
-def pictures(
+def _pictures(
     scene: Blobs, bodies: Float[jax.Array, "H W"], place: Place, frame: tuple[int, int]
 ) -> tuple[jax.Array, jax.Array]:
     """Reconstruction and background, both (H, W), padded."""
     image = compose(scene, bodies, place, frame)
     empty = background(scene, place, frame)
     return convolve(image, scene.kernel), convolve(empty, scene.kernel)
-
-
-@partial(jax.jit, static_argnames="canvas")
-def _tiles(scene: Blobs, place: Place, canvas: Canvas) -> tuple[jax.Array, jax.Array]:
-    return draw_tiles(scene, place, canvas)[:2]
-
-
-@jax.jit
-def _blur(scene: Blobs, body: Float[np.ndarray, "H W"]) -> jax.Array:
-    return convolve(jnp.exp(scene.log_contrast) * body, scene.kernel)

@@ -29,8 +29,8 @@ from napari_splinesketch.paper.fit import (
     bucket,
     centrelines,
     draw,
-    pictures,
     prepare,
+    render,
     render_bodies,
 )
 from napari_splinesketch.paper.loss import (
@@ -186,9 +186,7 @@ def refine_paper(
     kept = min(tries, key=lambda attempt: attempt.loss)
     last = run("everything", kept.scene, 0)
     scene = last.scene
-    rows, columns = map(slice, image.shape)
-    both = pictures(scene, draw(scene, place, canvas)[0], place, canvas.frame)
-    drawn, empty = (np.asarray(picture)[rows, columns] for picture in both)
+    drawn, empty = render(scene, place, canvas, image.shape)
     ratio = half_width_ratio(np.asarray(scene.profile, float))
     return PaperFit(
         knots=np.asarray(spline_knots(scene, place))[: len(sketches)] * [1.0, 1.0, ratio],
