@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -106,22 +107,16 @@ def end_error(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Matching:
-    """Which curve is which truth.
-
-    Attributes
-    ----------
-    pairs
-        (P, 2): index of the curve and of the truth it was matched with, within the tolerance.
-    distances
-        (P,): average DTW of each pair, px.
-    precision, recall
-        Share of curves, and of truths, that are in a pair; 1 where there are none to be in one.
-    """
+    """Which curve is which truth."""
 
     pairs: Int[np.ndarray, "P 2"]
+    """(P, 2): index of the curve and of the truth it was matched with, within the tolerance."""
     distances: Float[np.ndarray, " P"]
+    """(P,): average DTW of each pair, px."""
     precision: float
     recall: float
+    """`precision` and `recall`: share of curves, and of truths, that are in a pair; 1 where there
+    are none to be in one."""
 
 
 def match(
@@ -163,35 +158,26 @@ def match(
 
 @dataclass(frozen=True)
 class Comparison:
-    """How far curves are from the truth, over all frames together.
-
-    Attributes
-    ----------
-    tolerance
-        Largest average DTW of a pair, px.
-    curves, truths, pairs
-        How many there are, and how many could be matched one to one within the tolerance.
-    precision, recall
-        Pairs over curves, pairs over truths.
-    dtw_median, dtw_mean, dtw_p95
-        Average DTW over the pairs, px.
-    normal_distance
-        Mean distance along the normal over the pairs, px.
-    end_error
-        Mean distance between ends over the pairs, px.
-    """
+    """How far curves are from the truth, over all frames together."""
 
     tolerance: float
+    """Largest average DTW of a pair, px."""
     curves: int
     truths: int
     pairs: int
+    """`curves`, `truths` and `pairs`: how many there are, and how many could be matched one to one
+    within the tolerance."""
     precision: float
     recall: float
+    """`precision` and `recall`: pairs over curves, pairs over truths."""
     dtw_median: float | None
     dtw_mean: float | None
     dtw_p95: float | None
+    """`dtw_median`, `dtw_mean` and `dtw_p95`: average DTW over the pairs, px."""
     normal_distance: float | None
+    """Mean distance along the normal over the pairs, px."""
     end_error: float | None
+    """Mean distance between ends over the pairs, px."""
 
 
 def compare(
@@ -206,31 +192,31 @@ def compare(
     tolerance
         Largest average DTW of a pair, px.
     """
-    counts, ends = np.zeros(2, int), list[float]()
-    distances, normals = list[float](), list[float]()
+    ours = theirs = 0
+    found = list[tuple[float, float, float]]()
     for curves, truths in frames:
-        counts += len(curves), len(truths)
+        ours, theirs = ours + len(curves), theirs + len(truths)
         matching = match(curves, truths, tolerance=tolerance)
-        distances.extend(matching.distances)
-        normals.extend(normal_distance(curves[i], truths[j]) for i, j in matching.pairs)
-        ends.extend(end_error(curves[i], truths[j]) for i, j in matching.pairs)
-    ours, theirs = counts.tolist()
+        for (i, j), distance in zip(matching.pairs, matching.distances, strict=True):
+            pair = curves[i], truths[j]
+            found.append((distance, normal_distance(*pair), end_error(*pair)))
+    distances, normals, ends = np.array(found).reshape(-1, 3).T
     return Comparison(
         tolerance,
         ours,
         theirs,
-        len(distances),
-        precision=len(distances) / ours if ours else 1.0,
-        recall=len(distances) / theirs if theirs else 1.0,
+        len(found),
+        precision=len(found) / ours if ours else 1.0,
+        recall=len(found) / theirs if theirs else 1.0,
         dtw_median=_rounded(np.median, distances),
         dtw_mean=_rounded(np.mean, distances),
-        dtw_p95=_rounded(lambda values: np.percentile(values, 95), distances),
-        normal_distance=_rounded(np.mean, [value for value in normals if np.isfinite(value)]),
+        dtw_p95=_rounded(partial(np.percentile, q=95), distances),
+        normal_distance=_rounded(np.mean, normals[np.isfinite(normals)]),
         end_error=_rounded(np.mean, ends),
     )
 
 
 def _rounded(
-    statistic: Callable[[Sequence[float]], np.floating], values: Sequence[float]
+    statistic: Callable[..., np.floating], values: Float[np.ndarray, " P"]
 ) -> float | None:
-    return round(float(statistic(values)), 4) if values else None
+    return round(float(statistic(values)), 4) if len(values) else None

@@ -5,7 +5,8 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import BinaryIO
@@ -62,33 +63,22 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     return Path(path).open("rb")
 
 
+@dataclass(eq=False)
 class Source:
-    """A file that is being read: the place in it, and what was found beside its curves.
+    """A file that is being read: the place in it, and what was found beside its curves."""
 
-    Attributes
-    ----------
-    path
-        The file.
-    place
-        Where the reader is, such as "line 3": an error in the next curve is reported there.
-    head
-        Scale, units, shape and provenance, as far as they are known; no labels.
-    left_out
-        What is not a line, and how often: "polygon", "point".
-    notes
-        Further sentences about what was left out.
-    by_frame
-        Whether the labels of one frame are held at a time, rather than all.
-    """
-
-    def __init__(self, path: str | os.PathLike[str], *, by_frame: bool = False) -> None:
-        self.path = Path(path)
-        self.place = ""
-        self.head = Labels()
-        self.left_out: Counter[str] = Counter()
-        self.notes: list[str] = []
-        self.by_frame = by_frame
-        self._known: set[tuple[int, int]] = set()
+    path: Path
+    by_frame: bool = False
+    """Whether the labels of one frame are held at a time, rather than all."""
+    place: str = ""
+    """Where the reader is, such as "line 3": an error in the next curve is reported there."""
+    head: Labels = field(default_factory=Labels)
+    """Scale, units, shape and provenance, as far as they are known; no labels."""
+    left_out: Counter[str] = field(default_factory=Counter)
+    """What is not a line, and how often: "polygon", "point"."""
+    notes: list[str] = field(default_factory=list)
+    """Further sentences about what was left out."""
+    _known: set[tuple[int, int]] = field(default_factory=set)
 
     def error(self, reason: str) -> LabelsError:
         """Make an error at the place where the reader is."""
@@ -182,23 +172,20 @@ class Format:
 
     def read_whole(self, path: str | os.PathLike[str]) -> Labels:
         """Read a file."""
-        source = Source(path)
+        source = Source(Path(path))
         return source.whole(tuple(source.labels(self._reader())))
 
     def open_by_frame(self, path: str | os.PathLike[str]) -> AnyLabels:
         """Go through a file once, to read it frame by frame if that takes less memory."""
         if not self.by_frame:
             return self.read_whole(path)
-
-        def frames() -> Iterator[tuple[Label, ...]]:
-            return Source(path, by_frame=True).frames(self._reader())
-
-        source, numbers = Source(path, by_frame=True), array("q", [-1])
-        for labels in source.frames(self._reader()):
+        opened, read = partial(Source, Path(path), by_frame=True), self._reader()
+        source, numbers = opened(), array("q", [-1])
+        for labels in source.frames(read):
             if labels[0].frame <= numbers[-1]:  # frames are not in order
                 return self.read_whole(path)
             numbers.append(labels[0].frame)
-        return ByFrame(np.array(numbers[1:]), source.whole(()), frames)
+        return ByFrame(np.array(numbers[1:]), source.whole(()), lambda: opened().frames(read))
 
     def write_whole(
         self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False

@@ -34,35 +34,24 @@ class Label:
     """One body in one frame.
 
     Coordinates are (row, col) in pixels of the image, pixel centres at integers.
-
-    Attributes
-    ----------
-    frame
-        Index of the image in its stack, from 0.
-    curve
-        Identity of the body: the same number in every frame it is seen in; from 0.
-    points
-        (N, 2), N >= 2: the centreline, row and col, px.
-    half_width
-        (N,): distance from the centreline to the body's edge, px; NaN where not known.
-    sd
-        (N,): standard error of `points` along the normal, px; infinite where not known.
-    status
-        Result of the refinement, or "sketch" for a line that was not refined.
-    review
-        The user's decision.
-    locked
-        Whether the user wants it to stay as it is.
     """
 
     frame: int
+    """Index of the image in its stack, from 0."""
     curve: int
+    """Identity of the body: the same number in every frame it is seen in; from 0."""
     points: Float[Array, "N 2"]
+    """(N, 2), N >= 2: the centreline, row and col, px."""
     half_width: Float[Array, " N"]
+    """(N,): distance from the centreline to the body's edge, px; NaN where not known."""
     sd: Float[Array, " N"]
+    """(N,): standard error of `points` along the normal, px; infinite where not known."""
     status: LabelStatus
+    """Result of the refinement, or "sketch" for a line that was not refined."""
     review: Review = "open"
+    """The user's decision."""
     locked: bool = False
+    """Whether the user wants it to stay as it is."""
 
     def __post_init__(self) -> None:
         """Make the arrays float64 and refuse values that no file could hold."""
@@ -113,34 +102,23 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """All labels of an image or a film.
-
-    Attributes
-    ----------
-    labels
-        In the order in which files hold them; no body twice in a frame.
-    scale
-        (y, x): size of a pixel in `units`, or None when the image has no scale. Physical
-        coordinates are y = row * scale[0] and x = col * scale[1].
-    units
-        Name of the physical unit, such as "µm", or None.
-    shape
-        (H, W) of the image, px, or None when it is not known.
-    provenance
-        Where the labels come from: values that JSON can hold.
-    notes
-        What a reader left out of the file, one sentence each, for the user; not written.
-    in_units
-        Whether coordinates are in `units`, as the file has no size of a pixel; not written.
-    """
+    """All labels of an image or a film."""
 
     labels: tuple[Label, ...] = ()
+    """In the order in which files hold them; no body twice in a frame."""
     scale: tuple[float, float] | None = None
+    """(y, x): size of a pixel in `units`, or None when the image has no scale. Physical coordinates
+    are y = row * scale[0] and x = col * scale[1]."""
     units: str | None = None
+    """Name of the physical unit, such as "µm", or None."""
     shape: tuple[int, int] | None = None
+    """(H, W) of the image, px, or None when it is not known."""
     provenance: Mapping[str, object] = field(default_factory=dict)
+    """Where the labels come from: values that JSON can hold."""
     notes: tuple[str, ...] = ()
+    """What a reader left out of the file, one sentence each, for the user; not written."""
     in_units: bool = False
+    """Whether coordinates are in `units`, as the file has no size of a pixel; not written."""
 
     def __post_init__(self) -> None:
         """Freeze the values and check that they fit together."""

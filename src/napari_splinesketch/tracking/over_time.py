@@ -12,23 +12,16 @@ from napari_splinesketch.engine.types import Curve
 
 @dataclass(frozen=True, eq=False)
 class Kymograph:
-    """One body over its length and over time.
-
-    Attributes
-    ----------
-    frames
-        (T,) from the first frame to the last; a frame without a curve has NaN.
-    curvature
-        (T, P) 1 / px, positive where the body bends from the row axis towards the column axis.
-    along, across
-        (T, P) velocity of the points, px a frame, along the body (towards its end) and to its left,
-        from the frames on either side.
-    """
+    """One body over its length and over time."""
 
     frames: Int[np.ndarray, " T"]
+    """(T,) from the first frame to the last; a frame without a curve has NaN."""
     curvature: Float[np.ndarray, "T P"]
+    """(T, P) 1 / px, positive where the body bends from the row axis towards the column axis."""
     along: Float[np.ndarray, "T P"]
     across: Float[np.ndarray, "T P"]
+    """`along` and `across`: (T, P) velocity of the points, px a frame, along the body (towards its
+    end) and to its left, from the frames on either side."""
 
     @property
     def speed(self) -> Float[np.ndarray, " T"]:
