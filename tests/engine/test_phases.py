@@ -176,7 +176,7 @@ def test_the_preset_draws_fixed_curves_where_they_are(
 def test_fixed_curves_wider_than_the_rest_are_drawn_as_wide() -> None:
     line = np.column_stack([np.full(30, 40.0), np.linspace(20.0, 90.0, 30)])
     wide = np.column_stack([line, np.full(30, 2.5 * HALF_WIDTH)])
-    scene, problem, canvas = phases.prepare(
+    scene, place, _, canvas = phases.prepare(
         np.zeros(SHAPE),
         [line + np.array([30, 0])],
         [wide],
@@ -184,7 +184,7 @@ def test_fixed_curves_wider_than_the_rest_are_drawn_as_wide() -> None:
         knots=8,
         spacing=0.6,
     )
-    drawn = np.asarray(draw(scene, problem.place, canvas)[0])[:, 55]
+    drawn = np.asarray(draw(scene, place, canvas)[0])[:, 55]
     for middle, width in ((70, HALF_WIDTH), (40, 2.5 * HALF_WIDTH)):
         column = drawn[middle - 15 : middle + 16]
         assert (column > column.max() / 2).sum() == pytest.approx(2 * width, rel=0.2)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -59,13 +58,6 @@ class PaperFit:
     """`scene`, `place` and `canvas`: what `render_bodies` draws from."""
 
 
-class Problem(NamedTuple):
-    """What the scene is fitted to."""
-
-    place: Place
-    target: Target
-
-
 def prepare(
     image: Float[np.ndarray, "H W"],
     sketches: list[Float[np.ndarray, "N 2"]],
@@ -74,7 +66,7 @@ def prepare(
     half_width: float,
     knots: int,
     spacing: float,
-) -> tuple[Blobs, Problem, Canvas]:
+) -> tuple[Blobs, Place, Target, Canvas]:
     """Give the scene that sketches and fixed curves describe, padded to sizes that recur."""
     corner = np.array(image.shape) - 1.0
     inside = [np.clip(sketch, 0.0, corner) for sketch in sketches]
@@ -118,7 +110,7 @@ def prepare(
     pixels, seen = (np.pad(a, outside) for a in (np.where(known, image, 0.0), known))
     area = 2 * half_width * lengths[:count].mean()
     target = Target(_float(pixels), _float(seen), _float(area), _float(lengths))
-    return scene, Problem(place, target), canvas
+    return scene, place, target, canvas
 
 
 _float = partial(jnp.asarray, dtype=jnp.float32)

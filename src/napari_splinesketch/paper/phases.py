@@ -17,6 +17,7 @@ from napari_splinesketch.engine.fit.fit_scene import Centrelines
 from napari_splinesketch.paper.blobs import (
     Blobs,
     Canvas,
+    Place,
     compose,
     convolve,
     half_width_ratio,
@@ -25,7 +26,6 @@ from napari_splinesketch.paper.blobs import (
 )
 from napari_splinesketch.paper.fit import (
     PaperFit,
-    Problem,
     bucket,
     centrelines,
     draw,
@@ -35,6 +35,7 @@ from napari_splinesketch.paper.fit import (
 )
 from napari_splinesketch.paper.loss import (
     DEFAULT_WEIGHTS,
+    Target,
     Weights,
     reconstruction_loss,
     regularization,
@@ -163,7 +164,7 @@ def refine_paper(
     settings
         How long and how hard to try.
     """
-    scene, problem, canvas = prepare(
+    scene, place, target, canvas = prepare(
         image,
         sketches,
         list(fixed),
@@ -171,8 +172,7 @@ def refine_paper(
         knots=settings.knots,
         spacing=settings.spacing,
     )
-    place, done = problem.place, 0
-    total = settings.background_steps + settings.everything_steps
+    done, total = 0, settings.background_steps + settings.everything_steps
     total += settings.seeds * settings.splines_steps
 
     def tell(phase: PhaseName, steps: int, now: Blobs) -> None:
@@ -180,7 +180,7 @@ def refine_paper(
         done += steps
         report(_STAGE[phase], done / total, partial(centrelines, now, place, len(sketches)))
 
-    run = partial(_run, problem=problem, canvas=canvas, settings=settings, tell=tell)
+    run = partial(_run, place=place, target=target, canvas=canvas, settings=settings, tell=tell)
     first = run("background", scene, 0)
     tries = [run("splines", first.scene, n) for n in range(seed, seed + settings.seeds)]
     kept = min(tries, key=lambda attempt: attempt.loss)
@@ -206,7 +206,8 @@ def _run(
     scene: Blobs,
     seed: int,
     *,
-    problem: Problem,
+    place: Place,
+    target: Target,
     canvas: Canvas,
     settings: PaperSettings,
     tell: Tell,
@@ -214,13 +215,13 @@ def _run(
     """One phase, in pieces between which it can be cancelled."""
     plan = settings.plan(phase)
     left, piece = int(plan.steps), 1
-    drawn = draw(scene, problem.place, canvas) if phase == "background" else None
+    drawn = draw(scene, place, canvas) if phase == "background" else None
     state = _start(scene, phase=phase, room=bucket(left, _FEWEST_STEPS, 2))
     while left:
         piece = min(piece, left)
         began = perf_counter()
         state = _advance(
-            scene, drawn, problem, state, plan, seed, piece, phase=phase, canvas=canvas
+            scene, drawn, place, target, state, plan, seed, piece, phase=phase, canvas=canvas
         )
         jax.block_until_ready(state)
         per_step = (perf_counter() - began) / piece
@@ -268,7 +269,8 @@ def _start(scene: Blobs, *, phase: PhaseName, room: int) -> State:
 def _advance(
     scene: Blobs,
     drawn: tuple[jax.Array, jax.Array] | None,
-    problem: Problem,
+    place: Place,
+    target: Target,
     state: State,
     plan: Plan,
     seed: Int[Array, ""] | int,
@@ -278,9 +280,16 @@ def _advance(
     canvas: Canvas,
 ) -> State:
     """`count` steps of a phase; `drawn` is what `draw` gives, where nothing of it is trained."""
-    objective = partial(
-        _objective, scene=scene, problem=problem, drawn=drawn, weights=plan.weights, canvas=canvas
-    )
+
+    def objective(trained: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        """Give the loss with its regularizers, and the reconstruction's share of it."""
+        now = scene._replace(**trained)
+        bodies, length = drawn or draw(now, place, canvas)
+        image = compose(now, bodies, place, canvas.frame)
+        if "kernel" in trained:  # until it is trained, it changes nothing
+            image = convolve(image, now.kernel)
+        loss = reconstruction_loss(target, image)
+        return loss + regularization(now, length, target, place, plan.weights), loss
 
     def step(_: int, state: State) -> State:
         (_, loss), gradient = jax.value_and_grad(objective, has_aux=True)(state.trained)
@@ -293,7 +302,7 @@ def _advance(
         best = jax.tree.map(partial(jnp.where, better), state.trained, state.best)
         trained = cast(dict[str, jax.Array], optax.apply_updates(state.trained, updates))
         if "offsets" in trained:
-            inside = keep_in_frame(trained["centre"], trained["offsets"], problem.place)
+            inside = keep_in_frame(trained["centre"], trained["offsets"], place)
             trained["offsets"] = inside
         return State(
             trained,
@@ -305,23 +314,3 @@ def _advance(
         )
 
     return jax.lax.fori_loop(0, count, step, state)
-
-
-def _objective(
-    trained: dict[str, jax.Array],
-    *,
-    scene: Blobs,
-    problem: Problem,
-    drawn: tuple[jax.Array, jax.Array] | None,
-    weights: Weights,
-    canvas: Canvas,
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Give the loss with its regularizers, and the reconstruction's share of it."""
-    place, target = problem
-    scene = scene._replace(**trained)
-    bodies, length = drawn or draw(scene, place, canvas)
-    image = compose(scene, bodies, place, canvas.frame)
-    if "kernel" in trained:  # until it is trained, it changes nothing
-        image = convolve(image, scene.kernel)
-    loss = reconstruction_loss(target, image)
-    return loss + regularization(scene, length, target, place, weights), loss
