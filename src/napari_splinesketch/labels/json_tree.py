@@ -19,6 +19,7 @@ from napari_splinesketch.labels.format import LabelsError, blamed, open_regular
 from napari_splinesketch.labels.types import Label, Labels
 
 KINDS = {dict: "an object", list: "an array", str: "a string", bool: "true or false"}
+KINDS |= {int: "a number", float: "a number", type(None): "null"}
 """Types as JSON calls them."""
 T = TypeVar("T")
 
@@ -67,7 +68,7 @@ class Node:
     def expected(self, kind: type[T]) -> T:
         """Give a value as it is, of one of the types of `KINDS`."""
         if not isinstance(self.value, kind):
-            raise self.error(f"expected {KINDS[kind]}, not {self._kind()}")
+            raise self.error(f"expected {KINDS[kind]}, not {KINDS[type(self.value)]}")
         return self.value
 
     def member(self, key: str, kind: type[T], default: Any) -> Any:
@@ -77,7 +78,7 @@ class Node:
     def number(self) -> float:
         """Give a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
-            raise self.error(f"expected a number, not {self._kind()}")
+            raise self.error(f"expected a number, not {KINDS[type(self.value)]}")
         with suppress(OverflowError):
             if math.isfinite(number := float(self.value)):
                 return number
@@ -112,9 +113,6 @@ class Node:
             if len(numbers) < 2:
                 raise place.error("expected [x, y]")
         return np.array([numbers[:2] for numbers in places]).reshape(-1, 2)
-
-    def _kind(self) -> str:
-        return KINDS.get(type(self.value), "null" if self.value is None else "a number")
 
 
 def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | None:

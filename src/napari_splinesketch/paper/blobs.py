@@ -78,13 +78,9 @@ class Place(NamedTuple):
     """W̄: prior of the global width, px."""
 
 
-def _powers() -> Float[np.ndarray, "C M"]:
-    """From f at its nodes to c₁t + c₂t² + c₃t³ + Σ bⱼ max(0, t - j)³ for t in node spacings."""
-    pieces = CubicSpline(np.arange(NODES), np.eye(NODES), bc_type="natural").c
-    return np.concatenate([pieces[2::-1, 0], np.diff(pieces[0], axis=0)])[:, 1:]
-
-
-_POWERS = _powers()
+# From f at its nodes to c₁t + c₂t² + c₃t³ + Σ bⱼ max(0, t - j)³ for t in node spacings.
+_PIECES = CubicSpline(np.arange(NODES), np.eye(NODES), bc_type="natural").c
+_POWERS = np.concatenate([_PIECES[2::-1, 0], np.diff(_PIECES[0], axis=0)])[:, 1:]
 
 
 def evaluate_profile(profile: Float[Array, " M"], z: Float[Array, "*S"]) -> Float[Array, "*S"]:

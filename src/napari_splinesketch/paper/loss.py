@@ -25,9 +25,6 @@ class Weights(NamedTuple):
     """W̄: what the narrowest r_w of a spline should be, 0 to 1."""
 
 
-DEFAULT_WEIGHTS = Weights()
-
-
 class Target(NamedTuple):
     """What the scene is compared with."""
 

@@ -1,7 +1,7 @@
 """The paper's three phases: background, then all but the texture, then everything."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
 from typing import Any, Literal, NamedTuple, cast
@@ -33,13 +33,7 @@ from napari_splinesketch.paper.fit import (
     render,
     render_bodies,
 )
-from napari_splinesketch.paper.loss import (
-    DEFAULT_WEIGHTS,
-    Target,
-    Weights,
-    reconstruction_loss,
-    regularization,
-)
+from napari_splinesketch.paper.loss import Target, Weights, reconstruction_loss, regularization
 
 __all__ = ["PaperFit", "PaperSettings", "refine_paper", "render_bodies"]
 
@@ -83,7 +77,7 @@ class PaperSettings:
     noise_decay: float = 1.0
     """`noise` and `noise_decay`: η and γ: at step t the noise on the gradients has the variance η /
     (1 + t)^γ, in units of the gradient's own mean square."""
-    weights: Weights = DEFAULT_WEIGHTS
+    weights: Weights = field(default_factory=Weights)
     """Weights and priors of the regularizers."""
 
     def __post_init__(self) -> None:

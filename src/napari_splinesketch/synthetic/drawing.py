@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.metrics import POINTS, nearest, resample
+from napari_splinesketch.synthetic.bodies import Points
 
 _SUPERSAMPLING = 4
 _FINE_STEP = 0.25
@@ -16,7 +17,6 @@ _TEXTURE_SIZE = 2.0
 _SPECK_BRIGHTNESS = (0.4, 1.0)
 _SPECK_SIZE = (0.3, 0.8)
 
-Points = Float[np.ndarray, "N 2"]
 Frame = Float[np.ndarray, "H W"]
 
 
