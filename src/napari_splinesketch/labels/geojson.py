@@ -89,18 +89,16 @@ def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, in
     properties = feature["properties"] if "properties" in feature else feature
     own = properties[OURS] if OURS in properties else None
     for line in [lines] if kind == "LineString" else lines:
-        points = line.places()[:, ::-1] - CORNER
+        points, z = line.places()[:, ::-1] - CORNER, None
         if len(points) < 2:
             source.left_out[LINES[0]] += 1
             continue
-        z = None
+        source.place = (own or line).place
         if own:
-            source.place = own.place
             label = json_tree.read_own(own, own["frame"].integer(), own["curve"].integer(), points)
         else:
             plane = geometry["plane"] if "plane" in geometry else feature
             frame, z = (plane[axis].integer() if axis in plane else 0 for axis in "tz")
-            source.place = line.place
             label = Label.from_sketch(points, frame=frame)
         source.place = line.place
         yield label, z

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.interpolate import CubicSpline
 
-from napari_splinesketch.engine.spline import basis
+from napari_splinesketch.engine.spline import even_basis
 
 # A blob reaches to r = REACH; f is a natural cubic spline over z = exp(-r), NODES nodes apart
 # evenly from exp(-REACH), where it is zero, to 1, the blob's centre.
@@ -149,8 +149,7 @@ def sample_points(
     knots: Float[Array, "K 3"], points: int
 ) -> tuple[Float[Array, "P 3"], Float[Array, ""]]:
     """Row, col and scale of one spline's blobs, uniform in arc length; and its length."""
-    u = np.linspace(0.0, 1.0, _OVERSAMPLING * points)
-    dense = jnp.asarray(basis(len(knots), u), knots.dtype) @ knots
+    dense = jnp.asarray(even_basis(len(knots), _OVERSAMPLING * points), knots.dtype) @ knots
     steps = jnp.diff(dense, axis=0)
     chords = jnp.sqrt((steps[:, :2] ** 2).sum(-1) + _TINY)
     arc = jnp.cumsum(chords)

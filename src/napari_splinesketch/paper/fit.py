@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.spline import arc_length, basis, fit_knots, sample
+from napari_splinesketch.engine.spline import arc_length, even_basis, fit_knots, sample
 from napari_splinesketch.engine.types import POINTS
 from napari_splinesketch.paper.blobs import (
     REACH,
@@ -129,7 +129,7 @@ def _size(value: float) -> int:
 
 def centrelines(scene: Blobs, place: Place, count: int) -> list[Float[np.ndarray, "100 2"]]:
     """Points of the first splines, row and col, px."""
-    rows = basis(scene.offsets.shape[1], np.linspace(0.0, 1.0, POINTS))
+    rows = even_basis(scene.offsets.shape[1], POINTS)
     return list(rows @ np.asarray(spline_knots(scene, place))[:count, :, :2])
 
 
