@@ -15,7 +15,7 @@ import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
 from napari_splinesketch.files import atomic, counted, printable, special
-from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels
+from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels, in_frames
 
 LOSSES = {
     "scale": "no place for the scale and units",
@@ -210,7 +210,7 @@ class Format:
             "sampling": len(facts.sizes) > 1,
             "width": facts.without_width,
             "radius": facts.without_width,
-            "frames": facts.frames > 1,
+            "frames": len(in_frames(labels).frames) > 1,
             "shape": head.shape is None,
             "empty": head.scale and not facts.count,
         }

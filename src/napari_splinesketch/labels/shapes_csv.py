@@ -36,8 +36,7 @@ def write(path: Path, labels: AnyLabels) -> None:
         columns: table.Columns = {"index": repeat(number), "shape-type": repeat("path")}
         return columns | {"vertex-index": range(len(label.points)), **dict(axes)}
 
-    with path.open("x", encoding="utf-8", newline="") as file:
-        table.write_rows(file, labels, leading)
+    table.write(path, labels, leading)
 
 
 def read(source: Source) -> Iterator[Label]:

@@ -55,23 +55,20 @@ ANY = Label.from_sketch(np.zeros((2, 2)))
 SCALE_TOLERANCE = 1e-6
 
 
-def write(path: Path, labels: AnyLabels) -> None:
-    """Write labels as a table."""
+def write(path: Path, labels: AnyLabels, leading: Leading = lambda number, label: {}) -> None:
+    """Write labels as a table, with further columns before all others."""
     with path.open("x", encoding="utf-8", newline="") as file:
-        write_rows(file, labels)
+        _write_rows(file, labels, leading)
 
 
 def text(labels: Labels) -> str:
     """Give the whole table as text."""
     file = io.StringIO(newline="")
-    write_rows(file, labels)
+    _write_rows(file, labels, lambda number, label: {})
     return file.getvalue()
 
 
-def write_rows(
-    file: TextIO, labels: AnyLabels, leading: Leading = lambda number, label: {}
-) -> None:
-    """Write a table, with further columns before all others."""
+def _write_rows(file: TextIO, labels: AnyLabels, leading: Leading) -> None:
     table, facts = csv.writer(file, lineterminator="\n"), labels.facts
     table.writerow([*leading(0, ANY), *_columns(ANY, labels.head, facts)])
     for number, label in enumerate(labels.labels):

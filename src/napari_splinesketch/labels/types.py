@@ -204,8 +204,6 @@ class Facts:
 
     count: int = 0
     """How many there are."""
-    frames: int = 0
-    """How often another frame begins."""
     sizes: set[int] = field(default_factory=set)
     """Every number of points that occurs."""
     highest: int = 0
@@ -221,10 +219,9 @@ class Facts:
     @classmethod
     def of(cls, labels: Iterable[Label]) -> "Facts":
         """Go through labels."""
-        facts, latest = cls(), -1
+        facts = cls()
         for label in labels:
             facts.count += 1
-            facts.frames += label.frame != latest
             facts.sizes.add(len(label.points))
             facts.highest = max(facts.highest, label.curve)
             far = label.points.max(axis=0) + np.nan_to_num(label.half_width).max()
@@ -232,7 +229,6 @@ class Facts:
             facts.without_width += not np.all(np.isfinite(label.half_width))
             facts.reviewed |= label.review != "open"
             facts.locked |= label.locked
-            latest = label.frame
         return facts
 
 
