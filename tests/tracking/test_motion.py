@@ -30,26 +30,26 @@ def known(path, frames) -> list[Known]:
 
 
 def test_ways_of_moving_are_learned_from_the_film() -> None:
-    line, sd = motion.ahead(known(winding, range(6)), 6)
+    line, sd = motion.ahead(known(winding, range(6)))(6)
     apart = np.linalg.norm(line - winding(6), axis=1)
     assert apart[:90].max() < 0.3, "along its path"
     assert sd < 0.5
-    line, _ = motion.ahead(known(drifting, range(6)), 9)
+    line, _ = motion.ahead(known(drifting, range(6)))(9)
     np.testing.assert_allclose(line, drifting(9), atol=0.05)
-    back, _ = motion.ahead(known(drifting, range(9, 3, -1)), 2)
+    back, _ = motion.ahead(known(drifting, range(9, 3, -1)))(2)
     np.testing.assert_allclose(back, drifting(2), atol=0.05)
 
 
 def test_the_wave_of_a_swimmer_goes_on() -> None:
     for frame, most in ((6, 0.3), (8, 1.0)):
-        line, sd = motion.ahead(known(swimming, range(6)), frame)
+        line, sd = motion.ahead(known(swimming, range(6)))(frame)
         assert np.linalg.norm(line - swimming(frame), axis=1).max() < most
         assert sd < most + 0.3
 
 
 def test_a_single_frame_does_not_tell_that_a_body_swims() -> None:
     """The directions of a few uncertain points at an end look like waves, too."""
-    lines = [motion.ahead(known(swimming, range(n)), n).line for n in (3, 4)]
+    lines = [motion.ahead(known(swimming, range(n)))(n).line for n in (3, 4)]
     few, more = (
         np.linalg.norm(line - swimming(n), axis=1).max()
         for n, line in zip((3, 4), lines, strict=True)
@@ -58,9 +58,9 @@ def test_a_single_frame_does_not_tell_that_a_body_swims() -> None:
 
 
 def test_nothing_is_sure_before_it_was_measured() -> None:
-    assert motion.ahead(known(drifting, [0]), 1)[1] == np.inf
-    assert motion.ahead(known(drifting, [0, 1]), 2)[1] == np.inf
-    near, far = (motion.ahead(known(drifting, range(5)), t)[1] for t in (5, 9))
+    assert motion.ahead(known(drifting, [0]))(1)[1] == np.inf
+    assert motion.ahead(known(drifting, [0, 1]))(2)[1] == np.inf
+    near, far = (motion.ahead(known(drifting, range(5)))(t)[1] for t in (5, 9))
     assert near < far < np.inf
 
 

@@ -82,7 +82,7 @@ class Body:
 
     def predicted(self, frame: int) -> motion.Predicted:
         """Where it is in a frame."""
-        found = motion.ahead(lines_of(self.seen), frame)
+        found = motion.ahead(lines_of(self.seen))(frame)
         return found._replace(line=motion.of_length(found.line, self.length))
 
     def with_curve(self, frame: int, curve: Curve) -> "Body":

@@ -52,16 +52,11 @@ class Predicted(NamedTuple):
         return apart < AGREE * self.sd + 0.5 * half_width
 
 
-def ahead(known: Sequence[Known], frame: float) -> Predicted:
-    """Where a body is expected in a frame beyond those known, and how far off that may be.
+def ahead(known: Sequence[Known]) -> Callable[[float], Predicted]:
+    """What predicts a body in frames beyond those known, and how far off that may be.
 
     The nearest of the known ones is the last; up to four more tell how it moves.
     """
-    return _going(known)(frame)
-
-
-def _going(known: Sequence[Known]) -> Callable[[float], Predicted]:
-    """What predicts a body in any frame beyond those known."""
     if len(known) < 2:
         return lambda frame: Predicted(known[-1][1], np.inf)
     base = min(BASE, max((len(known) - 1) // 2, 1))
@@ -83,7 +78,7 @@ def between(before: Sequence[Known], after: Sequence[Known], frame: float) -> Pr
     """
     first, last = before[-1][0], after[-1][0]
     share = (frame - first) / (last - first)
-    ways = _going(before), _going(after)
+    ways = ahead(before), ahead(after)
     sides = ways[0](frame), ways[1](frame)
     blend = share**2 * (3 - 2 * share)
     # What each side misses at the far end of the gap is put right in proportion.
