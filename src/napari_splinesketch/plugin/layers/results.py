@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -122,7 +121,6 @@ class Work:
         self._suggested: dict[model.Marked, np.ndarray] = {}
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
-        self._busy = False
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
         self._soon_seen = qthrottled(self._look, AFTER_MS, leading=False)
         self._soon_placed = qthrottled(self._place, AFTER_MS, leading=False)
@@ -197,9 +195,8 @@ class Work:
         steps = chain[object](self._suggest(), self._add(), self._follow(), self._fade())
         while self.image in self.viewer.layers:
             self.behind = self.viewer.dims.ndisplay > self.image.ndim
-            with self._by_us():
-                if self.behind or next(steps, steps) is steps:
-                    return
+            if self.behind or next(steps, steps) is steps:
+                return
             yield
 
     def _follow(self, *roles: str) -> Iterator[None]:
@@ -313,15 +310,6 @@ class Work:
             colours[changed, 3] = wanted[changed]
             layer.edge_color = colours
 
-    @contextmanager
-    def _by_us(self) -> Iterator[None]:
-        """Change layers without taking our own changes for the user's."""
-        self._busy = True
-        try:
-            yield
-        finally:
-            self._busy = False
-
     def _on_move(self, event: object) -> None:
         if self.records:
             self._soon_seen()
@@ -342,12 +330,9 @@ class Work:
 
     def on_visible(self, event: Any) -> None:
         """Follow the eye of a layer: halos and marks go with their curves."""
-        if self._busy:
-            return
-        with self._by_us():
-            for mark in (self.layer("selected"), self.layer("marks")):
-                if event.source is self.layer("curves") and mark is not None:
-                    mark.visible = event.source.visible
+        for mark in (self.layer("selected"), self.layer("marks")):
+            if event.source is self.layer("curves") and mark is not None:
+                mark.visible = event.source.visible
         self._update(*ASKED)
         self.changes.shown.emit()
 
