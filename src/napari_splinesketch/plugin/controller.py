@@ -43,7 +43,6 @@ class Controller(Keeper):
         self.order: Callable[[Sequence[Record]], Sequence[Record]] = worst_first
         self.left: float | None = None  # s until what runs is done, about; None if unknown
         self.plan = lru_cache(2)(make_plan)  # the same question has the same answer
-        self._pair = self.image, self.sketches
         self.job: engine.Job | None = None  # that Cancel can still keep from changing anything
         self._turn = threading.Lock()  # of one thread at a time: what is cancelled takes a while
         self._cancelled: Callable[[], str] = lambda: ""
@@ -322,13 +321,7 @@ class Controller(Keeper):
             self.refine()
 
     def _follow(self) -> None:
-        """Forget what is known of layers that are gone, and what was said of others."""
-        pair = self.image, self.sketches
-        if pair != self._pair:
-            self._pair = pair
-            self.tell()
-            if self.knots:
-                self.knots.close()
+        """Forget what is known of layers that are gone."""
         there = set(self.viewer.layers)
         for work in [work for work in self.works if not {work.image, work.sketches} <= there]:
             self.works.remove(work)

@@ -61,6 +61,7 @@ class Keeper:
     def __init__(self, viewer: ViewerModel):
         self.viewer = viewer
         self.changes = Changes(instance=self)
+        self.notice = Notice()
         self._chosen: dict[type[Layer], Layer | None] = {Image: None, Shapes: None}
         self._ends: dict[type[Layer], Callable[[], None]] = {}
         active = viewer.layers.selection.active
@@ -68,7 +69,6 @@ class Keeper:
             self._take_up(layer)
         self.settings = choices.load()
         self.progress: Progress | None = None  # of what runs
-        self.notice = Notice()
         for signal in (self.changes.layers, self.changes.edited):
             signal.connect(self.forget)
         self.changes.erased.connect(lambda: self.delete())
@@ -99,6 +99,10 @@ class Keeper:
     def choose_layer(self, kind: type[Layer], new: Layer | None) -> None:
         """Choose a layer of a kind, or none; with an image from another file, lines of its own."""
         self._ends.pop(kind, lambda: None)()
+        if new is not self._chosen[kind]:
+            self.tell()  # nothing: what was said is of other layers
+            if self.knots:
+                self.knots.close()
         self._chosen[kind], self.unfinished = new, False
         if new is not None:
             events = [getattr(new.events, name) for name in choices.PLACED]
