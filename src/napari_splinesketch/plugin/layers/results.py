@@ -38,8 +38,6 @@ class CurveLines(Slot):
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
         layer, records, look = self.layer, self.work.records, self.work.look
-        if layer is None:
-            return
         wanted = {record.curve: record for record in records}
         before = self._shown if layer.nshapes == len(self._shown) else ()
         there = {record.curve for record in before}
@@ -273,8 +271,6 @@ class Work:
 
     def _suggest(self) -> Iterator[object]:
         layer, wanted = self.sketches, self.state.suggestions
-        if layer not in self.viewer.layers:
-            return
         if gone := self._suggested.keys() - wanted:
             layer.remove([])  # ends what is being drawn, by its number that is soon another's
         old = self.positions(gone)
@@ -296,7 +292,7 @@ class Work:
         """Let the lines that have become curves step back behind them, and no others."""
         yield
         layer = self.sketches
-        if layer not in self.viewer.layers or not layer.nshapes:
+        if not layer.nshapes:
             return
         refined = {(r.frame, model.print_of_sketch(r)) for r in self.records if r.drawn}
         frames, lines = zip(*drawn.shapes_in(self.viewer, layer, self.image), strict=True)
