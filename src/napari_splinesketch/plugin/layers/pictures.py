@@ -334,8 +334,6 @@ def residual_along(image: Image, patch: grids.Patch, record: Record) -> grids.Al
     places = grids.across(points, half_width)
     low = np.clip(np.floor(places.min((0, 1))).astype(int), 0, patch.pixels.shape)
     high = np.clip(np.ceil(places.max((0, 1))).astype(int) + 1, 0, patch.pixels.shape)
-    if (high <= low).any():
-        return None
     grid = grids.Grid(patch.grid.to_image(low), patch.grid.step)
     rest = _rest(image, record.frame, grids.Patch(grid, patch.pixels[grids.slices(low, high)]))
     return None if np.isnan(rest).all() else grids.mean_across(rest, points - low, half_width)
