@@ -74,3 +74,10 @@ def test_anything_else_is_refused_in_words_or_taken(image, sketches):
         assert len(str(error)) > 20
     else:
         assert_whole(result, len(sketches), np.shape(image))
+
+
+@pytest.mark.parametrize("shape", [(1, 300), (300, 1), (1, 2), (2, 2)])
+def test_an_image_of_one_row_or_column_has_whole_results(shape):
+    image = np.random.default_rng(0).normal(size=shape)
+    line = np.array([[0.0, 0.0], [shape[0] - 1.0, shape[1] - 1.0]])
+    assert_whole(refine(image, [line, line + np.array([0.0, 2.0])]), 2, shape)

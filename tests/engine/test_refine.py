@@ -18,6 +18,7 @@ from napari_splinesketch import (
     write_labels,
 )
 from napari_splinesketch.data import load_sample
+from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.judge.assess import as_drawn
 from napari_splinesketch.engine.settings import OFFERED, Hold, Settings
 
@@ -377,7 +378,26 @@ def test_errors_that_no_sketch_has_are_refused(sd):
         Hold(1.0, sd, 1.0)
 
 
-@pytest.mark.parametrize("far", [2e9, 1e200])
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_as_many_sketches_as_there_are_can_be_held(count):
+    held = Settings(hold=(Hold(1.0, 1.0, 1.0),) * count)
+    with pytest.raises(ValueError, match=f"hold has {count} for 2 sketches; give one Hold for"):
+        refine(IMAGE, [SKETCH, SKETCH + 3], held)
+
+
+@pytest.mark.parametrize("vertices", [2, 5])
+def test_a_vertex_that_was_set_twice_counts_once(vertices):
+    made = frame(2, bodies=2)
+    lines = [spline.resample(line, vertices) for line in sketches_of(made)]
+    once = refine(made.image, lines)
+    twice = refine(
+        made.image, [np.repeat(line, [2, *[1] * (vertices - 2), 3], 0) for line in lines]
+    )
+    for one, two in zip(once.curves, twice.curves, strict=True):
+        np.testing.assert_array_equal(one.points, two.points)
+
+
+@pytest.mark.parametrize("far", [2e9, 1e200, 1e308])
 def test_a_sketch_that_leads_nowhere_stops_no_file(far, tmp_path):
     made = frame(0)
     found = refine(made.image, [*sketches_of(made), np.array([[5.0, 7.0], [far, -far]])])

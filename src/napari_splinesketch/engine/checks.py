@@ -11,6 +11,7 @@ from jaxtyping import Float, Real
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import Array, Curve, Polarity, Sketches
 
 
@@ -67,6 +68,13 @@ def _checked_sketch(number: int, sketch: Any) -> Float[Array, "N 2"]:
             f"sketch {number} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
         )
     return line
+
+
+def check_hold(settings: object, count: int) -> None:
+    """Refuse settings that hold another number of sketches than there are."""
+    hold = settings.hold if isinstance(settings, Settings) else None
+    if hold is not None and len(hold) != count:
+        raise ValueError(f"hold has {len(hold)} for {count} sketches; give one Hold for each.")
 
 
 def checked_fixed(fixed: Sequence[Curve] | None) -> list[Curve]:

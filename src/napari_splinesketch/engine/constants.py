@@ -47,6 +47,8 @@ RIDGE_CHUNK = 2**15
 # unused pixels after each row: where rows lie a power of two of bytes apart, as those of images of
 # 1024 columns do, the pixels of a column push each other out of the cache (speed):
 ROW_APART = 16
+# discs of this radius are kept for the next line, px; of larger ones only a part is made (speed):
+WHOLE_DISC = 256
 RIDGE_FLOOR = 0.03  # ridges below this share of the bodies' count as nothing where all is smooth
 
 # === Look: background, contrast and what surrounds a sketch

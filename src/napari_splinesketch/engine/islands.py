@@ -120,9 +120,9 @@ def split(
     fixed: Sequence[Curve],
 ) -> list[Island]:
     """The islands of the usable sketches, the largest first; their windows do not overlap."""
-    lines = [np.round(line / const.GRID_PX) * const.GRID_PX for line in lines]
+    rounded = {i: np.round(lines[i] / const.GRID_PX) * const.GRID_PX for i in usable}
     shape = image.shape
-    groups, around = [[i] for i in usable], {i: _surroundings(lines[i], shape) for i in usable}
+    groups, around = [[i] for i in usable], {i: _surroundings(rounded[i], shape) for i in usable}
     while True:
         boxes = [np.array([around[i] for i in group]) for group in groups]
         low = np.array([box[:, 0].min(0) for box in boxes]).reshape(-1, 2)
@@ -139,7 +139,7 @@ def split(
     for members, top, bottom in zip(groups, low, high, strict=True):
         beside = [c for c in fixed if _within(c, top, bottom)]
         window = slice(int(top[0]), int(bottom[0])), slice(int(top[1]), int(bottom[1]))
-        found.append(_posed(image, {i: lines[i] for i in members}, beside, window))
+        found.append(_posed(image, {i: rounded[i] for i in members}, beside, window))
     return sorted(found, key=lambda island: -len(island.members))
 
 

@@ -89,12 +89,13 @@ def refine(
     image, drawn = checks.checked_image(image), checks.checked_sketches(sketches)
     if not isinstance(preset, Settings) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
+    checks.check_hold(preset, len(drawn))
     checks.check_options(image.shape, polarity, half_width)
     checks.check_call(on_progress, seed)
     still = checks.checked_fixed(fixed)
     faults = [checks.fault(line, image.shape) for line in drawn]
     lines = [
-        x if f else spline.steadied(x, const.FREEHAND_POINTS)
+        x if f else spline.steadied(spline.distinct(x), const.FREEHAND_POINTS)
         for x, f in zip(drawn, faults, strict=True)
     ]
     usable = [i for i, fault in enumerate(faults) if not fault]

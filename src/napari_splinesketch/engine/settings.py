@@ -43,7 +43,8 @@ class Hold:
     """Of its knots along the path, against each other: how well its length is known."""
 
     def __post_init__(self) -> None:
-        if not all(isinstance(sd, Real) and 0 < float(sd) < np.inf for sd in astuple(self)):
+        known = all(isinstance(sd, Real) and 0 <= float(sd) < np.inf for sd in astuple(self))
+        if not (known and self.across and self.stretch):
             raise ValueError(f"hold is {self!r}; give finite standard errors above 0, px.")
 
 

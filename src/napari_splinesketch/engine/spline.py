@@ -146,6 +146,11 @@ def across(
     return ndimage.map_coordinates(image, at.transpose(2, 0, 1), order=1, mode="nearest")
 
 
+def distinct(points: Float[Array, "N 2"]) -> Float[Array, "M 2"]:
+    """A polyline without points that are the same as the one before, as a double click sets."""
+    return points[np.append(True, (points[1:] != points[:-1]).any(1))]
+
+
 def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:
     """At most `most` points for a line of many, drawn by a hand that shakes; its ends stay."""
     if len(points) <= most:

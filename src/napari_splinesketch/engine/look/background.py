@@ -37,7 +37,8 @@ def estimate_background(
     # What is cleaned is the difference from a plane, so that a slope survives at the border.
     medians = plane + ndimage.median_filter(medians - plane, 3, mode="nearest")
     constant, plane = np.median(medians), _plane(medians, places, places)
-    error = noise * np.hypot(const.BACKGROUND_TOLERANCE, 1.25 / (block / 2)) + 1e-12
+    error = noise * np.hypot(const.BACKGROUND_TOLERANCE, 1.25 / (block / 2))
+    error += 1e-12 * np.abs(medians).max() + 1e-300
     price = np.log(max(medians.size, 3))
     costs: dict[Kind, float] = {
         "constant": (((medians - constant) / error) ** 2).sum() + price,

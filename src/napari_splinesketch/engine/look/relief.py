@@ -34,6 +34,8 @@ def leaning(
     high and alike the two are, and the sum of the former weights.
     """
     moments = np.zeros((3, 3))
+    if min(flat.shape) < 2:
+        return moments
     for rung in range(len(WIDTHS))[rung_of(half_width) :][: const.RELIEF_RUNGS]:
         high, low = (ridges.heights(rung, sign) for sign in (1, -1))
         above, factor = smoothed(flat, rung), factor_of(rung)
