@@ -375,7 +375,7 @@ def test_senseless_settings_say_what_is_wrong(case):
 @pytest.mark.parametrize("sd", [0.0, -1.0, np.nan, np.inf, "1"])
 def test_errors_that_no_sketch_has_are_refused(sd):
     with pytest.raises(ValueError, match=r"hold is Hold.*finite standard errors above 0"):
-        Hold(1.0, sd, 1.0)
+        Hold(sd, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
