@@ -179,7 +179,7 @@ class Folded(qt.QWidget):
 
 
 class Column(qt.QScrollArea):
-    """Scrolls up and down, not sideways."""
+    """Scrolls when the user scrolls, and never by itself."""
 
     def __init__(self, content: qt.QWidget):
         super().__init__()
@@ -187,6 +187,15 @@ class Column(qt.QScrollArea):
         self.setWidgetResizable(True)
         self.setFrameShape(qt.QFrame.Shape.NoFrame)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def focusNextPrevChild(self, next: bool) -> bool:  # noqa: A002
+        """Move the focus; a button that is disabled gives it away, and nothing scrolls for that."""
+        bar, before = self.verticalScrollBar(), qt.QApplication.focusWidget()
+        place = bar.value() if bar else 0
+        moved = super().focusNextPrevChild(next)
+        if bar and not (before and before.isEnabled() and before.isVisible()):
+            bar.setValue(place)
+        return moved
 
 
 class LayerChoice(qt.QComboBox):
