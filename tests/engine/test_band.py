@@ -21,3 +21,16 @@ def test_pixels_lie_within_about_the_radius(line, radius):
     there = mask.ravel()[::7]
     assert there[away < 0.65 * radius - 1].all()  # discs are a third of it apart
     assert not there[away > radius + 3].any()
+
+
+@pytest.mark.parametrize("radius", [1.0, 7.5, 90.0])
+def test_discs_that_are_made_in_part_are_the_same(radius, monkeypatch):
+    rng = np.random.default_rng(0)
+    lines = [rng.uniform(-40, 160, (4, 2)) for _ in range(20)]
+    whole = [band(line, radius, (120, 90)) for line in lines]
+    monkeypatch.setattr(const, "WHOLE_DISC", 0)
+    for line, (rows, columns, inside) in zip(lines, whole, strict=True):
+        again = band(line, radius, (120, 90))
+        assert again[:2] == (rows, columns)
+        np.testing.assert_array_equal(again[2], inside)
+    assert any(inside.any() and not inside.all() for *_, inside in whole)
