@@ -46,6 +46,25 @@ def test_curves_lie_between_the_bright_and_the_dark_sides(bodies: int) -> None:
     assert NOTE in found.model.notes
 
 
+@pytest.mark.parametrize(
+    "recorded",
+    [
+        lambda image: image**2.5,
+        lambda image: image**0.3,
+        lambda image: np.minimum(image, np.quantile(image, 0.93)),
+    ],
+    ids=["dark shades", "bright shades", "saturated"],
+)
+def test_the_bright_and_the_dark_side_may_be_unlike(recorded) -> None:
+    scene = scene_of(8)
+    image, lines = lit(scene)
+    image = recorded((image - image.min()) / np.ptp(image))
+    found = refine(image, lines)
+    apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
+    assert NOTE in found.model.notes
+    assert np.median(apart) < 0.9
+
+
 def test_it_can_be_cancelled_while_the_light_is_looked_for() -> None:
     asked, given = [], lit(scene_of(8))
 

@@ -71,15 +71,14 @@ WIDTH_ENOUGH = 0.92  # a body has the smallest half-width whose ridge reaches th
 # height of the highest of many noise ridges, times the root of their blur, px, in units of the
 # pixel noise (measured):
 CHANCE_HEIGHT = 0.7
-RELIEF_VOTE = 0.75  # an image may be in relief where votes for a polarity are no clearer than this
 # it is in relief where one light explains this share of its ridges:
-RELIEF_EXPLAINED = 0.0003
+RELIEF_EXPLAINED = 0.0002
 RELIEF_RUNGS = 2  # half-widths that are asked, from that of the bodies' ridges up
 RELIEF_APART_HW = 2.0  # both ridges are looked for this far from the middle between them
 RELIEF_USUAL = 2.0  # ridges up to this height count as nothing, in units of what is usual
 # the light is looked for at these angles from where ridges lean, deg, the likeliest first:
 RELIEF_TURNS = (0, -10, 10, -20, 20)
-RELIEF_PIXELS = 2**18  # about so many pixels of an image are asked (speed)
+RELIEF_PIXELS = 2**14  # about so many pixels of an image are asked (speed)
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)
 PROFILES_MOST = 120  # most profiles of a sketch (speed)

@@ -145,7 +145,7 @@ def _read(
 ) -> Iterator[tuple[Island, Scenes | str]]:
     """The scenes of each island, or why nothing is to be seen there.
 
-    Those that may be in relief come last, for one light falls on all of an image.
+    One light falls on all of an image, so all are read before the first is given.
     """
     waiting, moments = list[tuple[Island, Scenes]](), np.zeros((3, 3))
     for island in all_islands:
@@ -156,19 +156,14 @@ def _read(
             yield island, blank
             continue
         scenes = scene.read_scenes(pixels, island.sketches, polarity, half_width)
-        maybe_relief = False
         if polarity == "auto":
             signs = finding.signs(scenes, island.sketches)
             if any(signs[i] != seen.sign for members, seen in scenes for i in members):
                 scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
-            maybe_relief = scene.unclear(scenes)
-        if maybe_relief:
-            waiting.append((island, scenes))
             turn = block_diag(island.pose.turned_back(np.eye(2)), 1.0)
             moments += turn.T @ scene.leaning(scenes) @ turn
         scene.tidy(scenes)
-        if not maybe_relief:
-            yield island, scenes
+        waiting.append((island, scenes))
     lights = relief.lights(moments)
     cost = _cost(waiting) if lights else 0.0
     for light in lights:

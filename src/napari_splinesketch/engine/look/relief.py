@@ -9,13 +9,7 @@ from scipy import fft
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.look.filters import median
-from napari_splinesketch.engine.look.ridges import (
-    WIDTHS,
-    Ridges,
-    factor_of,
-    rung_of,
-    smoothed,
-)
+from napari_splinesketch.engine.look.ridges import WIDTHS, Ridges, factor_of, rung_of, smoothed
 from napari_splinesketch.engine.types import Array
 
 
@@ -30,8 +24,8 @@ def leaning(
     Returns
     -------
     Moments of the unit vectors that point to a bright ridge, midway between it and a dark one:
-    their products, weighed by the mean height of both; in the last column their sum, weighed by how
-    high and alike the two are, and the sum of the former weights.
+    their products, weighed by the mean height of both; in the last column their sum, weighed by the
+    lower one, and the sum of the former weights.
     """
     moments = np.zeros((3, 3))
     if min(flat.shape) < 2:
@@ -39,8 +33,9 @@ def leaning(
     for rung in range(len(WIDTHS))[rung_of(half_width) :][: const.RELIEF_RUNGS]:
         high, low = (ridges.heights(rung, sign) for sign in (1, -1))
         above, factor = smoothed(flat, rung), factor_of(rung)
-        usual = max(median(np.abs(high).ravel()), const.RIDGE_FLOOR * height, 1e-30)
         every = 1 + int(np.sqrt(high.size / const.RELIEF_PIXELS))
+        usual = median(np.abs(high[::every, ::every]).ravel())
+        usual = max(usual, const.RIDGE_FLOOR * height, 1e-30)
         towards = np.array([slope[::every, ::every] for slope in np.gradient(high - low)])
         middle = every * np.indices(towards.shape[1:]).reshape(2, -1)
         towards = towards.reshape(2, -1) / (np.linalg.norm(towards, axis=0).ravel() + 1e-30)
@@ -52,10 +47,9 @@ def leaning(
             both = np.array([ridge[at], side * above[at]]) / usual - const.RELIEF_USUAL
             whole = whole + np.maximum(both[0], 0) / 2
             sides.append(np.maximum(both.min(0), 0))
-        alike = np.minimum(*sides) ** 2 / (np.maximum(*sides) + 1e-30)
         area = (every * factor) ** 2
         moments[:2, :2] += area * (towards * whole) @ towards.T
-        moments[:2, 2] += area * towards @ alike
+        moments[:2, 2] += area * towards @ np.minimum(*sides)
         moments[2, 2] += area * whole.sum()
     return moments
 

@@ -129,12 +129,6 @@ def tidy(scenes: Sequence[tuple[list[int], Scene]]) -> None:
     scenes[0][1].ridges.keep(kept)
 
 
-def unclear(scenes: Sequence[tuple[list[int], Scene]]) -> bool:
-    """Whether bodies of an image hardly tell if they are bright or dark: they may be in relief."""
-    votes = [bright.vote for _, seen in scenes for bright, _ in seen.around]
-    return float(np.median(np.abs(votes))) < const.RELIEF_VOTE
-
-
 def leaning(scenes: Sequence[tuple[list[int], Scene]]) -> Float[Array, "3 3"]:
     """What tells whether the bodies of an image are in relief; see `relief.leaning`."""
     seen = scenes[0][1]
