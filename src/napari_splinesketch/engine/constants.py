@@ -286,7 +286,7 @@ NOWHERE_PX = 1e4  # coordinate of pixels that are padding
 
 # === Fit: second fits and pairs
 STRAY_SAMPLES = 256  # points at which a fitted curve is compared with its path (speed)
-FOLD_RAD = 1.0  # a curve that turns by this within its half-width has folded over itself
+FOLD_RAD = 1.6  # a curve that turns by this within its half-width has folded over itself
 STRAYED_HW = 1.0  # a curve may have strayed where it is farther than this from its path ...
 STRAYED_COST = 2.0  # ... and costs this much more for what is unseen of it and how it bends
 HELD_NEAR_HW = 0.25  # it is then fitted again with its knots held to the path within this

@@ -138,6 +138,15 @@ def normals(points: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
     return tangents(points)[:, ::-1] * [-1.0, 1.0]
 
 
+def sharpest_turn(points: Float[Array, "N 2"], reach: float) -> float:
+    """By how much a dense polyline turns over a length of `reach` px, at most, rad."""
+    step = np.diff(points, axis=0)
+    direction = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    s = arc_length(points)
+    middle = (s[1:] + s[:-1]) / 2
+    return float(np.abs(np.interp(middle + reach, middle, direction) - direction).max())
+
+
 def across(
     image: Float[Array, "H W"], points: Float[Array, "N 2"], offsets: Float[Array, " T"]
 ) -> Float[Array, "N T"]:

@@ -193,10 +193,7 @@ def _fit_group(
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:
     """Whether a curve folded over itself, or left its path for where less of a body is seen."""
     line = body.points(const.STRAY_SAMPLES)
-    count = max(8, round(spline.arc_length(line)[-1] / start.half_width))
-    step = np.diff(spline.resample(line, count), axis=0)
-    turn = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
-    if np.abs(turn[1:-1]).max() > const.FOLD_RAD:
+    if spline.sharpest_turn(line, start.half_width) > const.FOLD_RAD:
         return True
     if spline.apart(line, start.line).max() < const.STRAYED_HW * start.half_width:
         return False
