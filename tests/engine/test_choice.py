@@ -36,9 +36,9 @@ def drawn(lines: list[np.ndarray], half_width=HALF_WIDTH, noise=0.03) -> np.ndar
     return image + noise * np.random.default_rng(0).normal(size=SHAPE)
 
 
-def found(image, sketches, fixed=(), polarity: Polarity = "auto") -> finding.Found:
+def found(image, sketches, fixed=(), polarity: Polarity = "auto") -> list[finding.Start]:
     ((_, seen),) = scene.read_scenes(image, sketches, polarity, None)
-    return finding.find(seen, sketches, list(fixed), Settings(), lambda share: None)
+    return finding.find(seen, sketches, list(fixed), Settings(), lambda share: None)[1]
 
 
 def turned(line: np.ndarray, angle: float) -> np.ndarray:
@@ -57,7 +57,7 @@ def away(path: np.ndarray, truth: np.ndarray) -> float:
 def test_straight_on_at_a_crossing(angle, turn):
     lines = cross(angle)
     sketches = [turned(line[::20], turn) for line in lines]
-    for start, line in zip(found(drawn(lines), sketches).starts, lines, strict=True):
+    for start, line in zip(found(drawn(lines), sketches), lines, strict=True):
         assert start.found
         # Where bodies cross at a small angle the skeleton runs between them.
         assert away(start.line, line) < 2 * HALF_WIDTH
@@ -68,7 +68,7 @@ def test_the_order_of_the_sketches_changes_nothing():
     lines = cross()
     sketches = [turned(line[::20], 10) for line in lines]
     image = drawn(lines)
-    one, other = found(image, sketches).starts, found(image, sketches[::-1]).starts[::-1]
+    one, other = found(image, sketches), found(image, sketches[::-1])[::-1]
     for a, b in zip(one, other, strict=True):
         np.testing.assert_allclose(a.line, b.line)
         assert (a.half_width, a.contrast) == pytest.approx((b.half_width, b.contrast))
@@ -79,7 +79,7 @@ def test_something_strong_does_not_draw_a_curve_away():
     image = drawn([line])
     rows, cols = np.indices(SHAPE)
     image[np.hypot(rows - 60, cols - 60) < 18] += 50
-    (start,) = found(image, [line[::40] + 1]).starts
+    (start,) = found(image, [line[::40] + 1])
     assert away(start.line, line) < HALF_WIDTH
 
 
@@ -88,7 +88,7 @@ def test_where_nothing_is_the_sketch_stays_and_is_not_found():
     image[:, 110] += 20
     sketch = np.array([[20.0, 20.0], [25.0, 60.0], [20.0, 90.0]])
     ((_, seen),) = scene.read_scenes(image, [sketch], "bright", 3.0)
-    (start,) = finding.find(seen, [sketch], [], Settings(), lambda _: None).starts
+    (start,) = finding.find(seen, [sketch], [], Settings(), lambda _: None)[1]
     assert not start.found
     np.testing.assert_array_equal(start.line, sketch)
     (curve,) = refine(image, [sketch], polarity="bright", half_width=3.0).curves
@@ -172,13 +172,13 @@ def test_a_fixed_curve_keeps_its_body():
     image = drawn(lines)
     for k, row in enumerate((38.5, 46.5)):
         sketch = np.array([[row, 20.0], [row, 100.0]])
-        (start,) = found(image, [sketch], [lines[k]]).starts
+        (start,) = found(image, [sketch], [lines[k]])
         assert away(start.line, lines[1 - k]) < HALF_WIDTH
 
 
 def test_a_body_that_goes_on_beyond_its_sketch_is_known():
     line = np.column_stack([np.full(101, 45.0), np.linspace(10, 110, 101)])
-    (start,) = found(drawn([line]), [np.array([[45.0, 10.0], [46.0, 60.0]])]).starts
+    (start,) = found(drawn([line]), [np.array([[45.0, 10.0], [46.0, 60.0]])])
     assert start.line[-1, 1] > 100 or start.goes_on[1]
     assert not start.goes_on[0]
 
@@ -188,7 +188,7 @@ def test_a_clicked_sketch_ends_where_it_was_clicked_on_a_body_that_goes_on(first
     """A sketch of two points only tells the direction; five were put there one by one."""
     line = np.column_stack([np.full(120, 45.0), np.arange(120.0)])
     sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(first, first + 44, 5)])
-    (start,) = found(drawn([line]), [sketch]).starts
+    (start,) = found(drawn([line]), [sketch])
     np.testing.assert_allclose(start.line[[0, -1], 1], sketch[[0, -1], 1], atol=2)
 
 
@@ -196,7 +196,7 @@ def test_a_clicked_end_that_is_a_little_short_of_the_tip_grows_to_it():
     line = np.column_stack([np.full(81, 45.0), np.linspace(20, 100, 81)])
     sketch = np.column_stack([[45.5, 44.2, 45.8, 44.6, 45.2], np.linspace(24, 96, 5)])
     image = drawn([line])
-    (start,) = found(image, [sketch]).starts
+    (start,) = found(image, [sketch])
     assert not any(start.goes_on)
     (curve,) = refine(image, [sketch]).curves
     np.testing.assert_allclose(curve.points[[0, -1], 1], [20, 100], atol=1.5)
@@ -337,7 +337,7 @@ def test_a_path_leaves_a_clicked_sketch_only_where_nothing_is_seen_near_it(monke
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     line = np.column_stack([45 + 4 * np.sin(np.linspace(0, 5, 81)), np.linspace(20, 100, 81)])
     there = [line[:20], line[60:], np.add(line, [9.0, 0.0])] if aside < HALF_WIDTH else [line]
-    (start,) = found(drawn(there), [np.add(line[::16], [aside, 0.0])]).starts
+    (start,) = found(drawn(there), [np.add(line[::16], [aside, 0.0])])
     assert away(start.line[8:-8], line) < HALF_WIDTH
 
 
@@ -346,7 +346,7 @@ def test_a_clicked_sketch_is_not_left_for_a_body_of_another_shape(monkeypatch):
     monkeypatch.setattr(finding.paths, "routes_of_sketch", lambda *_: [])
     along, wave = np.linspace(20, 100, 81), np.sin(np.linspace(0, 5, 81))
     line, other = (np.column_stack([row, along]) for row in (45 + 4 * wave, 53 - 2 * wave))
-    (start,) = found(drawn([other]), [line[::16]]).starts
+    (start,) = found(drawn([other]), [line[::16]])
     assert away(start.line, line) < HALF_WIDTH
 
 
@@ -403,7 +403,7 @@ def test_a_sketch_that_is_right_already_keeps_its_body():
     other = np.column_stack([np.linspace(20, 56, 81), np.linspace(30, 100, 81)])
     image = np.maximum(0.4 * drawn([line]), drawn([other]))
     sketch = line[::16] + np.random.default_rng(0).normal(0, 1, (6, 2))
-    (start,) = found(image, [sketch]).starts
+    (start,) = found(image, [sketch])
     assert away(start.line, line) < 2
     assert away(line, start.line) < 2
 
@@ -443,7 +443,7 @@ def test_a_line_of_one_stroke_or_of_two_points_is_not_taken_at_its_word():
 def test_a_sketch_between_two_bodies_may_mean_either_and_one_beside_a_body_means_that():
     bodies = [np.add(cross(0.0)[0], [side, 0.0]) for side in (-9.0, 9.0)]
     sketch = cross(0.0)[0][::80]
-    (between,), (beside,) = (found(drawn(b), [sketch], polarity="bright").starts
+    (between,), (beside,) = (found(drawn(b), [sketch], polarity="bright")
                              for b in (bodies, bodies[:1]))  # fmt: skip
     assert between.margin < 2 < beside.margin
 

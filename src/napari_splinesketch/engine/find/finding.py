@@ -52,26 +52,20 @@ class Start:
     """Whether the line is known to reach from tip to tip."""
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What was found for all sketches of a scene: where their fits begin."""
-
-    seen: Scene
-    """The scene, in units of the contrast of the bodies that were found."""
-    starts: list[Start]
-    """One for each sketch."""
-
-
 def find(
     seen: Scene,
     sketches: list[Line],
     fixed: list[Line],
     settings: Settings,
     tick: Callable[[float], None],
-) -> Found:
+) -> tuple[Scene, list[Start]]:
     """Find the path of every sketch; `fixed` are centrelines that have their bodies already.
 
     `tick` is called with the share of the sketches whose paths are known; it may raise `Stopped`.
+
+    Returns
+    -------
+    The scene, in units of the contrast of the bodies that were found; and a start for each sketch.
     """
     seen = sized(seen, sketches)
     sketches = [
@@ -89,7 +83,7 @@ def find(
             start = _start(seen, sketches[i], candidates[i], int(paths_of[0]))
             starts[i] = replace(start, margin=margin)
     seen.ridges.keep(evidence={start.rung for start in starts})
-    return _rescaled(Found(seen, starts))
+    return _rescaled(seen, starts)
 
 
 def sized(seen: Scene, sketches: list[Line]) -> Scene:
@@ -206,14 +200,13 @@ def candidates_of(
     return graph, candidates
 
 
-def believed(seen: Scene, sketches: list[Line]) -> Found:
+def believed(seen: Scene, sketches: list[Line]) -> list[Start]:
     """The sketches as they are, where they are known to lie on their bodies."""
     unknown = np.zeros(len(scoring.FEATURES))
-    starts = [
+    return [
         Start(sketch, True, sketch, rung, WIDTHS[rung], 1.0, unknown, whole=True)
         for sketch, rung in zip(sketches, seen.rungs, strict=True)
     ]
-    return Found(seen, starts)
 
 
 def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
@@ -376,23 +369,19 @@ def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:
     return dict(zip(scoring.FEATURES, more.tolist(), strict=True))
 
 
-def _rescaled(found: Found) -> Found:
+def _rescaled(seen: Scene, starts: list[Start]) -> tuple[Scene, list[Start]]:
     """The same, with intensities in units of the contrast of the bodies that were found."""
-    mine = [s for s in found.starts if s.found]
-    if not mine:
-        return found
-    unit = float(np.median([s.contrast for s in mine]))
+    mine = [s for s in starts if s.found]
+    unit = float(np.median([s.contrast for s in mine])) if mine else 0.0
     if not 0 < unit < np.inf:
-        return found
+        return seen, starts
     seen = replace(
-        found.seen,
-        normal=(found.seen.normal / unit).astype(np.float32),
-        contrast=found.seen.contrast * unit,
-        noise=max(found.seen.noise / unit, 0.01),
+        seen,
+        normal=(seen.normal / unit).astype(np.float32),
+        contrast=seen.contrast * unit,
+        noise=max(seen.noise / unit, 0.01),
         half_width=float(np.median([s.half_width for s in mine])),
     )
-    starts = [
-        replace(s, contrast=float(np.clip(s.contrast / unit, *const.CONTRASTS)))
-        for s in found.starts
+    return seen, [
+        replace(s, contrast=float(np.clip(s.contrast / unit, *const.CONTRASTS))) for s in starts
     ]
-    return Found(seen, starts)

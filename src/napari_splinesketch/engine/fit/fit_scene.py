@@ -10,7 +10,7 @@ from jaxtyping import Float
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
-from napari_splinesketch.engine.find.finding import Found, Start
+from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.fit import bands, fitting, pairs, side_by_side
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
@@ -62,15 +62,14 @@ def fit_scene(
         for c in fixed
     ]
     if settings.hold is None:
-        found = finding.find(
+        seen, starts = finding.find(
             seen, sketches, [line for line, *_ in given], settings,
             lambda share: report("tracing bodies", 0.02 + 0.3 * share),
         )  # fmt: skip
     else:
-        found = finding.believed(seen, sketches)
-    seen, starts = found.seen, found.starts
+        starts = finding.believed(seen, sketches)
     needs = [knots_needed(s.line, s.half_width, settings.knots) for s in starts]
-    bodies, others, held = _fit_batches(seen, found, given, needs, settings, report)
+    bodies, others, held = _fit_batches(seen, starts, given, needs, settings, report)
     if settings.hold is None:
         free = [s.found and i not in held for i, s in enumerate(starts)]
         bodies = pairs.settle_pairs(seen, starts, bodies, free, others)
@@ -80,7 +79,7 @@ def fit_scene(
 
 def _fit_batches(
     seen: Scene,
-    found: Found,
+    starts: list[Start],
     fixed: list[tuple[Line, float, float]],
     needs: list[int],
     settings: Settings,
@@ -92,7 +91,6 @@ def _fit_batches(
     -------
     A body for each start and for each fixed curve; and which curves are held to their paths.
     """
-    starts = found.starts
     drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in fixed]
     meets = bands.touching([fitting.around(seen, *one) for one in drawn])
     batches = side_by_side.batches(meets[: len(starts), : len(starts)], needs)
