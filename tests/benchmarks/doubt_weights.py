@@ -123,8 +123,8 @@ def _of(image, sketches, wrong, source: str, scene: str) -> Iterator[Example]:
     known: dict[tuple[float, ...], doubt.Evidence] = {}
     collect = doubt.collect
 
-    def record(points, sd, *others):
-        evidence = collect(points, sd, *others)
+    def record(points, u, sd, *others):
+        evidence = collect(points, u, sd, *others)
         known[tuple(sorted(sd))] = evidence  # curves may begin at their other end
         return evidence
 

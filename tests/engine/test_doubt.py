@@ -12,7 +12,6 @@ from napari_splinesketch.engine import constants
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
 from napari_splinesketch.engine.judge import doubt
-from napari_splinesketch.engine.judge.assess import Outline
 from napari_splinesketch.engine.judge.doubt import Evidence, collect, reasons
 
 
@@ -60,19 +59,18 @@ def test_any_evidence_is_weighed(sd, astray, room, margin, features):
     assert all(isinstance(text, str) and text for text in reasons(evidence))
 
 
-def outline(points: np.ndarray) -> Outline:
-    """A curve without caps."""
-    knots = np.column_stack([points[:2], np.full(2, 2.0)])
-    return Outline(knots, np.linspace(0, 1, len(points)), points, np.full(len(points), 2.0))
+def without_caps(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A curve without caps: its points, and where they are on its spline."""
+    return points, np.linspace(0, 1, len(points))
 
 
 def test_caps_do_not_count_as_astray():
     straight = np.column_stack([np.zeros(101), np.linspace(-4, 64, 101)])
-    capped = replace(outline(straight), u=np.linspace(-4 / 60, 64 / 60, 101))
+    capped = straight, np.linspace(-4 / 60, 64 / 60, 101)
     sketch = np.array([[0.0, 0.0], [0.0, 60.0]])
     start = Start(sketch, True, sketch, 4, 2.0, 1.0, known())
-    far, near = (collect(one, np.ones(101), sketch, 2.0, start).astray
-                 for one in (outline(straight), capped))  # fmt: skip
+    far, near = (collect(*one, np.ones(101), 2.0, start).astray
+                 for one in (without_caps(straight), capped))  # fmt: skip
     assert far == pytest.approx(4, abs=0.1)
     assert near < 0.7
 
@@ -84,7 +82,7 @@ def test_what_is_collected_of_a_curve():
     sd[0] = 9.0
     sketch = np.array([[3.0, 0.0], [3.0, 60.0]])
     start = Start(sketch, True, sketch, 4, 2.0, 1.0, known(unseen=0.1), margin=1.5)
-    found = collect(outline(straight), sd, sketch, 2.0, start)
+    found = collect(*without_caps(straight), sd, 2.0, start)
     assert found.sd == 0.5
     assert found.astray == pytest.approx(3.0)
     assert (found.half_width, found.known[0], found.margin) == (2.0, 0.1, 1.5)
@@ -92,10 +90,8 @@ def test_what_is_collected_of_a_curve():
 
 def test_a_line_of_one_stroke_may_be_farther_from_its_body_than_a_clicked_one():
     straight, sd = np.column_stack([np.zeros(100), np.linspace(0, 60, 100)]), np.full(100, 0.1)
-    start = Start(straight, True, straight, 4, 2.0, 1.0, known())
-    stroke, clicks = (
-        collect(outline(straight), sd, straight[::n], 2.0, start).room for n in (1, 20)
-    )
+    starts = (Start(straight, True, straight[::n], 4, 2.0, 1.0, known()) for n in (1, 20))
+    stroke, clicks = (collect(*without_caps(straight), sd, 2.0, x).room for x in starts)
     assert stroke > clicks >= 2.0
 
 

@@ -104,23 +104,21 @@ def refine(
     copies = {i: at for i in usable if (at := first[lines[i].tobytes()]) != i}
     alone = [i for i in usable if i not in copies]
     parts: list[Part] = []
-    progress = _Progress(on_progress, lines, len(usable))
+    progress = _Progress(on_progress, lines, len(alone))
     try:
         with compile_cache.kept():
             apart = islands.split(image, lines, alone, still)
             for island, scenes in _read(image, apart, polarity, half_width, progress):
                 if isinstance(scenes, str):
-                    there = {i for i in usable if copies.get(i, i) in island.members}
-                    faults = [scenes if i in there else f for i, f in enumerate(faults)]
+                    faults = [scenes if i in island.members else f for i, f in enumerate(faults)]
                     continue
                 for members, seen in scenes:
                     mine = island.of(members)
-                    part = _fitted(mine, seen, preset, seed, progress.of(mine))
-                    parts.append(assemble.with_copies(part, copies))
+                    parts.append(_fitted(mine, seen, preset, seed, progress.of(mine)))
                     progress.done(parts[-1])
     except fitting.Stopped:
         parts, faults = [], [CANCELLED] * len(lines)
-    found = assemble.assemble(image, drawn, faults, parts, began)
+    found = assemble.assemble(image, drawn, faults, copies, parts, began)
     if usable or not still:
         return found
     shown = _with_fixed(image, still, polarity, half_width)
@@ -206,7 +204,7 @@ def _fitted(
     if settings.hold is not None:
         settings = replace(settings, hold=tuple(settings.hold[i] for i in island.members))
     found = fit_scene(seen, island.sketches, island.fixed, settings, report)
-    return assemble.describe(island, found.seen, found)
+    return assemble.describe(island, found)
 
 
 class _Progress:

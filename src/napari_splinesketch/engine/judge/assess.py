@@ -1,6 +1,5 @@
 """From fitted parameters to curves: points, widths, standard errors, and what looks wrong."""
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -18,26 +17,18 @@ from napari_splinesketch.engine.types import POINTS, Array, Curve
 ENDS = np.array([0.0, 1.0])
 
 
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """A fitted body from tip to tip, with points uniform in arc length."""
-
-    knots: Float[Array, "K 3"]
-    """Row, col and half-width of a natural cubic spline, px."""
-    u: Float[Array, " P"]
-    """Where the points are on the fitted spline; in its caps below 0 and above 1."""
-    points: Float[Array, "P 2"]
-    half_width: Float[Array, " P"]
-    """`points` and `half_width`: (P, 2) and (P,) px."""
-
-
 def outline(
     body: Body, sketch: Float[Array, "N 2"], tips: Bool[Array, "2"], seen: Scene
-) -> Outline:
-    """A body with the round caps that the model draws at blunt ends.
+) -> tuple[Float[Array, "K 3"], Float[Array, "P 2"], Float[Array, " P"], Float[Array, " P"]]:
+    """A body from tip to tip, with the round caps that the model draws at blunt ends.
 
     Ends that cannot be `tips` stay; caps beyond the image, or on something that goes on, are left
     out.
+
+    Returns
+    -------
+    Knots (row, col, half-width) of a natural cubic spline; points uniform in arc length and the
+    half-width there; and where they are on the fitted spline: in its caps below 0 and above 1.
     """
     cap = _caps(body, sketch, tips, seen)
     first, last = _inside(body, sketch, seen.valid.shape)
@@ -53,7 +44,7 @@ def outline(
     part = uniform(knots)
     u = np.interp(part, np.linspace(0, 1, len(knots)), even)
     points = spline.basis(len(knots), part) @ knots
-    return Outline(np.column_stack([knots, half_width(even)]), u, points, half_width(u))
+    return np.column_stack([knots, half_width(even)]), points, half_width(u), u
 
 
 def _caps(

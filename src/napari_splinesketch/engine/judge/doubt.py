@@ -9,7 +9,6 @@ from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import scoring
 from napari_splinesketch.engine.find.finding import Start
-from napari_splinesketch.engine.judge.assess import Outline
 from napari_splinesketch.engine.judge.position import end_directions
 from napari_splinesketch.engine.types import Array
 
@@ -69,14 +68,17 @@ class Evidence:
 
 
 def collect(
-    outline: Outline,
+    points: Float[Array, "P 2"],
+    u: Float[Array, " P"],
     sd: Float[Array, " P"],
-    sketch: Float[Array, "N 2"],
     half_width: float,
     start: Start,
 ) -> Evidence:
-    """The evidence about one curve with standard errors `sd`, px, whose fit began at `start`."""
-    points, inside = outline.points, (outline.u >= 0) & (outline.u <= 1)
+    """The evidence about one curve, whose fit began at `start`.
+
+    Its points are at `u` on the fitted spline, beyond 0 and 1 in caps, with standard errors `sd`.
+    """
+    sketch, inside = start.sketch, (u >= 0) & (u <= 1)
     end = int(const.END_SHARE * len(points))
     drawn = spline.resample(sketch, len(points))
     astray = max(spline.apart(points[inside], drawn).max(), spline.apart(drawn, points).max())

@@ -16,7 +16,6 @@ from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt, position
 from napari_splinesketch.engine.look import scene
-from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.report import needed
 from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, SceneModel
@@ -39,16 +38,17 @@ class Part:
     """What it needed."""
 
 
-def describe(island: Island, seen: Scene, fit: SceneFit) -> Part:
+def describe(island: Island, fit: SceneFit) -> Part:
     """The curves of an island with their status, and what they are drawn as."""
+    seen = fit.seen
     drawn = _draw(seen.valid, [*fit.bodies, *fit.fixed])
-    bodies, known = _placed(seen, fit, seen.normal - drawn)
+    bodies, known = _placed(fit, seen.normal - drawn)
     if any(new.own is not old.own for new, old in zip(bodies, fit.bodies, strict=True)):
         drawn = _draw(seen.valid, [*bodies, *fit.fixed])
     residual = seen.normal - drawn
     rests = [_rest(body, residual) for body in bodies]
-    curves = _curves(seen, fit, bodies, known, island, rests)
-    return part_of(island, list(curves), seen.in_image(drawn), needed.model(seen, bodies, rests))
+    curves = list(_curves(fit, bodies, known, island, rests))
+    return part_of(island, curves, seen.in_image(drawn), needed.model(seen, bodies, rests))
 
 
 def part_of(
@@ -59,42 +59,34 @@ def part_of(
     return Part(island.members, island.in_image(curves), island.pose.window, drawn, model)
 
 
-def with_copies(part: Part, copies: dict[int, int]) -> Part:
-    """The same with the curves of sketches that are as one of its own: (number, its number)."""
-    curves = dict(zip(part.members, part.curves, strict=True))
-    knots = dict(zip(part.members, part.model.knots, strict=True))
-    for copy, original in copies.items():
-        if original in part.members:
-            curve = part.curves[part.members.index(original)]
-            curves[copy], curves[original] = _twin(curve, original), _twin(curve, copy)
-            knots[copy] = knots[original]
-    model = replace(part.model, knots=tuple(knots.values()))
-    return replace(part, members=tuple(curves), curves=list(curves.values()), model=model)
-
-
-def _twin(curve: Curve, other: int) -> Curve:
-    """A curve of two that are the same."""
-    return replace(curve, status="check", reasons=(*curve.reasons, f"{SAME_BODY} curve {other}"))
-
-
 def assemble(
     image: Real[Array, "H W"],
     sketches: list[Float[Array, "N 2"]],
     faults: list[str],
+    copies: dict[int, int],
     parts: list[Part],
     began: float,
 ) -> Refinement:
     """Everything that was found, in the order of the sketches.
 
-    `faults` say why a sketch could not be refined, or nothing; the call began at `began`, by
-    `time.perf_counter`.
+    `faults` say why a sketch could not be refined, or nothing; `copies` are the numbers of sketches
+    that are as an earlier one, with its number; the call began at `began`, by `time.perf_counter`.
     """
-    made = {i: c for part in parts for i, c in zip(part.members, part.curves, strict=True)}
+    made = {i: (c, p.model) for p in parts for i, c in zip(p.members, p.curves, strict=True)}
+    alone = dict(made)
+    for copy, original in copies.items():
+        if original not in alone:
+            continue
+        curve, model = alone[original]
+        for one, other in ((copy, original), (original, copy)):
+            said = *curve.reasons, f"{SAME_BODY} curve {other}"
+            made[one] = replace(curve, status="check", reasons=said), model
     curves = tuple(
-        assess.as_drawn(_near(line), fault) if fault else made[i]
-        for i, (line, fault) in enumerate(zip(sketches, faults, strict=True))
+        made[i][0] if i in made else assess.as_drawn(_near(line), faults[copies.get(i, i)])
+        for i, line in enumerate(sketches)
     )
-    model = needed.joined([(p.members, p.model) for p in parts], len(sketches))
+    knots = [len(curve.knots) * (i in made) for i, curve in enumerate(curves)]
+    model = needed.joined([model for _, model in made.values()], knots)
     drawn = [(part.window, part.drawn) for part in parts]
     pictures = Pictures(image, drawn, model.background if parts else None)
     return Refinement.lazy(curves, pictures, model, time.perf_counter() - began)
@@ -106,11 +98,11 @@ def _near(line: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
 
 
 def _placed(
-    seen: Scene, fit: SceneFit, residual: Float[Array, "H W"]
+    fit: SceneFit, residual: Float[Array, "H W"]
 ) -> tuple[list[Body], list[Float[Array, "2K 2K"]]]:
     """Bodies where image and clicked sketches put them together, and the knots' covariances."""
     everything = [body.points(POINTS) for body in (*fit.bodies, *fit.fixed)]
-    misfit = position.unexplained(seen, residual)
+    misfit = position.unexplained(fit.seen, residual)
     widest = max(body.half_width for body in fit.bodies)
     beside = spline.neighbours(everything, const.BESIDE_HW * widest)
     bodies, known = [], []
@@ -119,14 +111,13 @@ def _placed(
         sure = position.covariance(body, misfit, others)
         if start.found and scoring.clicked(start.sketch) and len(body.pixels):
             knots, sure = position.with_sketch(body.knots, sure, start.sketch, start.half_width)
-            body = fitting.moved(seen, body, knots)
+            body = fitting.moved(fit.seen, body, knots)
         bodies.append(body)
         known.append(sure)
     return bodies, known
 
 
 def _curves(
-    seen: Scene,
     fit: SceneFit,
     bodies: list[Body],
     known: list[Float[Array, "2K 2K"]],
@@ -135,7 +126,7 @@ def _curves(
 ) -> Iterator[Curve]:
     """The curves with what they say of themselves, in the window's pixels."""
     lines = [spline.sample(b.knots, 100) for b in (*bodies, *fit.fixed)]
-    twins = spline.doubles(lines, const.TWIN_HW * seen.half_width, const.TWIN_SHARE)
+    twins = spline.doubles(lines, const.TWIN_HW * fit.seen.half_width, const.TWIN_SHARE)
     for i, (body, start) in enumerate(zip(bodies, fit.starts, strict=True)):
         reasons = []
         if not start.found:
@@ -149,18 +140,18 @@ def _curves(
         if start.found and cuts:
             reasons.append("it has too few knots to follow all bends of its body")
         tips = start.found & ~(start.whole | np.array(start.goes_on))
-        outline = assess.outline(body, start.sketch, tips, seen)
+        knots, points, half_width, u = assess.outline(body, start.sketch, tips, fit.seen)
         # Normals of the fit: clicks may turn the curve, but not what is unknown along it.
-        sd = position.normal_sd(known[i], fit.bodies[i].knots, outline.u)
+        sd = position.normal_sd(known[i], fit.bodies[i].knots, u)
         if not len(body.pixels):
             sd[:] = np.inf
         if i in fit.held:
             sd = np.maximum(sd, body.half_width)
-        reasons += doubt.reasons(doubt.collect(outline, sd, start.sketch, body.half_width, start))
+        reasons += doubt.reasons(doubt.collect(points, u, sd, body.half_width, start))
         yield Curve(
-            outline.knots,
-            outline.points,
-            outline.half_width,
+            knots,
+            points,
+            half_width,
             sd,
             "check" if reasons else "good",
             tuple(reasons),

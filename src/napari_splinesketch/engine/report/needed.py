@@ -34,15 +34,13 @@ NOTHING = SceneModel(
 """Where nothing could be refined."""
 
 
-def joined(models: Sequence[tuple[Sequence[int], SceneModel]], count: int) -> SceneModel:
-    """What all islands needed together, each counting by its curves: (their numbers, model)."""
-    knots = [0] * count
-    for members, one in models:
-        for i, number in zip(members, one.knots, strict=True):
-            knots[i] = number
-    if not models:
+def joined(each: Sequence[SceneModel], knots: Sequence[int]) -> SceneModel:
+    """What all islands needed together: the model of the island of each curve that was refined.
+
+    `knots` are the numbers of knots of all curves.
+    """
+    if not each:
         return replace(NOTHING, knots=tuple(knots))
-    each = [one for members, one in models for _ in members]
     overlaps = [one.overlap for one in each if one.overlap is not None]
     numbers = ("half_width", "contrast", "noise", "blur")
     found: dict[str, Any] = {
@@ -54,7 +52,7 @@ def joined(models: Sequence[tuple[Sequence[int], SceneModel]], count: int) -> Sc
         polarity="bright" if 2 * sum(m.polarity == "bright" for m in each) >= len(each) else "dark",
         knots=tuple(knots),
         overlap=float(np.median(overlaps)) if overlaps else None,
-        notes=tuple(dict.fromkeys(note for _, one in models for note in one.notes)),
+        notes=tuple(dict.fromkeys(note for one in each for note in one.notes)),
         **found,
     )
 
