@@ -9,7 +9,7 @@ import pytest
 from napari_splinesketch import synthetic
 from napari_splinesketch.engine.look import background, ridges, scene
 from napari_splinesketch.engine.look.sketched import half_width_across
-from napari_splinesketch.engine.report.pictures import Pictures
+from napari_splinesketch.engine.report.assemble import Pictures
 from napari_splinesketch.engine.types import Polarity
 
 SHAPE = (140, 100)

@@ -1,8 +1,9 @@
 """From fitted islands to the result that the user gets."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
@@ -16,8 +17,8 @@ from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.islands import Island
 from napari_splinesketch.engine.judge import assess, doubt, position
 from napari_splinesketch.engine.look import scene
+from napari_splinesketch.engine.look.background import Kind, estimate_background
 from napari_splinesketch.engine.report import needed
-from napari_splinesketch.engine.report.pictures import Pictures
 from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement, SceneModel
 
 SAME_BODY = "it lies on the same body as"
@@ -36,6 +37,43 @@ class Part:
     """`window` and `drawn`: its part of the image, and the bodies there in the image's units."""
     model: SceneModel
     """What it needed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """The two pictures of a result, made when they are first read: as large as the image."""
+
+    image: Real[Array, "H W"]
+    """As given to `refine`."""
+    drawn: Sequence[tuple[tuple[slice, slice], Float[Array, "h w"]]]
+    """Bodies in windows of the image, in its units."""
+    kind: Kind | None
+    """How simple a background explains the image; None to find out."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the image."""
+        return self.image.shape
+
+    @cached_property
+    def background(self) -> Float[Array, "H W"]:
+        """(H, W) the image without bodies, in its units."""
+        bare = self.image.astype(np.float64)
+        finite = np.isfinite(bare)
+        if not finite.all():
+            bare[~finite] = np.median(bare[finite])
+        for window, bodies in self.drawn:
+            bare[window] -= bodies
+        noise = scene.pixel_noise(bare) if self.kind is None else 0.0
+        return estimate_background(bare, noise, self.kind)[0]
+
+    @cached_property
+    def reconstruction(self) -> Float[Array, "H W"]:
+        """(H, W) background and bodies."""
+        whole = self.background.copy()
+        for window, bodies in self.drawn:
+            whole[window] += bodies
+        return whole
 
 
 def describe(island: Island, fit: SceneFit) -> Part:

@@ -39,8 +39,7 @@ def joined(each: Sequence[SceneModel], knots: Sequence[int]) -> SceneModel:
 
     `knots` are the numbers of knots of all curves.
     """
-    if not each:
-        return replace(NOTHING, knots=tuple(knots))
+    each = each or [NOTHING]
     overlaps = [one.overlap for one in each if one.overlap is not None]
     numbers = ("half_width", "contrast", "noise", "blur")
     found: dict[str, Any] = {
