@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -41,36 +40,27 @@ class Pose:
         pixels = pixels[self._steps]
         return np.ascontiguousarray(pixels.T if self.swap else pixels)
 
+    @property
+    def turn(self) -> Float[Array, "2 2"]:
+        """What turns a direction in the image, a column, as the window is turned."""
+        return np.eye(2)[:: -1 if self.swap else 1] * np.where(self.reverse, -1, 1)[:, None]
+
     def inside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
         """Points (row, col and whatever else) of the image in the turned window."""
-        low, size = self._corner_and_size
-        at = (points[:, :2] - low)[:, self._axes]
-        at = np.where(self.reverse, size - 1 - at, at)
-        return np.column_stack([at, points[:, 2:]])
+        low, begin = self._corners
+        return np.column_stack([(points[:, :2] - low) @ self.turn.T + begin, points[:, 2:]])
 
     def outside(self, points: Float[Array, "P D"]) -> Float[Array, "P D"]:
         """The same back again."""
-        low, size = self._corner_and_size
-        at = np.where(self.reverse, size - 1 - points[:, :2], points[:, :2])
-        return np.column_stack([at[:, self._axes] + low, points[:, 2:]])
-
-    def turned(self, direction: Float[Array, "2"]) -> Float[Array, "2"]:
-        """A direction in the image, as it is in the turned window."""
-        return np.where(self.reverse, -1, 1) * direction[self._axes]
-
-    def turned_back(self, directions: Float[Array, "P 2"]) -> Float[Array, "P 2"]:
-        """Directions in the turned window, as they are in the image."""
-        return (np.where(self.reverse, -1, 1) * directions)[:, self._axes]
+        low, begin = self._corners
+        return np.column_stack([(points[:, :2] - begin) @ self.turn + low, points[:, 2:]])
 
     @property
-    def _axes(self) -> list[int]:
-        return [1, 0] if self.swap else [0, 1]
-
-    @property
-    def _corner_and_size(self) -> Int[Array, "2 2"]:
-        """The first pixel of the window in the image, and the shape of the turned window."""
+    def _corners(self) -> Int[Array, "2 2"]:
+        """The first pixel of the window in the image, and where it is in the turned window."""
         low, high = np.array([(s.start, s.stop) for s in self.window]).T
-        return np.array([low, (high - low)[self._axes]])
+        size = (high - low)[:: -1 if self.swap else 1]
+        return np.array([low, np.where(self.reverse, size - 1, 0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,35 +140,32 @@ def _posed(
     window: tuple[slice, slice],
 ) -> Island:
     """The island in the pose whose sorted sketches come first, or its pixels where these agree."""
-    numbers, points = list(lines), np.concatenate(list(lines.values()))
     ends = np.concatenate([line[[0, -1]] for line in lines.values()])
-    cuts = [0, *accumulate(map(len, lines.values()))]
     poses = [Pose(window, bool(k & 4), (bool(k & 2), bool(k & 1))) for k in range(8)]
     size = [s.stop - s.start for s in window]
     # Shape and first end tell most of them apart.
     firsts = [(size[:: -1 if p.swap else 1], min(p.inside(ends).tolist())) for p in poses]
+    found = [
+        _in_pose(lines, fixed, pose)
+        for pose, first in zip(poses, firsts, strict=True)
+        if first == min(firsts)
+    ]
+    drawn = [[line.tolist() for line in island.sketches] for island in found]
+    best = [island for island, own in zip(found, drawn, strict=True) if own == min(drawn)]
+    return best[0] if len(best) < 2 else min(best, key=lambda one: one.pose.cut(image).tobytes())
+
+
+def _in_pose(lines: dict[int, Line], fixed: Sequence[Curve], pose: Pose) -> Island:
+    """An island in one pose, with sketches and fixed curves sorted by where they are in it."""
     found = []
-    for pose in (p for p, first in zip(poses, firsts, strict=True) if first == min(firsts)):
-        turned = pose.inside(points)
-        mine = [turned[a:b] for a, b in pairwise(cuts)]
-        backwards = [tuple(line[0]) > tuple(line[-1]) for line in mine]
-        mine = [x[::-1] if back else x for x, back in zip(mine, backwards, strict=True)]
-        key = [line.ravel().tolist() for line in mine]
-        order = sorted(range(len(mine)), key=key.__getitem__)
-        found.append(([key[i] for i in order], order, mine, backwards, pose))
-    first = min(key for key, *_ in found)
-    best = [one[1:] for one in found if one[0] == first]
-    if len(best) > 1:
-        best = [min(best, key=lambda one: one[-1].cut(image).tobytes())]
-    order, mine, backwards, pose = best[0]
+    for i, line in lines.items():
+        turned = pose.inside(line)
+        backwards = tuple(turned[0]) > tuple(turned[-1])
+        found.append((i, turned[::-1] if backwards else turned, backwards))
+    members, sketches, backwards = zip(*sorted(found, key=lambda one: one[1].tolist()), strict=True)
     beside = [pose.inside(np.column_stack([c.points, c.half_width])) for c in fixed]
-    return Island(
-        tuple(numbers[i] for i in order),
-        [mine[i] for i in order],
-        [backwards[i] for i in order],
-        sorted(beside, key=lambda points: points.tolist()),
-        pose,
-    )
+    beside.sort(key=lambda points: points.tolist())
+    return Island(members, list(sketches), list(backwards), beside, pose)
 
 
 def _surroundings(line: Line, shape: tuple[int, ...]) -> Int[Array, "2 2"]:

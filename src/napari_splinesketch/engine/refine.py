@@ -158,7 +158,7 @@ def _read(
             signs = finding.signs(scenes, island.sketches)
             if any(signs[i] != seen.sign for members, seen in scenes for i in members):
                 scenes = scene.read_scenes(pixels, island.sketches, signs, half_width)
-            turn = block_diag(island.pose.turned_back(np.eye(2)), 1.0)
+            turn = block_diag(island.pose.turn, 1.0)
             moments += turn.T @ scene.leaning(scenes) @ turn
         scene.tidy(scenes)
         waiting.append((island, scenes))
@@ -185,7 +185,7 @@ def _lit(
     image: Real[Array, "H W"], island: Island, light: Float[Array, "2"], half_width: float | None
 ) -> Scenes:
     """The scene of an island whose bodies are lit from a direction in the image."""
-    pixels, towards = checks.known(island.pose.cut(image)), island.pose.turned(light)
+    pixels, towards = checks.known(island.pose.cut(image)), island.pose.turn @ light
     return scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
 
 
