@@ -1,5 +1,6 @@
 """From pieces of skeleton to whole lines: each end goes on in the piece that it points at."""
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -30,34 +31,27 @@ def joined(
     for _, i, j in sorted(joins):
         if i not in mate and j not in mate and lines.merge(i >> 1, j >> 1):
             mate[i], mate[j] = j, i
-    begins = [end for end in range(2 * len(chains)) if _begins(mate, end)]
-    left_out = askew.ravel().tolist()
-    return [_walked(chains, mate, end, left_out) for end in begins]
+    return list(_walked(chains, mate, askew.ravel().tolist()))
 
 
-def _begins(mate: dict[int, int], end: int) -> bool:
-    """Whether a line begins here: one of its two free ends, the one with the lower number."""
-    if end in mate:
-        return False
-    other = end ^ 1
-    while other in mate:
-        other = mate[other] ^ 1
-    return end < other
-
-
-def _walked(chains: list[Line], mate: dict[int, int], end: int, left_out: list[int]) -> Line:
-    """The chains from a free end on; where they are joined, so many points are `left_out`.
+def _walked(chains: list[Line], mate: dict[int, int], left_out: list[int]) -> Iterator[Line]:
+    """The chains from each free end on; where they are joined, so many points are `left_out`.
 
     End 2i is the first of chain i, and 2i + 1 its last.
     """
-    parts = []
-    at: int | None = end
-    while at is not None:
-        chain = chains[at >> 1][:: 1 - 2 * (at & 1)]
-        begin, beyond = (left_out[side] if side in mate else 0 for side in (at, at ^ 1))
-        parts.append(chain[begin : len(chain) - beyond])
-        at = mate.get(at ^ 1)
-    return np.concatenate(parts)
+    reached = set[int]()
+    for end in range(2 * len(chains)):
+        if end in mate or end in reached:
+            continue
+        parts, at, last = [], end, end
+        while at is not None:
+            last = at ^ 1
+            begin, beyond = (left_out[side] if side in mate else 0 for side in (at, last))
+            chain = chains[at >> 1][:: 1 - 2 * (at & 1)]
+            parts.append(chain[begin : len(chain) - beyond])
+            at = mate.get(last)
+        reached.add(last)
+        yield np.concatenate(parts)
 
 
 def _unkinked(chain: Line, half_width: float) -> list[Line]:

@@ -32,8 +32,6 @@ def routes_of_sketch(
     are from their bodies, px.
     """
     length = float(spline.arc_length(sketch)[-1])
-    if not len(graph.pieces):
-        return []
     line = spline.resample(sketch, max(20, int(length / (2 * half_width))))
     tree = KDTree(line)
     nodes = spline.around(graph.nodes, line, reach)

@@ -120,14 +120,6 @@ def fit_curves(
     def parameters() -> Float[Array, "n D"]:
         return np.asarray(fit.theta)[:n].astype(np.float64) + shift
 
-    def bodies() -> list[Body]:
-        found = parameters()
-        own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
-        return [
-            Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
-            for i, p in enumerate(pixels)
-        ]
-
     first = np.ones(n, dtype=bool) if first is None else first
     free = ~pinned | (meets & ~pinned).any(1)
     pending = meets.any(1) | ~first
@@ -149,7 +141,12 @@ def fit_curves(
         pending = (moved | (meets & moved).any(1)) & free if turn else first
         if not pending.any():
             break
-    return bodies()
+    found = parameters()
+    own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
+    return [
+        Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
+        for i, p in enumerate(pixels)
+    ]
 
 
 def moved(seen: Scene, body: Body, knots: Float[Array, "K 2"]) -> Body:
