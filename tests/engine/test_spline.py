@@ -110,10 +110,12 @@ def test_bending_matrix_is_the_integral(knots):
 def test_many_polylines_are_resampled_as_each_is_alone():
     rng = np.random.default_rng(0)
     lines = [np.cumsum(rng.uniform(0.2, 3, (n, 2)), axis=0) - 1e3 * n for n in (2, 7, 40)]
-    for found, line in zip(spline.resample_each(lines, [5, 48, 9]), lines, strict=True):
+    for found, line in zip(spline.resample_each(lines, [5, 48, 9])[0], lines, strict=True):
         np.testing.assert_allclose(found, spline.resample(line, len(found)), atol=1e-9)
     counts = [max(8, int(spline.arc_length(line)[-1]) + 1) for line in lines]
-    assert [len(found) for found in spline.resample_each(lines)] == counts
+    found, lengths = spline.resample_each(lines)
+    assert [len(line) for line in found] == counts
+    np.testing.assert_allclose(lengths, [spline.arc_length(line)[-1] for line in lines])
 
 
 def test_distances_are_to_the_nearest_point_and_infinite_beyond_the_most():

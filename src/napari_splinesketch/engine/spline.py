@@ -50,12 +50,6 @@ def arc_length(points: Float[Array, "N D"]) -> Float[Array, " N"]:
     return s
 
 
-def lengths(lines: Sequence[Float[Array, "N D"]]) -> Float[Array, " L"]:
-    """(L,) length of each of some polylines, px."""
-    s, last = arc_length(np.concatenate(lines)), np.cumsum([len(line) for line in lines]) - 1
-    return s[last] - s[np.append(0, last[:-1] + 1)]
-
-
 def apart(
     points: Float[Array, "P 2"], line: Float[Array, "N 2"], most: float = np.inf
 ) -> Float[Array, " P"]:
@@ -108,17 +102,20 @@ def resample(points: Float[Array, "N D"], count: int) -> Float[Array, "count D"]
 
 def resample_each(
     lines: Sequence[Float[Array, "N D"]], counts: Sequence[int] | None = None
-) -> list[Float[Array, "count D"]]:
-    """`resample` for many polylines at once; without counts every px, 8 points at least."""
+) -> tuple[list[Float[Array, "count D"]], Float[Array, " L"]]:
+    """`resample` for many polylines at once, and their lengths, px.
+
+    Without counts they have a point every px, 8 at least.
+    """
     points = np.concatenate(lines)
     s, ends = arc_length(points), np.cumsum([0, *map(len, lines)])
-    first, last = s[ends[:-1]].tolist(), s[ends[1:] - 1].tolist()
-    lengths = [b - a for a, b in zip(first, last, strict=True)]
+    first = s[ends[:-1]]
+    lengths = s[ends[1:] - 1] - first
     counts = [max(8, int(length) + 1) for length in lengths] if counts is None else counts
-    shares = zip(first, lengths, counts, strict=True)
+    shares = zip(first.tolist(), lengths.tolist(), counts, strict=True)
     target = np.concatenate([start + length * _shares(n) for start, length, n in shares])
     found = np.stack([np.interp(target, s, column) for column in points.T], axis=1)
-    return [found[a:b] for a, b in pairwise(accumulate(counts, initial=0))]
+    return [found[a:b] for a, b in pairwise(accumulate(counts, initial=0))], lengths
 
 
 @lru_cache(maxsize=256)
@@ -170,7 +167,7 @@ def steadied(points: Float[Array, "N 2"], most: int) -> Float[Array, "M 2"]:
 
 def smoothed(lines: Sequence[Float[Array, "N 2"]], sigma: float) -> list[Float[Array, "M 2"]]:
     """Polylines resampled every px and smoothed along their length; their ends stay."""
-    lines, reach = resample_each(lines), int(const.PATH_SMOOTH_CUT * sigma + 0.5)
+    lines, reach = resample_each(lines)[0], int(const.PATH_SMOOTH_CUT * sigma + 0.5)
     row = np.concatenate([_mirrored(line, reach) for line in lines])
     row = ndimage.gaussian_filter1d(row, sigma, axis=0, truncate=const.PATH_SMOOTH_CUT)
     first = np.cumsum([reach, *(len(line) + 2 * reach for line in lines[:-1])])

@@ -212,14 +212,10 @@ def believed(seen: Scene, sketches: list[Line]) -> list[Start]:
 def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
     """Pixels that are body, near the sketches and seen at the half-width of each."""
     mask = np.zeros(seen.valid.shape, dtype=bool)
-    for rung in set(seen.rungs):
-        near = np.zeros_like(mask)
-        for sketch, own in zip(sketches, seen.rungs, strict=True):
-            if own == rung:
-                reach = _reach(sketch, WIDTHS[rung])
-                rows, columns, inside = band(sketch, reach, seen.normal.shape)
-                near[rows, columns] |= inside
-        mask |= near & (seen.evidence(rung) > const.BODY_EVIDENCE)
+    for sketch, rung in zip(sketches, seen.rungs, strict=True):
+        rows, columns, inside = band(sketch, _reach(sketch, WIDTHS[rung]), mask.shape)
+        evidence = seen.evidence(rung)[rows, columns]
+        mask[rows, columns] |= inside & (evidence > const.BODY_EVIDENCE)
     return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
 
 
@@ -312,8 +308,8 @@ def _known(
     lines: list[Line], sketch: Line, half_width: float, evidence: Float[Array, "H W"]
 ) -> Float[Array, "C F"]:
     """(C, F) features of lines for a sketch, each sampled at SCORE_SAMPLES points."""
-    sampled = np.array(spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines)))
-    return scoring.features(sampled, spline.lengths(lines), sketch, half_width, evidence)
+    sampled, length = spline.resample_each(lines, [const.SCORE_SAMPLES] * len(lines))
+    return scoring.features(np.array(sampled), length, sketch, half_width, evidence)
 
 
 def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " E"]:
@@ -329,7 +325,7 @@ def _unseen(graph: TraceGraph, evidence: Float[Array, "H W"]) -> Float[Array, " 
 def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Array, " E"]:
     """(E,) which pieces lie along some lines."""
     along = np.zeros(len(graph.pieces), dtype=bool)
-    if not lines or not len(graph.pieces):
+    if not lines:
         return along
     points = np.concatenate([spline.resample(x, 2 + int(spline.arc_length(x)[-1])) for x in lines])
     near = const.ON_BODY_HW * half_width

@@ -208,7 +208,7 @@ def _traced(
         return []
     lines, lengths = [lines[i] for i in long], lengths[long]
     counts = np.maximum(8, (lengths / 2).astype(int))
-    points = np.concatenate(resample_each(lines, counts.tolist()))
+    points = np.concatenate(resample_each(lines, counts.tolist())[0])
     line = np.repeat(np.arange(len(lines)), counts)
     each = range(len(lines))
     heights = np.array(
