@@ -74,16 +74,15 @@ def find(
     ]
     graph, candidates = candidates_of(seen, sketches, settings, tick)
     taken, usual = _along(graph, fixed, seen.half_width), usual_length(sketches)
-    starts: list[Start] = [None] * len(sketches)  # type: ignore[list-item]
+    starts: dict[int, Start] = {}
     for members in choice.interacting(candidates):
         mine = [candidates[i] for i in members]
         sets, costs = choice.sets(graph, mine, seen.half_width, usual, taken)
         for i, paths_of in zip(members, sets.T, strict=True):
             margin = choice.margin(candidates[i], paths_of, costs, seen.half_width)
-            start = _start(seen, sketches[i], candidates[i], int(paths_of[0]))
-            starts[i] = replace(start, margin=margin)
-    seen.ridges.keep(evidence={start.rung for start in starts})
-    return _rescaled(seen, starts)
+            starts[i] = _start(seen, sketches[i], candidates[i], int(paths_of[0]), margin)
+    seen.ridges.keep(evidence={start.rung for start in starts.values()})
+    return _rescaled(seen, [starts[i] for i in range(len(sketches))])
 
 
 def sized(seen: Scene, sketches: list[Line]) -> Scene:
@@ -213,7 +212,7 @@ def _mask(seen: Scene, sketches: list[Line]) -> Bool[Array, "H W"]:
     """Pixels that are body, near the sketches and seen at the half-width of each."""
     mask = np.zeros(seen.valid.shape, dtype=bool)
     for sketch, rung in zip(sketches, seen.rungs, strict=True):
-        rows, columns, inside = band(sketch, _reach(sketch, WIDTHS[rung]), mask.shape)
+        rows, columns, inside = band(sketch, _reach(sketch, WIDTHS[rung]), seen.normal.shape)
         evidence = seen.evidence(rung)[rows, columns]
         mask[rows, columns] |= inside & (evidence > const.BODY_EVIDENCE)
     return remove_small_objects(mask, max_size=int(max(4 * seen.half_width**2, 6)))
@@ -334,14 +333,17 @@ def _along(graph: TraceGraph, lines: list[Line], half_width: float) -> Bool[Arra
     return along
 
 
-def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
-    """The start of a fit on a path: half-width and contrast are measured along it."""
+def _start(seen: Scene, sketch: Line, mine: Candidates, path: int, margin: float) -> Start:
+    """The start of a fit on a path: half-width and contrast are measured along it.
+
+    `margin` is what it would cost if the sketch meant another one.
+    """
     line, known, rung = mine.lines[path], mine.known[path], mine.rungs[path]
     if (
         known[scoring.FEATURES.index("unseen")] > const.UNSEEN_MOST
         or mine.cost[path] > const.IMPOSSIBLE
     ):
-        return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known)
+        return Start(sketch, False, sketch, rung, WIDTHS[rung], 1.0, known, margin)
     near = range(max(rung - 1, 0), min(rung + 2, len(WIDTHS)))
     profile = ridge_profile(seen.ridges, line, WIDTHS[rung], near, seen.sign)
     own = min(max(first_high(profile), rung - 1), near[-1])
@@ -354,7 +356,7 @@ def _start(seen: Scene, sketch: Line, mine: Candidates, path: int) -> Start:
     goes_on = scoring.goes_on(seen.evidence(rung), at, WIDTHS[rung])[:, 0]
     goes_on &= np.linalg.norm(line[0] - line[-1]) > 2 * WIDTHS[rung]  # a ring ends where it begins
     first, last = goes_on.tolist()
-    return Start(line, True, sketch, rung, half_width, contrast, known, np.inf, (first, last))
+    return Start(line, True, sketch, rung, half_width, contrast, known, margin, (first, last))
 
 
 def extra_costs(seen: Scene, start: Start, line: Line) -> dict[str, float]:
