@@ -246,6 +246,23 @@ CURVE_SAMPLES_A_KNOT = 2.6  # ... and for each knot (accuracy of the Newton step
 # weight of the bending energy, times half-width / length³ (tuned; ×10 either way: docs/limits.md):
 BEND = 10.0
 UNEVEN = 0.1  # standard deviation of the knots' spacing along a curve, as a share of it
+# parameters of a curve beside its knots: mean, standard deviation and bounds before anything is
+# known, in units of a normalised scene; the logarithm of the half-width is added to mean and upper
+# bound of the first:
+PRIORS = {
+    "log_width_0": (0.0, 0.4, np.log(0.4), 1.5),
+    **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, WIDTH_MODES)},
+    **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, LIGHT_MODES + 1)},
+    "contrast": (1.0, 0.3, 0.1, 5.0),
+    "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
+    "log_power": (np.log(0.45), 0.25, np.log(0.1), np.log(1.5)),
+    "log_extent": (np.log(0.25), 0.25, np.log(0.03), np.log(0.5)),
+    "tip": (0.2, 0.15, 0.0, 1.0),
+    "overlap": (0.7, 0.3, 0.0, 1.0),
+    "offset": (0.0, 0.15, -1.0, 1.0),
+    "slope_row": (0.0, 0.1, -1.0, 1.0),
+    "slope_col": (0.0, 0.1, -1.0, 1.0),
+}
 # standard deviations of a curve's local background where the scene's is simple:
 FLAT_BACKGROUND = {"offset": 0.05, "slope_row": 0.02, "slope_col": 0.02}
 # the same of the ends of a curve that is known to reach from tip to tip: a body that something

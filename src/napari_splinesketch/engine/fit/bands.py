@@ -44,23 +44,10 @@ class Priors(NamedTuple):
 
 def default_priors(count: int, widest: float) -> Priors:
     """Priors of `count` curves before anything is known, in units of a normalised scene."""
-    w = np.log(widest)
-    table = {
-        "log_width_0": (w, 0.4, np.log(0.4), w + 1.5),
-        **{f"log_width_{i}": (0.0, 0.12, -0.7, 0.7) for i in range(1, const.WIDTH_MODES)},
-        **{f"brightness_{i}": (0.0, 0.1, -0.5, 0.5) for i in range(1, const.LIGHT_MODES + 1)},
-        "contrast": (1.0, 0.3, 0.1, 5.0),
-        "log_blur": (np.log(0.7), 0.4, np.log(0.25), np.log(3.0)),
-        "log_power": (np.log(0.45), 0.25, np.log(0.1), np.log(1.5)),
-        "log_extent": (np.log(0.25), 0.25, np.log(0.03), np.log(0.5)),
-        "tip": (0.2, 0.15, 0.0, 1.0),
-        "overlap": (0.7, 0.3, 0.0, 1.0),
-        "offset": (0.0, 0.15, -1.0, 1.0),
-        "slope_row": (0.0, 0.1, -1.0, 1.0),
-        "slope_col": (0.0, 0.1, -1.0, 1.0),
-    }
-    mean, *same = np.array([table[name] for name in GLOBALS]).T
-    return Priors(np.tile(mean, (count, 1)), *same)
+    mean, sd, low, high = np.array(list(const.PRIORS.values())).T
+    for value in (mean, high):
+        value[INDEX["log_width_0"]] += np.log(widest)
+    return Priors(np.tile(mean, (count, 1)), sd, low, high)
 
 
 def level(seen: Scene, priors: Priors, knots: int) -> Level:
@@ -81,13 +68,12 @@ def begin(
     Lines that are `whole` are known to reach from tip to tip.
     """
     priors = default_priors(len(bodies), max(width for _, width, _ in bodies))
-    if seen.background_kind != "textured":
-        priors.sd[[INDEX[name] for name in const.FLAT_BACKGROUND]] = list(
-            const.FLAT_BACKGROUND.values()
-        )
+    surer = {} if seen.background_kind == "textured" else const.FLAT_BACKGROUND
     if whole:
+        surer = surer | const.WHOLE_ENDS
         priors.mean[:, INDEX["tip"]] = const.WHOLE_TIP
-        priors.sd[[INDEX[name] for name in const.WHOLE_ENDS]] = list(const.WHOLE_ENDS.values())
+    for name, sd in surer.items():
+        priors.sd[INDEX[name]] = sd
     for mean, (_, own, contrast) in zip(priors.mean, bodies, strict=True):
         mean[[INDEX["log_width_0"], INDEX["contrast"]]] = np.log(own), contrast
     lines = [spline.fit_knots(line, knots).T.ravel() for line, *_ in bodies]

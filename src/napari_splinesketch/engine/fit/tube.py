@@ -11,20 +11,8 @@ from jaxtyping import Float, Int
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine.types import AnyArray as Array
 
-# Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns).
-GLOBALS = (
-    *(f"log_width_{i}" for i in range(const.WIDTH_MODES)),
-    *(f"brightness_{i}" for i in range(1, const.LIGHT_MODES + 1)),
-    "contrast",
-    "log_blur",
-    "log_power",
-    "log_extent",
-    "tip",
-    "overlap",
-    "offset",
-    "slope_row",
-    "slope_col",
-)
+GLOBALS = tuple(const.PRIORS)
+"""Rows of a curve's parameter vector after its 2K coordinates (K rows, then K columns)."""
 INDEX = {name: i for i, name in enumerate(GLOBALS)}
 TAPER = ("log_power", "log_extent", "tip")
 
