@@ -220,7 +220,7 @@ def knot_miss(points: Float[Array, "N 2"], knots: int) -> float:
 @cache
 def _fitter(knots: int) -> Float[Array, "K N"]:
     """Least squares with the first and last point held (weight 1e3)."""
-    rows = basis(knots, np.linspace(0.0, 1.0, 12 * knots))
+    rows = even_basis(knots, 12 * knots)
     weight = np.ones(len(rows))
     weight[[0, -1]] = 1e3
     return np.linalg.pinv(rows * weight[:, None]) * weight

@@ -133,10 +133,10 @@ def uniform(knots: Float[Array, "K 2"], count: int = POINTS) -> Float[Array, " c
 
 def as_drawn(sketch: Float[Array, "N 2"], reason: str) -> Curve:
     """A curve that failed: the sketch, with nothing known about it."""
-    points = np.asarray(sketch, dtype=np.float64)
-    if len(points) < 2 or not np.isfinite(points).all():
-        points = points[np.isfinite(points).all(axis=1)] if points.ndim == 2 else points
-        points = np.repeat(points[:1], 2, 0) if len(points) else np.zeros((2, 2))
+    if len(sketch) < 2 or not np.isfinite(sketch).all():
+        known = sketch[np.isfinite(sketch).all(axis=1)]
+        sketch = np.repeat(known[:1], 2, 0) if len(known) else np.zeros((2, 2))
+    points = np.clip(sketch, -const.FARTHEST_PX, const.FARTHEST_PX)
     line = spline.resample(points, POINTS)
     return Curve(
         np.column_stack([points, np.full(len(points), np.nan)]),

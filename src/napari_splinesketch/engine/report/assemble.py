@@ -120,7 +120,7 @@ def assemble(
             said = *curve.reasons, f"{SAME_BODY} curve {other}"
             made[one] = replace(curve, status="check", reasons=said), model
     curves = tuple(
-        made[i][0] if i in made else assess.as_drawn(_near(line), faults[copies.get(i, i)])
+        made[i][0] if i in made else assess.as_drawn(line, faults[copies.get(i, i)])
         for i, line in enumerate(sketches)
     )
     knots = [len(curve.knots) * (i in made) for i, curve in enumerate(curves)]
@@ -128,11 +128,6 @@ def assemble(
     drawn = [(part.window, part.drawn) for part in parts]
     pictures = Pictures(image, drawn, model.background if parts else None)
     return Refinement.lazy(curves, pictures, model, time.perf_counter() - began)
-
-
-def _near(line: Float[Array, "N 2"]) -> Float[Array, "N 2"]:
-    """A line without coordinates that no file holds; those that are not finite stay."""
-    return np.where(np.isfinite(line), np.clip(line, -const.FARTHEST_PX, const.FARTHEST_PX), line)
 
 
 def _placed(
