@@ -19,7 +19,7 @@ import numpy as np
 from scaling import side_for
 
 from napari_splinesketch import refine, synthetic
-from napari_splinesketch.engine.fit import fit_scene, side_by_side, solver
+from napari_splinesketch.engine.fit import fit_scene, solver
 from napari_splinesketch.metrics import average_dtw
 
 FIGURES = Path(__file__).parents[2] / "docs" / "benchmarks" / "devices.csv"
@@ -91,7 +91,7 @@ def main() -> None:
     device = jax.devices()[0].device_kind
     rows = []
     for bodies in options.bodies:
-        row = {"device": device, "cores": side_by_side.cores()}
+        row = {"device": device, "cores": fit_scene.cores()}
         row |= {"together": options.together or "", "bodies": bodies}
         row |= {name: round(value, 4) for name, value in measured(bodies).items()}
         print(row, flush=True)

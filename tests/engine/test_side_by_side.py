@@ -9,14 +9,14 @@ import pytest
 
 from napari_splinesketch import refine, synthetic
 from napari_splinesketch.engine import constants, spline
-from napari_splinesketch.engine.fit import fitting, side_by_side
+from napari_splinesketch.engine.fit import fit_scene, fitting
 from napari_splinesketch.engine.settings import Hold, Settings
 from napari_splinesketch.engine.types import CANCELLED
 
 
 @pytest.fixture(params=[1, 2])
 def cores(request, monkeypatch) -> int:
-    monkeypatch.setattr(side_by_side, "cores", lambda: request.param)
+    monkeypatch.setattr(fit_scene, "cores", lambda: request.param)
     return request.param
 
 
@@ -30,7 +30,7 @@ def test_heaps_of_curves_that_touch_stay_whole(monkeypatch):
     meets = np.zeros((9, 9), dtype=bool)
     for i, j in ((0, 4), (4, 8), (8, 2), (1, 3), (5, 6)):
         meets[i, j] = meets[j, i] = True
-    found = side_by_side.batches(meets, [8, 8, 12, 8, 8, 8, 8, 8, 8])
+    found = fit_scene.in_batches(meets, [8, 8, 12, 8, 8, 8, 8, 8, 8])
     assert [sorted(batch) for batch in found] == [[0, 2, 4, 8], [5, 6, 7], [1, 3]]
 
 
@@ -71,7 +71,7 @@ def test_two_cores_give_the_same_curves_to_the_last_bit(monkeypatch):
 
     monkeypatch.setattr(fitting, "fit_curves", watched)
     for count in (1, 2):
-        monkeypatch.setattr(side_by_side, "cores", lambda count=count: count)
+        monkeypatch.setattr(fit_scene, "cores", lambda count=count: count)
         threads.append(set())
         found.append(refine(image, sketches))
     assert [len(used) for used in threads] == [1, 2]
@@ -121,18 +121,18 @@ def test_what_a_run_raises_leaves_out_those_that_had_not_begun(cores):
         return 1 / (number - 1)
 
     with pytest.raises(ZeroDivisionError):
-        side_by_side.side_by_side(run, 1000)
+        fit_scene.side_by_side(run, 1000)
     assert len(begun) < 1000
 
 
 def test_results_come_in_order(cores):
-    assert side_by_side.side_by_side(lambda i: i * i, 9) == [i * i for i in range(9)]
+    assert fit_scene.side_by_side(lambda i: i * i, 9) == [i * i for i in range(9)]
 
 
 def test_cores_are_those_that_may_be_used(monkeypatch):
-    monkeypatch.setattr(side_by_side.os, "sched_getaffinity", lambda _: {0, 2, 5}, raising=False)
+    monkeypatch.setattr(fit_scene.os, "sched_getaffinity", lambda _: {0, 2, 5}, raising=False)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    assert side_by_side.cores() == 3
+    assert fit_scene.cores() == 3
     for wanted, found in (("2", 2), ("8", 3), ("0", 3), ("", 3)):
         monkeypatch.setenv("OMP_NUM_THREADS", wanted)
-        assert side_by_side.cores() == found
+        assert fit_scene.cores() == found

@@ -1,23 +1,29 @@
-"""All bodies of a scene: find their paths, choose the model, polish."""
+"""All bodies of a scene: find their paths, choose the model, polish in batches on all cores."""
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import chain
+from typing import Protocol, TypeVar
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.sparse.csgraph import connected_components
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.find import finding
 from napari_splinesketch.engine.find.finding import Start
-from napari_splinesketch.engine.fit import bands, fitting, pairs, side_by_side
+from napari_splinesketch.engine.fit import bands, fitting, pairs
 from napari_splinesketch.engine.fit.fitting import Body
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.settings import Hold, Settings
 from napari_splinesketch.engine.types import Array, Line
 
 Centrelines = Callable[[], list[Line]]
+Result = TypeVar("Result")
 
 
 class Reporter(Protocol):
@@ -93,7 +99,7 @@ def _fit_batches(
     """
     drawn = [(s.line, s.half_width) for s in starts] + [(line, width) for line, width, _ in fixed]
     meets = bands.touching([fitting.around(seen, *one) for one in drawn])
-    batches = side_by_side.batches(meets[: len(starts), : len(starts)], needs)
+    batches = in_batches(meets[: len(starts), : len(starts)], needs)
     near = [set(np.flatnonzero(meets[len(starts) :, batch].any(1)).tolist()) for batch in batches]
     near[-1] |= set(range(len(fixed))).difference(*near)
     done: dict[int, Body] = {}
@@ -121,10 +127,48 @@ def _fit_batches(
 
     others: dict[int, Body] = {}
     held: set[int] = set()
-    for looks, kept in side_by_side.side_by_side(fit_batch, len(batches)):
+    for looks, kept in side_by_side(fit_batch, len(batches)):
         others |= looks
         held |= kept
     return [done[i] for i in range(len(starts))], [others[k] for k in range(len(fixed))], held
+
+
+def in_batches(meets: Bool[Array, "n n"], knots: Sequence[int]) -> list[list[int]]:
+    """Curves in batches, the largest first.
+
+    Curves that touch, directly or by others, come into one batch, beside others that need as many
+    `knots`: small arrays cost little memory, and the curves are the same however many batches there
+    are at a time. A GPU gets as many curves at a time as there are.
+    """
+    most = const.CURVE_SIZES[0 if jax.default_backend() == "cpu" else -1]
+    count, label = connected_components(meets, directed=False)
+    blocks = [np.flatnonzero(label == k).tolist() for k in range(count)]
+    found: dict[int, list[list[int]]] = {}
+    for block in sorted(blocks, key=len, reverse=True):
+        alike = found.setdefault(max(knots[i] for i in block), [[]])
+        if len(alike[-1]) + len(block) > most and alike[-1]:
+            alike.append([])
+        alike[-1] += block
+    return sorted(chain.from_iterable(found.values()), key=len, reverse=True)
+
+
+def side_by_side(run: Callable[[int], Result], count: int) -> list[Result]:
+    """What `run` gives for each number below `count`, as many at a time as there are cores.
+
+    What the first of them raises is raised here; those that had not begun are left out.
+    """
+    if min(count, cores()) < 2:
+        return [run(number) for number in range(count)]
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(run, range(count)))
+
+
+def cores() -> int:
+    """Cores that this process may use: those it is bound to, and OMP_NUM_THREADS at most."""
+    bound = getattr(os, "sched_getaffinity", None)
+    there = len(bound(0)) if bound else os.cpu_count() or 1
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    return min(there, int(wanted)) if wanted.isdecimal() and int(wanted) else there
 
 
 def knots_needed(line: Line, half_width: float, allowed: tuple[int, ...]) -> int:
