@@ -58,6 +58,28 @@ def test_keys_run_actions_and_are_given_back(table: Commands, heard: list[str]) 
     assert heard[4:] == []
 
 
+def test_a_key_is_one_however_it_is_written(table: Commands, heard: list[str]) -> None:
+    table.rebind({"a": "shift+u", "b": "j"})
+    press(table._viewer, "Shift+U")
+    press(table._viewer, "J")
+    assert heard == ["a", "b"]
+    assert table.keys == {"a": "Shift+U", "b": "J"}
+    table.rebind({"b": "j"})
+    assert table.keys == {"a": "", "b": "J"}, "the one that was given it has it"
+
+
+@pytest.mark.parametrize("wrong", ["Banana", "Ctrl+Banana", "Ctrl+", "U Banana", "é"])
+def test_what_is_no_key_is_said_and_bound_to_none(
+    table: Commands, heard: list[str], wrong: str
+) -> None:
+    said = table.rebind({"a": wrong})
+    assert repr(wrong) in said and "Shift+G" in said
+    assert table.keys["a"] == "" and not table._bound
+    press(table._viewer, "Apple")  # napari takes all keys that it does not know for one
+    assert heard == []
+    assert table.rebind({"a": " "}) == table.rebind({}) == "", "none, and the usual one"
+
+
 def test_a_second_table_takes_the_keys_over(table: Commands, heard: list[str]) -> None:
     viewer: Any = table._viewer
     rows = (Command("a", "a", "J", lambda c: heard.append("again"), "a"),)

@@ -228,6 +228,12 @@ COMMANDS = (
 )  # fmt: skip
 
 
+def _as_napari_writes(key: str) -> str:
+    """Write a key as napari does, whatever its case; empty if there is no such key."""
+    binding = coerce_keybinding(key)
+    return str(binding) if all(part.key for part in binding.parts) else ""
+
+
 class Commands:
     """The commands that act on a controller, by keys that nobody else in its viewer wants."""
 
@@ -275,10 +281,14 @@ class Commands:
         said = command.label(self._controller) if command.label else command.name
         return f"{said} ({key})" if command.place == "review" and key else said  # with room for it
 
-    def rebind(self, keys: Mapping[str, str]) -> None:
-        """Give commands other keys; one that was given a key gets it before its usual owner."""
+    def rebind(self, keys: Mapping[str, str]) -> str:
+        """Give commands other keys; one that was given a key gets it before its usual owner.
+
+        Says what is no key: napari would take it for all keys that it does not know.
+        """
         usual = {command.id: command.key for command in self.table.values()}
-        wanted = {name: keys.get(name, key) for name, key in usual.items()}
+        given = {name: keys.get(name, key) for name, key in usual.items()}
+        wanted = {name: _as_napari_writes(key) for name, key in given.items()}
         last = sorted(wanted, key=lambda name: wanted[name] != usual[name])
         owners = {wanted[name]: name for name in last}
         self.keys = {name: key if owners[key] == name else "" for name, key in wanted.items()}
@@ -286,6 +296,8 @@ class Commands:
         for name, key in self.keys.items():
             if key:
                 self._bind(name, coerce_keybinding(key))
+        wrong = [name for name, key in given.items() if key.strip() and not wanted[name]]
+        return words.no_keys({self.table[name].name: given[name] for name in wrong})
 
     def _bind(self, name: str, key: Any) -> None:
         def press(viewer: ViewerModel) -> None:

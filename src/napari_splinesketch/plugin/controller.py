@@ -52,7 +52,7 @@ class Controller(Keeper):
         self._began = 0.0
         self.suggestions = films.Suggestions(self)
         self.actions = Commands(self)
-        self.actions.rebind(self.settings.keys)
+        self.say(self.actions.rebind(self.settings.keys))
         self.changes.clicked.connect(lambda shift: pick(self, add=shift))
         self.changes.layers.connect(self._follow)
         # Last: napari goes to the middle of a film when it is told of it.

@@ -289,7 +289,7 @@ class Keeper:
     def _take(self, chosen: choices.Settings) -> None:
         before, self.settings = self.settings, chosen
         if chosen.keys != before.keys:
-            self.actions.rebind(chosen.keys)
+            self.say(self.actions.rebind(chosen.keys))
         for work in self.works:
             self._attend(work)
         self.changes.settings.emit()

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -221,6 +221,12 @@ def notice(kind: str, text: str) -> str:
         escape(text, quote=False),
     )
     return f"{mark}{broken}" if text else ""
+
+
+def no_keys(given: Mapping[str, str]) -> str:
+    """Say which commands were given keys that do not exist, and how keys are written."""
+    said = " ".join(f"{key!r} is no key: {name} has none now." for name, key in given.items())
+    return f"{said} Keys are written like G, Shift+G or Ctrl+F2." if said else ""
 
 
 def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
