@@ -9,13 +9,14 @@ from weakref import ref
 import numpy as np
 import pytest
 from napari.layers._source import Source
-from qtpy.QtCore import QPoint
+from qtpy.QtCore import QPoint, Qt
 from qtpy.QtGui import QTextDocument
 from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
 
 from napari_splinesketch.labels import read_labels
 from napari_splinesketch.labels.formats import WRITERS
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.review import ReviewPanel
 from napari_splinesketch.plugin.widgets import Column
 
 from .fakes import FakeEngine
@@ -472,6 +473,16 @@ def test_nothing_scrolls_or_moves_by_itself(viewer: Any, dock: SplinesketchDock)
     dock.review.setFocus()
     dock.review.setEnabled(False)
     assert bar.value() == 0
+
+
+def test_a_choice_with_the_mouse_leaves_the_keys_to_the_canvas(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    panel = ReviewPanel(dock.controller)
+    boxes = [*dock.findChildren(QComboBox), *panel.findChildren(QComboBox)]
+    assert len(boxes) == 7
+    for box in boxes:
+        assert box.focusPolicy() == Qt.FocusPolicy.TabFocus, "but the keyboard reaches them"
 
 
 @pytest.mark.slow

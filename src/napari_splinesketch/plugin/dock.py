@@ -131,6 +131,7 @@ class SplinesketchDock(qt.QWidget):
         self.progress.setSizePolicy(policy)
         ui.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
         ui.stack(self, ui.Column(self.content), below).setStretch(0, 1)
+        ui.leave_keys(self)
         self.setMinimumWidth(WIDTH)
 
     def _connect(self) -> None:

@@ -204,6 +204,7 @@ class ReviewPanel(qt.QWidget):
         halves.addWidget(right)
         halves.setSizes(SHARES)
         ui.stack(self, halves, margin=3)
+        ui.leave_keys(self)
 
     def _connect(self) -> None:
         controller, changes = self.controller, self.controller.changes

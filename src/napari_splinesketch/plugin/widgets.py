@@ -95,6 +95,15 @@ def form(*rows: Any) -> qt.QWidget:
     return made
 
 
+def leave_keys(parent: qt.QWidget) -> None:
+    """Leave the keys to the canvas when something is chosen with the mouse: boxes would take them.
+
+    A letter then chose the entry that begins with it.
+    """
+    for box in parent.findChildren(qt.QComboBox):
+        box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+
 def _tight(layout: Any, margin: int = 0) -> Any:
     layout.setContentsMargins(margin, margin, margin, margin)
     layout.setSpacing(3)
