@@ -70,6 +70,21 @@ def test_a_half_width_is_in_the_unit_that_was_shown(
     assert form.half_width.text() == "1.500 µm"
 
 
+def test_what_is_being_typed_stays_while_layers_come(
+    viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    form = add_dock(viewer).settings_form
+    viewer.add_image(np.random.default_rng(0).random((64, 96)), name="x")
+    form.half_width.selectAll()
+    QTest.keyClicks(form.half_width, "3")
+    viewer.layers["x"].name = "y"
+    viewer.add_points(ndim=2)
+    QTest.keyClicks(form.half_width, ".5")
+    QTest.keyClick(form.half_width, Qt.Key.Key_Return)
+    assert form.half_width.value() == 3.5
+    assert settings.load().half_width == 3.5
+
+
 @pytest.mark.slow
 @pytest.mark.window(shown=True)
 def test_choices_are_kept_and_used(viewer: Any, fake: FakeEngine, npe2pm_installed: None) -> None:

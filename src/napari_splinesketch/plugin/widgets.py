@@ -327,13 +327,19 @@ class SettingsForm(qt.QWidget):
         stack(self, chosen, keys, elsewhere, beside)
 
     def show_state(self) -> None:
-        """Show what is chosen, silently; lengths in the unit of the image."""
+        """Show what is chosen, silently; lengths in the unit of the image.
+
+        What is shown already stays: to set it again would undo what is being typed.
+        """
         settings, ruler = self._controller.settings, ruler_of(self._controller.image)
-        self.half_width.setSuffix(f" {ruler.unit}")
+        if self.half_width.suffix() != (unit := f" {ruler.unit}"):
+            self.half_width.setSuffix(unit)
         width = round((settings.half_width_in(ruler) or 0.0) * ruler.pixel, DECIMALS)
         for name, made in self.widgets.items():
+            chosen = width if name == "half_width" else getattr(settings, name)
             with made.changed.blocked():
-                made.value = width if name == "half_width" else getattr(settings, name)
+                if made.value != chosen:
+                    made.value = chosen
 
     def eventFilter(self, a0: QObject | None, a1: QEvent | None) -> bool:
         """Let a number that is typed after a click replace "auto": Qt would refuse to add it."""
