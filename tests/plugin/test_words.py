@@ -27,6 +27,25 @@ def plan(scope: Scope, new: int, old: int) -> Plan:
 
 
 @pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (FileNotFoundError(2, "No such folder", "/a/b.csv"), "No such folder: /a/b.csv"),
+        (OSError(28, "no space left"), "no space left"),
+        (OSError("the disk is away"), "the disk is away"),
+        (ValueError("2 is not 3"), "2 is not 3"),
+    ],
+)
+def test_errors_are_said_without_the_numbers_of_the_system(error: Exception, text: str) -> None:
+    assert words.error(error) == text
+
+
+def test_locked_curves_are_named_as_far_as_there_is_room() -> None:
+    some = records(*[("good", ())] * 1000)
+    assert words.locked(some[:1]) == "Curve 1 is locked."
+    assert words.locked(some) == "Curves 1, 2, 3, 4, 5, 6 and 994 more are locked."
+
+
+@pytest.mark.parametrize(
     ("made", "text"),
     [
         (plan("new", 0, 0), "Refine"),

@@ -67,10 +67,10 @@ def _shape(verb: str, change: Callable[..., list[Record]]) -> Callable[[Controll
 
     def run(c: Controller) -> bool:
         chosen = c.selected_records()
-        locked = [str(record.id) for record in chosen if record.locked]
+        locked = [record for record in chosen if record.locked]
         try:
             if locked:
-                raise ValueError(f"Curve {', '.join(locked)} is locked.")
+                raise ValueError(words.locked(locked))
             made = change(c, *chosen)
         except ValueError as error:
             c.say(str(error))

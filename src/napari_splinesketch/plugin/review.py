@@ -14,7 +14,7 @@ from qtpy.QtCore import QModelIndex, QSignalBlocker, Qt
 from qtpy.QtGui import QColor, QKeyEvent
 
 from napari_splinesketch.files import atomic
-from napari_splinesketch.plugin import choices
+from napari_splinesketch.plugin import choices, words
 from napari_splinesketch.plugin import widgets as ui
 from napari_splinesketch.plugin.columns import FILM, STATUS, Beside, alone, as_text, beside_of
 from napari_splinesketch.plugin.columns import SHOWN as COLUMNS
@@ -283,7 +283,7 @@ class ReviewPanel(qt.QWidget):
                 with atomic(path, overwrite=path == chosen) as temporary:
                     temporary.write_text(self._as_text(","), encoding="utf-8")
         except OSError as error:
-            self.controller.say(f"The table was not saved: {error}")
+            self.controller.say(f"The table was not saved: {words.error(error)}.")
 
     def _show_rows(self) -> None:
         c, shown = self.controller, self.shown.currentText().lower()

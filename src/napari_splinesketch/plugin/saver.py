@@ -22,7 +22,7 @@ from superqt.utils import qthrottled
 
 from napari_splinesketch.files import counted, owned
 from napari_splinesketch.labels import LabelsError
-from napari_splinesketch.plugin import engine, sessions
+from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
 from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.files import lay, read_with, records_of
@@ -94,10 +94,7 @@ class Home:
                 folder.write(replace(session, image=self.about), self.place)
             except Exception as error:
                 _log.warning("The work could not be saved", exc_info=True)
-                said = str(error)
-                if isinstance(error, OSError) and error.strerror:
-                    said = f"{error.strerror}: {error.filename}"
-                problems[f"The work could not be saved: {said}."] = None
+                problems[f"The work could not be saved: {words.error(error)}."] = None
         self.unsaved = " ".join(problems)
         return self
 

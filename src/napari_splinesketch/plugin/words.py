@@ -229,6 +229,20 @@ def no_keys(given: Mapping[str, str]) -> str:
     return f"{said} Keys are written like G, Shift+G or Ctrl+F2." if said else ""
 
 
+def error(error: Exception) -> str:
+    """Say what went wrong, without the numbers of the system, and with which file."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return str(error)
+    return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
+
+
+def locked(records: Sequence[model.Record]) -> str:
+    """Say which curves are locked."""
+    numbers = [str(record.id) for record in records]
+    are = "Curves {} are locked." if len(numbers) > 1 else "Curve {} is locked."
+    return are.format(_some(numbers))
+
+
 def renumbered(reasons: Sequence[str], ids: Sequence[int]) -> tuple[str, ...]:
     """Let reasons of the engine name other curves by their number instead of their position."""
     return tuple(re.sub(r"curve (\d+)", lambda f: f"curve {ids[int(f[1])]}", r) for r in reasons)
