@@ -1,6 +1,7 @@
 """What the dock says."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,11 @@ def plan(scope: Scope, new: int, old: int) -> Plan:
 )
 def test_errors_are_said_without_the_numbers_of_the_system(error: Exception, text: str) -> None:
     assert words.error(error) == text
+
+
+def test_a_locked_curve_is_said_to_be_so_in_words() -> None:
+    (record,) = records(("good", ()))
+    assert words.selected([replace(record, locked=True)], 2) == "Curve 1 of frame 0, locked: good"
 
 
 def test_locked_curves_are_named_as_far_as_there_is_room() -> None:

@@ -104,7 +104,7 @@ def selected(records: Sequence[model.Record], frame: int, place: Callable[[int],
         return f"{len(records)} curves are selected" if records else NO_CURVE
     (record,) = records
     where = f" of frame {place(record.frame)}" if record.frame != frame else ""
-    lock = " 🔒" if record.locked else ""
+    lock = ", locked" if record.locked else ""
     return f"Curve {record.id}{where}{lock}: {columns.STATUS_WORDS[record.curve.status]}"
 
 
