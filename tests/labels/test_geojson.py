@@ -98,6 +98,21 @@ def feature(coordinates: object, **properties: object) -> dict[str, object]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
+def test_lines_in_collections_of_geometries(tmp_path: Path) -> None:
+    lines = {"type": "MultiLineString", "coordinates": [LINE, LINE]}
+    inner = {"type": "GeometryCollection", "geometries": [lines, {"type": "Point"}]}
+    outer = {"type": "GeometryCollection", "geometries": [feature(LINE)["geometry"], inner]}
+    for _ in range(300):  # however deep
+        outer = {"type": "GeometryCollection", "geometries": [outer]}
+    planes = {"type": "Feature", "geometry": outer | {"plane": {"t": 2}}}
+    (tmp_path / "a.geojson").write_text(json.dumps(planes))
+    labels = read_labels(tmp_path / "a.geojson")
+    assert [(label.frame, label.curve) for label in labels.labels] == [(2, 0), (2, 1), (2, 2)]
+    assert "left out 1 Point" in labels.notes[0]
+    (tmp_path / "a.json").write_text(json.dumps(inner))
+    assert len(read_labels(tmp_path / "a.json").labels) == 2
+
+
 @pytest.mark.parametrize("short", [[[0, 0]], []], ids=["one point", "no points"])
 def test_a_line_that_is_too_short_costs_no_other(tmp_path: Path, short: list[object]) -> None:
     parts = {"type": "MultiLineString", "coordinates": [short, LINE]}

@@ -76,6 +76,10 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
 
 def read(source: Source) -> Iterator[Label]:
     """Read the keypoints of a file that was written by us."""
+    yield from source.numbered(_lines(source))
+
+
+def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
     root = json_tree.read_json(source.path)
     for body in root["annotations"]:
         source.place = body.place
@@ -84,9 +88,10 @@ def read(source: Source) -> Iterator[Label]:
                 f"not written by {OURS}; of COCO, nothing else is read: save lines as GeoJSON, "
                 "ImageJ ROIs or a table"
             )
-        points = body["keypoints"].numbers().reshape(-1, 3)[:, 1::-1]
+        keypoints = body["keypoints"].numbers().reshape(-1, 3)
+        points = keypoints[keypoints[:, 2] > 0, 1::-1]  # the others were deleted
         frame, curve = body["image_id"].integer(), body["track_id"].integer()
-        yield json_tree.read_own(body["attributes"], frame, curve, points)
+        yield json_tree.read_own(source, body["attributes"], frame, curve, points), None
     source.head = json_tree.read_head(root["info"])
 
 

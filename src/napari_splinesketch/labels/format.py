@@ -3,13 +3,13 @@
 import os
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import groupby
+from itertools import count, groupby
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -29,6 +29,9 @@ LOSSES = {
     "empty": "without curves, no place for the scale",
 }
 """What a format may be unable to keep; reported only for labels that have it."""
+ROUNDED = 0.02
+"""How far checksums may be apart, px, times the root of the number of points: other programs keep
+two decimals (QuPath) or 32 bits (ImageJ)."""
 
 
 class LabelsError(ValueError):
@@ -76,6 +79,8 @@ class Source:
     """Scale, units, shape and provenance, as far as they are known; no labels."""
     left_out: Counter[str] = field(default_factory=Counter)
     """What is not a line, and how often: "polygon", "point"."""
+    changed: list[tuple[Label, int | None]] = field(default_factory=list)
+    """Lines of ours that another program has changed, as sketches, with their plane, if any."""
     notes: list[str] = field(default_factory=list)
     """Further sentences about what was left out."""
     _known: set[tuple[int, int]] = field(default_factory=set)
@@ -104,6 +109,44 @@ class Source:
                 "number, and its points must follow one another"
             )
 
+    def own(
+        self, line: Label, told: Sequence[float], *beside: Any, plane: int | None = None
+    ) -> Label | None:
+        """Give a line of ours with half-width, sd and words that were written beside it.
+
+        None where it is not as its checksum `told`, of which older files have none, or where it is
+        in another plane: it was changed.
+        """
+        size, found, widths, sds = len(line.points), checksum(line), *map(len, beside[:2])
+        near = partial(np.allclose, rtol=1e-7, atol=ROUNDED * size**0.5)
+        known = not told or (len(told) == 3 and told[2] == found[2] and near(found, told))
+        if (known and plane is None and sds == size) or sds != widths:  # the latter is refused
+            return Label(line.frame, line.curve, line.points, *beside)
+        self.changed.append((line, plane))
+        return None
+
+    def numbered(self, lines: Iterable[tuple[Label | None, int | None]]) -> Iterator[Label]:
+        """Give lines of ours, then changed ones, which keep their number where it is free.
+
+        The others are numbered on from the highest. They come with their plane, which is their
+        frame where all of them are at time 0.
+        """
+        others, first = list[tuple[Label, int]](), 0
+        for label, plane in lines:
+            if label and plane is not None:
+                others.append((label, plane))
+            elif label:
+                first = max(first, label.curve + 1)
+                yield label
+        numbers = count(max(first, *(label.curve + 1 for label, _ in self.changed), 0))
+        timed = any(label.frame for label, z in (*others, *self.changed) if z is not None)
+        for label, plane in self.changed:
+            label = label if timed or plane is None else replace(label, frame=plane)
+            taken = (label.frame, label.curve) in self._known
+            yield replace(label, curve=next(numbers)) if taken else label
+        for label, plane in others:
+            yield replace(label, curve=next(numbers), frame=label.frame if timed else plane)
+
     def frames(self, read: "Read") -> Iterator[tuple[Label, ...]]:
         """Give the labels of each frame; a frame that comes again is given again."""
         for _, labels in groupby(self.labels(read), key=lambda label: label.frame):
@@ -112,6 +155,9 @@ class Source:
     def whole(self, labels: tuple[Label, ...]) -> Labels:
         """Put labels together with what was found beside them."""
         notes = self.notes
+        if self.changed:
+            what = f"{counted(len(self.changed), 'line')} changed in another program"
+            notes = [f"{what}: read as drawn, without half-width and standard error", *notes]
         if +self.left_out:
             counts = ", ".join(counted(n, what) for what, n in sorted((+self.left_out).items()))
             left_out = f"left out {counts}: only lines of two or more points can be sketches"
@@ -119,21 +165,9 @@ class Source:
         return replace(self.head, labels=labels, notes=tuple(map(printable, notes)))
 
 
-def numbered(lines: Iterable[tuple[Label, int | None]]) -> Iterator[Label]:
-    """Give labels with a number of their own, then the others, numbered on from the highest.
-
-    The others come with their plane, which is their frame where all of them are at time 0.
-    """
-    others, first = list[tuple[Label, int]](), 0
-    for label, plane in lines:
-        if plane is None:
-            first = max(first, label.curve + 1)
-            yield label
-        else:
-            others.append((label, plane))
-    timed = any(label.frame for label, _ in others)
-    for number, (label, plane) in enumerate(others, first):
-        yield replace(label, curve=number, frame=label.frame if timed else plane)
+def checksum(line: Label) -> list[float]:
+    """Give numbers that tell a line that was moved, turned round or copied to another frame."""
+    return [*(np.linspace(1, 2, len(line.points)) @ line.points).tolist(), line.frame]
 
 
 Read = Callable[[Source], Iterator[Label]]

@@ -1,6 +1,7 @@
 """GeoJSON as QuPath reads and writes it: one line per body, (x, y) from the image's corner."""
 
 import re
+from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 
 from napari_splinesketch import palette
 from napari_splinesketch.labels import json_tree
-from napari_splinesketch.labels.format import Format, Source, numbered
+from napari_splinesketch.labels.format import Format, Source
 from napari_splinesketch.labels.types import AnyLabels, Label
 
 CORNER = 0.5
@@ -17,7 +18,7 @@ CORNER = 0.5
 OURS = "splinesketch"
 TYPES = re.compile(rb'"type"\s*:\s*"(Feature(Collection)?|(Multi)?LineString)"')
 LINES = ("LineString", "MultiLineString")
-OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "GeometryCollection", "Feature")
+OTHERS = ("Point", "MultiPoint", "Polygon", "MultiPolygon", "Feature")
 """Types that are left out; a feature without geometry is left out under its own type."""
 
 
@@ -34,6 +35,7 @@ def _feature(label: Label) -> dict[str, Any]:
     for name, values in (("Half-width", label.half_width), ("Standard error", label.sd)):
         if (known := values[np.isfinite(values)]).size:
             measurements[f"{name} px, mean"] = float(known.mean())
+    own = {"frame": label.frame, "curve": label.curve, **json_tree.own_members(label)}
     colour = bytes.fromhex(palette.LABEL[label.status].removeprefix("#"))
     return {
         "type": "Feature",
@@ -43,7 +45,7 @@ def _feature(label: Label) -> dict[str, Any]:
             "name": f"Curve {label.curve}",
             "classification": {"name": label.status, "color": [*colour]},
             "measurements": measurements,
-            OURS: {"frame": label.frame, "curve": label.curve, **json_tree.own_members(label)},
+            "metadata": {OURS: json_tree.encode(own)},  # QuPath keeps only texts, and only there
         },
     }
 
@@ -54,10 +56,10 @@ def read(source: Source) -> Iterator[Label]:
     Coordinates are (x, y) in pixels from the corner of the image's first pixel. Lines that were
     not written by us are sketches, numbered on in the order of the file.
     """
-    yield from numbered(_lines(source))
+    yield from source.numbered(_lines(source))
 
 
-def _lines(source: Source) -> Iterator[tuple[Label, int | None]]:
+def _lines(source: Source) -> Iterator[tuple[Label | None, int | None]]:
     """Give each line, and the plane of those that were not written by us."""
     root = json_tree.read_json(source.path)
     if OURS in root:
@@ -76,32 +78,49 @@ def _features(root: json_tree.Node) -> Iterable[json_tree.Node]:
     return [root]
 
 
-def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label, int | None]]:
+def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label | None, int | None]]:
     """Give each line of a feature, and the plane of those that were not written by us."""
     geometry = feature["geometry"] if "geometry" in feature else feature
-    kind = geometry["type"].expected(str)
-    if kind in OTHERS:
-        source.left_out[kind] += 1
-        return
-    if kind not in LINES:
-        raise geometry["type"].error(f"is {kind[:40]!r}; expected one of GeoJSON's")
-    lines = geometry["coordinates"]
-    properties = feature["properties"] if "properties" in feature else feature
-    own = properties[OURS] if OURS in properties else None
-    for line in [lines] if kind == "LineString" else lines:
-        points, z = line.places()[:, ::-1] - CORNER, None
+    own = _own(feature["properties"] if "properties" in feature else feature)
+    plane = geometry["plane"] if "plane" in geometry else feature
+    for line in _line_strings(source, geometry):
+        points = line.places()[:, ::-1] - CORNER
         if len(points) < 2:
             source.left_out[LINES[0]] += 1
             continue
         source.place = (own or line).place
         if own:
-            label = json_tree.read_own(own, own["frame"].integer(), own["curve"].integer(), points)
+            frame = (plane["t"] if "t" in plane else own["frame"]).integer()
+            label, z = json_tree.read_own(source, own, frame, own["curve"].integer(), points), None
         else:
-            plane = geometry["plane"] if "plane" in geometry else feature
             frame, z = (plane[axis].integer() if axis in plane else 0 for axis in "tz")
             label = Label.from_sketch(points, frame=frame)
         source.place = line.place
         yield label, z
+
+
+def _own(properties: json_tree.Node) -> json_tree.Node | None:
+    """Give our own members of a line, if there are any; QGIS makes texts of objects."""
+    held = properties["metadata"].parsed() if "metadata" in properties else properties
+    held = held if OURS in held else properties  # as version 0.2 wrote them
+    return held[OURS].parsed() if OURS in held else None
+
+
+def _line_strings(source: Source, geometry: json_tree.Node) -> Iterator[json_tree.Node]:
+    """Give the coordinates of each line of a geometry, however it is nested."""
+    left = deque([geometry])
+    while left:
+        geometry = left.popleft()
+        kind = geometry["type"].expected(str)
+        if kind == "GeometryCollection":
+            left.extendleft(reversed([*geometry["geometries"]]))
+        elif kind in OTHERS:
+            source.left_out[kind] += 1
+        elif kind not in LINES:
+            raise geometry["type"].error(f"is {kind[:40]!r}; expected one of GeoJSON's")
+        else:
+            lines = geometry["coordinates"]
+            yield from [lines] if kind == "LineString" else lines
 
 
 def claims(ending: str, head: bytes) -> bool:

@@ -4,15 +4,14 @@ import struct
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import Format, Source, blamed, numbered, open_regular
-from napari_splinesketch.labels.types import AnyLabels, Label, LabelStatus
+from napari_splinesketch.labels.format import Format, Source, blamed, checksum, open_regular
+from napari_splinesketch.labels.types import AnyLabels, Label
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
 MAX_BYTES = 2**28
@@ -44,18 +43,19 @@ def _roi(label: Label) -> ImagejRoi:
     if np.all(np.isfinite(label.half_width)):
         roi.float_stroke_width = 2 * float(np.median(label.half_width))
     props = {"curve": label.curve, "status": label.status}
-    for name, values in (("half_width", label.half_width), ("sd", label.sd)):
-        props[name] = " ".join(map(repr, values.tolist()))
+    along = {"half_width": label.half_width.tolist(), "sd": label.sd.tolist()}
+    for name, values in (along | {"checksum": checksum(label)}).items():
+        props[name] = " ".join(map(repr, values))
     roi.props = "".join(f"{OURS}{name}: {value}\n" for name, value in props.items())
     return roi
 
 
 def read(source: Source) -> Iterator[Label]:
     """Read lines from a zip of ROIs or from a single one; others than ours are numbered on."""
-    yield from numbered(_lines(source))
+    yield from source.numbered(_lines(source))
 
 
-def _lines(source: Source) -> Iterator[tuple[Label, int | None]]:
+def _lines(source: Source) -> Iterator[tuple[Label | None, int | None]]:
     """Give each line, and the plane of those that were not written by us."""
     for content in _entries(source):
         with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
@@ -63,7 +63,7 @@ def _lines(source: Source) -> Iterator[tuple[Label, int | None]]:
             roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
             xy = roi.coordinates() if roi.roitype in LINES else ()
         if len(xy) > 1:
-            yield _label(roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
+            yield _label(source, roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
         else:
             source.left_out[roi.roitype.name.lower()] += 1
 
@@ -102,7 +102,9 @@ def _require_whole(content: bytes) -> None:
             raise ValueError(f"cut off at byte {len(content)}")
 
 
-def _label(roi: ImagejRoi, points: Float[Array, "N 2"]) -> tuple[Label, int | None]:
+def _label(
+    source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]
+) -> tuple[Label | None, int | None]:
     plane = max(roi.z_position or roi.position, 1) - 1
     frame = roi.t_position - 1 if roi.t_position > 0 else plane
     lines = [line for line in roi.props.splitlines() if line.startswith(OURS)]
@@ -111,12 +113,15 @@ def _label(roi: ImagejRoi, points: Float[Array, "N 2"]) -> tuple[Label, int | No
     try:
         own = dict(line.split(": ", 1) for line in lines)
         curve = int(own[f"{OURS}curve"])
-        texts = own[f"{OURS}half_width"], own[f"{OURS}sd"]
-        half_width, sd = (np.array([float(word) for word in text.split()]) for text in texts)
+        texts = own[f"{OURS}half_width"], own[f"{OURS}sd"], own.get(f"{OURS}checksum", "")
+        half_width, sd, told = (np.array([float(word) for word in text.split()]) for text in texts)
         status = own[f"{OURS}status"]
     except (KeyError, ValueError) as error:
         raise ValueError(f"its properties {OURS}... are damaged ({error})") from None
-    return Label(frame, curve, points, half_width, sd, cast(LabelStatus, status)), None
+    at = frame or plane  # in stacks without times, ImageJ counts planes
+    moved = plane if len(told) and at != told[-1] else None
+    line = Label.from_sketch(points, frame=at if moved is None else frame, identity=curve)
+    return source.own(line, told.tolist(), half_width, sd, status, plane=moved), None
 
 
 def claims(ending: str, head: bytes) -> bool:

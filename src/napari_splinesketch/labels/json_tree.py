@@ -5,17 +5,17 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import LabelsError, blamed, open_regular
+from napari_splinesketch.labels.format import LabelsError, Source, blamed, checksum, open_regular
 from napari_splinesketch.labels.types import Label, Labels
 
 KINDS = {dict: "an object", list: "an array", str: "a string", bool: "true or false"}
@@ -64,6 +64,12 @@ class Node:
         """Give the elements of an array."""
         for i, element in enumerate(self.expected(list)):
             yield Node(self.path, f"{self.place}[{i}]", element)
+
+    def parsed(self) -> "Node":
+        """Give what a text holds as JSON; any other value as it is."""
+        with suppress(TypeError, ValueError, RecursionError):
+            return replace(self, value=json.loads(self.value))
+        return self
 
     def expected(self, kind: type[T]) -> T:
         """Give a value as it is, of one of the types of `KINDS`."""
@@ -191,17 +197,20 @@ def own_members(label: Label, unit: str = "") -> dict[str, object]:
         "status": label.status,
         f"half_width{unit}": finite_or_null(label.half_width),
         f"sd{unit}": finite_or_null(label.sd),
+        "checksum": checksum(label),
     }
     said = {"review": label.review} if label.review != "open" else {}
     return members | said | ({"locked": True} if label.locked else {})
 
 
 def read_own(
-    own: Node, frame: int, curve: int, points: Float[Array, "N 2"], unit: str = ""
-) -> Label:
-    """Read what `own_members` gave; `Label` checks the words."""
+    source: Source, own: Node, frame: int, curve: int, points: Float[Array, "N 2"], unit: str = ""
+) -> Label | None:
+    """Read what `own_members` gave; `Label` checks the words. None where the line was changed."""
     half_width = own[f"half_width{unit}"].numbers(unknown=np.nan)
     sd = own[f"sd{unit}"].numbers(unknown=np.inf)
     status, review = own["status"].expected(str), own.member("review", str, "open")
     locked = own.member("locked", bool, False)
-    return Label(frame, curve, points, half_width, sd, cast(Any, status), cast(Any, review), locked)
+    told = own["checksum"].numbers().tolist() if "checksum" in own else []
+    line = Label.from_sketch(points, frame=frame, identity=curve)
+    return source.own(line, told, half_width, sd, status, review, locked)

@@ -50,6 +50,10 @@ def read(source: Source) -> Iterator[Label]:
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
+    yield from source.numbered(_lines(source))
+
+
+def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
     root = json_tree.read_json(source.path)
     data = root["data"]  # a single record needs no array
     records = data if isinstance(data.value, list) else [data]
@@ -70,9 +74,10 @@ def read(source: Source) -> Iterator[Label]:
         else:
             frame, curve = times[time], names.setdefault(str(record["id"].value), len(names))
         if OURS in record:
-            yield json_tree.read_own(record[OURS], frame, curve, yx / scale, "_px")
+            own = record[OURS]
+            yield json_tree.read_own(source, own, frame, curve, yx / scale, "_px"), None
         else:
-            yield Label.from_sketch(yx / scale, frame=frame, identity=curve)
+            yield Label.from_sketch(yx / scale, frame=frame, identity=curve), None
 
 
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
