@@ -64,6 +64,23 @@ def test_lines_in_units_become_pixels(capsys: pytest.CaptureFixture[str]) -> Non
     assert (labels.scale, labels.units) == ((0.5, 0.25), "mm")
 
 
+@pytest.mark.parametrize("sizes", [["2"], ["2", "1.5e0"]])
+def test_names_may_follow_a_pixel_size(sizes: list[str]) -> None:
+    write_labels("a.csv", Labels((vertical(3),), (1, 1), "nm"))
+    assert main(["convert", "--pixel-size", *sizes, "a.csv", "b.csv"]) == 0
+    labels = read_labels("b.csv")
+    assert (labels.scale, labels.units) == ((float(sizes[0]), float(sizes[-1])), "nm")
+
+
+@pytest.mark.parametrize("sizes", [["a.csv"], [""], []])
+def test_a_pixel_size_that_is_no_number_is_refused(
+    sizes: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["convert", "a.csv", "b.csv", "--pixel-size", *sizes])
+    assert "argument --pixel-size: " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("units", ["um", "μm", "microns"])
 def test_a_unit_may_be_spelt_in_any_way(units: str) -> None:
     record = {"id": "a", "t": 0.5, "x": [1, 2], "y": [10, 11]}

@@ -90,7 +90,10 @@ def test_the_last_word_on_the_pixel_size_is_the_user_s(folder: Path, engine: Fak
     refine()
     assert read_labels("labels.csv").scale == (2, 3)
     refine("--pixel-size", "0.5", "--overwrite")
-    assert read_labels("labels.csv").scale == (0.5, 0.5)
+    labels = read_labels("labels.csv")
+    assert (labels.scale, labels.units) == ((0.5, 0.5), "nm")
+    refine("--pixel-size", "0.5", "--units", "mm", "--overwrite")
+    assert read_labels("labels.csv").units == "mm"
 
 
 def test_the_image_s_own_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:

@@ -45,6 +45,17 @@ def stored_zip(folder: Path) -> Path:
     return folder / "a.zip"
 
 
+def packed(name: str) -> Callable[[Path], Path]:
+    """A WCON file in a zip that is not compressed."""
+
+    def write(folder: Path) -> Path:
+        with zipfile.ZipFile(folder / name, "w") as archive:
+            archive.writestr("a.wcon", written(".wcon")(folder).read_bytes())
+        return folder / name
+
+    return write
+
+
 def of_napari(name: str) -> Callable[[Path], Path]:
     """A Shapes CSV as napari saves it, without the columns that we add."""
 
@@ -77,6 +88,8 @@ VALID: dict[tuple[str, str], Callable[[Path], Path]] = {
     ("WCON", ".wcon"): written(".wcon"),
     ("COCO keypoints", ".coco.json"): written(".coco.json"),
     ("WCON", ".json"): renamed(".wcon"),
+    ("WCON", ".wcon.zip"): packed("a.wcon.zip"),
+    ("WCON", ".zip"): packed("a.zip"),
     ("NumPy splines", ".npy"): npy,
     ("NumPy splines", ".npz"): npz,
 }

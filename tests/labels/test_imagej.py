@@ -205,7 +205,7 @@ def test_a_zip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_broken_files_are_said(tmp_path: Path) -> None:
     (tmp_path / "a.zip").write_bytes(b"PK\x03\x04 no zip")
-    with pytest.raises(LabelsError, match=r"a\.zip: not a zip of ROIs"):
+    with pytest.raises(LabelsError, match=r"a\.zip: not a zip of ImageJ ROIs"):
         read_labels(tmp_path / "a.zip")
     archive(tmp_path / "b.zip", x=b"Iout" + bytes(10))
     with pytest.raises(LabelsError, match=r"b\.zip, x\.roi: not an ImageJ ROI"):

@@ -1,4 +1,5 @@
 import json
+import zipfile
 from pathlib import Path
 
 import jsonschema
@@ -153,6 +154,49 @@ def test_missing_points_are_left_out(tmp_path: Path) -> None:
     root = {"units": {"t": "s", "x": "1", "y": "1"}, "data": [record]}
     (tmp_path / "a.wcon").write_text(json.dumps(root))
     assert np.array_equal(read_labels(tmp_path / "a.wcon").labels[0].points, [[3, 1], [5, 2]])
+
+
+def test_missing_origins_leave_out_their_lines_only(tmp_path: Path) -> None:
+    xs, ys = [[1, 2], None, [5, 6]], [[3, 5], None, [7, 8]]
+    record = {"id": 1, "t": [0, 1, 2], "x": xs, "y": ys, "ox": [0, None, 1], "oy": [0, None, 1]}
+    (tmp_path / "a.wcon").write_text(json.dumps({"units": UNITS, "data": [record]}))
+    labels = read_labels(tmp_path / "a.wcon").labels
+    assert [label.points.tolist() for label in labels] == [[[3, 1], [5, 2]], [[8, 6], [9, 7]]]
+
+
+def packed(path: Path, **files: object) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("__MACOSX/._a.wcon", "what macOS packs with each file")
+        for name, root in files.items():
+            archive.writestr(f"films/{name}.wcon", json.dumps(root))
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.wcon.zip", "a.zip", "A.WCON.ZIP"])
+def test_a_packed_file(tmp_path: Path, name: str) -> None:
+    root = {"units": UNITS, "data": [GOOD]}
+    labels = read_labels(packed(tmp_path / name, a=root)).labels
+    assert [label.points.tolist() for label in labels] == [[[3, 1], [4, 2]]]
+
+
+def test_packed_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
+    root = {"units": UNITS, "data": [GOOD]}
+    for name, files, reason in (
+        ("two.wcon.zip", {"a": root, "b": root}, r"two\.wcon\.zip: holds 2 WCON files; unpack"),
+        ("none.wcon.zip", {}, r"none\.wcon\.zip: holds no WCON files \(files with the ending"),
+        ("bad.wcon.zip", {"a": {"units": UNITS}}, r"bad\.wcon\.zip: has no 'data'"),
+    ):
+        with pytest.raises(LabelsError, match=reason):
+            read_labels(packed(tmp_path / name, **files))
+    (tmp_path / "cut.wcon.zip").write_bytes(b"PK\x03\x04")
+    with pytest.raises(LabelsError, match=r"cut\.wcon\.zip: not a zip of WCON files"):
+        read_labels(tmp_path / "cut.wcon.zip")
+
+
+def test_a_file_that_goes_on_in_others_says_so(tmp_path: Path) -> None:
+    root = {"units": UNITS, "data": [GOOD], "files": {"this": "_0", "next": ["_1"]}}
+    (tmp_path / "a_0.wcon").write_text(json.dumps(root))
+    assert "the others are not read" in read_labels(tmp_path / "a_0.wcon").notes[0]
 
 
 UNITS = {"t": "s", "x": "mm", "y": "mm"}

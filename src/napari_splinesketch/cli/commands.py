@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from napari_splinesketch import __version__
 from napari_splinesketch.batch.reports import words
 from napari_splinesketch.cli import jobs, report, terminal
-from napari_splinesketch.cli.options import add_options, given
+from napari_splinesketch.cli.options import add_options, given, numbers_joined
 from napari_splinesketch.files import counted, is_inside
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.labels.formats import open_labels, read_labels, write_labels
@@ -55,7 +55,8 @@ def run(arguments: Sequence[str] | None) -> int:
     name, kept = "", False
     try:
         parser = make_parser()
-        options = parser.parse_args(arguments)
+        words = sys.argv[1:] if arguments is None else arguments
+        options = parser.parse_args(numbers_joined(words, "--pixel-size"))
         name, (kind, do) = options.command, COMMANDS[options.command]
         kept = issubclass(kind, jobs.FrameJob)
         try:

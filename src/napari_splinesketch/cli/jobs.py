@@ -66,8 +66,8 @@ class ScaledJob(Job):
     """A command that takes the size of a pixel."""
 
     pixel_size: tuple[float, ...] | None = opt(
-        "size of a pixel in --units; one number where pixels are square",
-        ("Y", "X"),
+        "size of a pixel in --units: one number where pixels are square, else two (y and x)",
+        "SIZE",
         allowed=POSITIVE,
     )
     units: str | None = opt("unit of --pixel-size, such as µm", "NAME")

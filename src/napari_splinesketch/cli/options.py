@@ -2,11 +2,13 @@
 
 import argparse
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?", re.IGNORECASE)
 Allowed = tuple[str, Callable[[float], bool]]
 """Which numbers are allowed: in words, and a function that tells."""
 POSITIVE: Allowed = "a number above 0", lambda number: 0 < number < math.inf
@@ -59,12 +61,28 @@ def add_options(parser: argparse.ArgumentParser, options: Any) -> None:
             more |= {"type": str, "choices": kinds}
         elif get_origin(kind) is tuple:
             sizes = get_args(kind)
-            more |= {"type": sizes[0], "nargs": "+" if sizes[-1] is ... else len(sizes)}
+            more |= {"type": numbers} if ... in sizes else {"type": sizes[0], "nargs": len(sizes)}
         flags = ["-o", flag_of(one.name)] if one.name == "output" else [flag_of(one.name)]
         if kind is not bool and one.default not in (None, MISSING):
             values = one.default if isinstance(one.default, tuple) else (one.default,)
             text = f"{text} (default: {' '.join(map(str, values))})"
         parser.add_argument(*flags, help=text, required=one.default is MISSING, **more)
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Read numbers that spaces separate."""
+    return tuple(map(float, text.split() or [text]))
+
+
+def numbers_joined(arguments: Iterable[str], flag: str) -> list[str]:
+    """Make one argument of the numbers after an option: names may follow, which are none."""
+    joined = list[str]()
+    for text in arguments:
+        if joined[-2:-1] == [flag] and NUMBER.fullmatch(text):
+            joined[-1] += f" {text}"
+        else:
+            joined.append(text)
+    return joined
 
 
 def given(options: type, parsed: argparse.Namespace) -> Any:

@@ -247,8 +247,9 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
         # The last word is the user's; an image's may be wrong.
         for known in (drawn and drawn.head, images, job):
             if known and known.scale:
+                units = known.units if known is images else known.units or head.units
                 with suppress(ValueError) if known is images else nullcontext():
-                    head = Labels(scale=known.scale, units=known.units)
+                    head = Labels(scale=known.scale, units=units)
         settings = {
             "command": type(job).__name__.removesuffix("Job").lower(),
             **{f.name: getattr(job, f.name) for f in fields(job) if f.name not in FREE},

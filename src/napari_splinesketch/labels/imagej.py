@@ -69,24 +69,32 @@ def _lines(source: Source) -> Iterator[tuple[Label | None, int | None]]:
 
 
 def _entries(source: Source) -> Iterator[bytes]:
-    """Unpack the files that are ROIs by their names, one after the other, within the limits."""
+    """Give the bytes of each ROI."""
+    if source.path.suffix.lower() != ".roi":
+        yield from unpacked(source, (".roi",), "ImageJ ROIs")
+        return
     with open_regular(source.path) as file:
-        if source.path.suffix.lower() == ".roi":
-            source.place = source.path.name
-            yield file.read()
-            return
-        # zipfile raises anything on a broken archive.
-        with blamed(lambda why: source.error(f"not a zip of ROIs ({why})"), Exception):
-            archive, room = zipfile.ZipFile(file), MAX_BYTES
-            for info in archive.infolist():
-                name = Path(info.filename).name  # macOS packs a file ._NAME with each one
-                if name.lower().endswith(".roi") and not name.startswith("._"):
-                    source.place, room = info.filename, room - info.file_size
-                    if room < 0:
-                        raise source.error("too large when unpacked")
-                    yield archive.read(info)
-            if archive.namelist() and not source.place:
-                raise source.error("holds no ImageJ ROI (a file with the ending .roi)")
+        source.place = source.path.name
+        yield file.read()
+
+
+def unpacked(source: Source, endings: tuple[str, ...], what: str) -> Iterator[bytes]:
+    """Unpack the files of a zip with these endings, one after the other, within the limits."""
+    # zipfile raises anything on a broken archive.
+    with (
+        open_regular(source.path) as file,
+        blamed(lambda why: source.error(f"not a zip of {what} ({why})"), Exception),
+    ):
+        archive, room = zipfile.ZipFile(file), MAX_BYTES
+        for info in archive.infolist():
+            name = Path(info.filename).name  # macOS packs a file ._NAME with each one
+            if name.lower().endswith(endings) and not name.startswith("._"):
+                source.place, room = info.filename, room - info.file_size
+                if room < 0:
+                    raise source.error(f"too large when unpacked: {MAX_BYTES >> 20} MiB at most")
+                yield archive.read(info)
+        if archive.namelist() and not source.place:
+            raise source.error(f"holds no {what} (files with the ending {' or '.join(endings)})")
 
 
 def _require_whole(content: bytes) -> None:

@@ -130,11 +130,13 @@ def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | Non
     return None
 
 
-def read_json(path: Path) -> Node:
-    """Read a file; of what is not JSON, an error names line and column."""
+def read_json(path: Path, content: bytes | None = None) -> Node:
+    """Read a file, or its content; of what is not JSON, an error names line and column."""
     try:
-        with open_regular(path) as file:
-            return Node(path, "", json.loads(file.read().decode("utf-8-sig")))
+        if content is None:
+            with open_regular(path) as file:
+                content = file.read()
+        return Node(path, "", json.loads(content.decode("utf-8-sig")))
     except UnicodeDecodeError as error:
         reason = f"not a text file in UTF-8 ({error.reason})"
         raise LabelsError(path, "", reason) from None

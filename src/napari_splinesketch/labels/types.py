@@ -176,9 +176,9 @@ class Labels:
         return cls(labels, **known)
 
     def with_pixel_size(self, scale: tuple[float, float], units: str | None) -> "Labels":
-        """Give the (y, x) size of a pixel; coordinates in units become pixels."""
+        """Give the (y, x) size of a pixel, in its unit or the known one; lines become pixels."""
         if not self.in_units:
-            return replace(self, scale=scale, units=units)
+            return replace(self, scale=scale, units=units or self.units)
         if units is not None and unit_of(units) != self.units:
             raise ValueError(
                 f"the lines are in {self.units}; give the size of a pixel in that unit"

@@ -12,11 +12,14 @@ from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels import json_tree
 from napari_splinesketch.labels.format import Format, Source, blamed
+from napari_splinesketch.labels.imagej import name_in_zip, unpacked
 from napari_splinesketch.labels.table import whole
 from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels, unit_of
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
+PACKED = (".wcon", ".json")
+"""How the names of files end that a zip of WCON holds."""
 PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
@@ -54,7 +57,15 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
-    root = json_tree.read_json(source.path)
+    content = None
+    if source.path.suffix.lower() == ".zip":
+        packed, source.place = [*unpacked(source, PACKED, "WCON files")], ""
+        if len(packed) != 1:
+            raise source.error(f"holds {len(packed)} WCON files; unpack it, and open each of them")
+        content = packed[0]
+    root = json_tree.read_json(source.path, content)
+    if "files" in root:
+        source.notes.append("the file is one of several of an experiment: the others are not read")
     data = root["data"]  # a single record needs no array
     records = data if isinstance(data.value, list) else [data]
     spines = [each for record in records for each in _spines(record)]
@@ -121,15 +132,19 @@ def _origin(record: json_tree.Node, axis: str, count: int) -> Float[Array, " T"]
     if f"o{axis}" not in record:
         return np.zeros(count)
     node = record[f"o{axis}"]
-    values = node.numbers() if isinstance(node.value, list) else [node.number()]
+    values = node.numbers(np.nan) if isinstance(node.value, list) else [node.number()]
     if len(values) not in (1, count):
         raise node.error(f"its length is {len(values)}; expected {count}, as in t")
     return np.broadcast_to(values, count)
 
 
 def claims(ending: str, head: bytes) -> bool:
-    """Whether a file named .json is WCON, by its units."""
-    return ending == ".wcon" or bool(UNITS.search(head))
+    """Whether a file is WCON, by the units in it, or a zip of one, by its first file's name."""
+    return (
+        ending == ".wcon"
+        or name_in_zip(head).endswith((b".wcon", b".json"))
+        or bool(UNITS.search(head))
+    )
 
 
-FORMAT = Format("WCON", (".wcon", ".json"), read, write, claims=claims)
+FORMAT = Format("WCON", (".wcon", ".json", ".wcon.zip", ".zip"), read, write, claims=claims)
