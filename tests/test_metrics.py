@@ -55,6 +55,34 @@ def test_single_point_is_refused():
         metrics.resample(np.ones((5, 2)))
 
 
+NONSENSE = {
+    "not finite": (np.where(np.eye(50, 2), np.nan, LINE), "has numbers that are not finite"),
+    "masked": (np.ma.masked_less(LINE, 15), "has numbers that are not finite"),
+    "empty": (np.zeros((0, 2)), r"has shape \(0, 2\); give \(N, 2\)"),
+    "three columns": (np.zeros((5, 3)), r"has shape \(5, 3\); give \(N, 2\)"),
+    "text": ("x", r"is 'x'; give \(N, 2\) numbers"),
+    "ragged": ([[1, 2], [3]], r"is \[\[1, 2\], \[3\]\]; give"),
+}
+
+
+@pytest.mark.parametrize(("line", "reason"), NONSENSE.values(), ids=NONSENSE)
+def test_what_is_no_line_is_refused_in_words(line, reason: str):
+    for measure in (metrics.average_dtw, metrics.normal_distance, metrics.end_error):
+        for pair in ((line, LINE), (LINE, line)):
+            with pytest.raises(ValueError, match=f"curve {reason}"):
+                measure(*pair)
+    with pytest.raises(ValueError, match=f"curve 1 {reason}"):
+        metrics.match([LINE, line], [LINE])
+    with pytest.raises(ValueError, match=f"truth 0 {reason}"):
+        metrics.match([LINE], [line])
+
+
+@pytest.mark.parametrize("n", [0, -1, 2.5, None])
+def test_a_number_of_points_that_cannot_be_is_refused(n):
+    with pytest.raises(ValueError, match="give a whole number of points"):
+        metrics.resample(LINE, n)
+
+
 def test_dtw_of_a_line_moved_sideways_is_the_displacement():
     assert metrics.average_dtw(LINE, moved(3.5, 0)) == pytest.approx(3.5)
 

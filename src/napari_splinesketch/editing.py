@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Integral
+from numbers import Real as RealNumber
 
 import numpy as np
 from jaxtyping import Float
 
 from napari_splinesketch.engine import spline
+from napari_splinesketch.engine.checks import checked_line
 from napari_splinesketch.engine.types import POINTS, Curve
 
 BY_HAND = "it was changed by hand and not refined since"
@@ -18,6 +21,9 @@ SOME, MOST = 6, 24
 
 def moved(curve: Curve, knots: Float[np.ndarray, "K 2"]) -> Curve:
     """Lead a curve through other knots; along it, its half-widths stay as they are."""
+    knots = checked_line(knots, "knots", finite=True)
+    if len(knots) < 2:
+        raise ValueError("knots has 1 row; a curve needs two or more, row and col in px.")
     return _by_hand(_with_width(curve, knots), curve.half_width, curve.residual)
 
 
@@ -29,6 +35,8 @@ def flipped(curve: Curve) -> Curve:
 
 def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
     """Position of the curve's point that is nearest to another, and how far it is, px."""
+    if np.shape(point) != (2,) or not np.isfinite(point).all():
+        raise ValueError(f"point is {point!r}; give one place (2,), row and col in px.")
     apart = np.linalg.norm(curve.points - point, axis=1)
     return int(apart.argmin()), float(apart.min())
 
@@ -36,6 +44,8 @@ def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
 def split(curve: Curve, at: int) -> tuple[Curve, Curve]:
     """Cut a curve at one of its points; ValueError if a piece would be too short."""
     along = spline.arc_length(curve.points)
+    if not isinstance(at, Integral) or not 0 <= at < len(along):
+        raise ValueError(f"at is {at!r}; give the number of a point, from 0 to {len(along) - 1}.")
     if min(along[at], along[-1] - along[at]) < SHORTEST:
         raise ValueError(f"Each piece must be {SHORTEST:.0f} px long: cut farther from the end.")
     share = along[at] / along[-1]
@@ -55,6 +65,8 @@ def joined(curve: Curve, other: Curve) -> Curve:
 
 def extended(curve: Curve, at_end: bool, by: float) -> Curve:
     """Lengthen a curve along its tangent, at its end or at its beginning, by some px."""
+    if not isinstance(by, RealNumber) or not 0 < by < np.inf:
+        raise ValueError(f"by is {by!r}; give a length above 0, px.")
     if not at_end:
         return flipped(extended(flipped(curve), True, by))
     back = curve.points[-1] - curve.points[-4]

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
+from numbers import Real as RealNumber
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -11,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 from skimage.graph import MCP
 
+from napari_splinesketch.engine.checks import checked_line, checked_lines
 from napari_splinesketch.engine.spline import neighbours
 from napari_splinesketch.engine.types import POINTS
 
@@ -31,7 +34,9 @@ def resample(curve: Real[np.ndarray, "N 2"], n: int = POINTS) -> Float[np.ndarra
     -------
     (n, 2): row, col, px; the first and last are the polyline's ends.
     """
-    points = np.asarray(curve, dtype=float)
+    if not isinstance(n, Integral) or n < 1:
+        raise ValueError(f"n is {n!r}; give a whole number of points, from 1.")
+    points = checked_line(curve, "the curve", finite=True)
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.concatenate([[True], chords > 0])]
     if len(points) < 2:
@@ -99,7 +104,7 @@ def normal_distance(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> f
 
 def end_error(a: Real[np.ndarray, "N 2"], b: Real[np.ndarray, "M 2"]) -> float:
     """Mean distance between the ends of two curves in the better orientation, px."""
-    ends_a, ends_b = np.asarray(a, dtype=float)[[0, -1]], np.asarray(b, dtype=float)[[0, -1]]
+    ends_a, ends_b = (checked_line(line, "the curve", finite=True)[[0, -1]] for line in (a, b))
     same = np.linalg.norm(ends_a - ends_b, axis=1).mean()
     swapped = np.linalg.norm(ends_a - ends_b[::-1], axis=1).mean()
     return float(min(same, swapped))
@@ -134,12 +139,13 @@ def match(
     tolerance
         Largest average DTW of a pair, px.
     """
-    if not tolerance >= 0:
-        raise ValueError(f"tolerance is {tolerance}; give a distance from 0, px.")
+    if not isinstance(tolerance, RealNumber) or not tolerance >= 0:
+        raise ValueError(f"tolerance is {tolerance!r}; give a distance from 0, px.")
     # Average DTW is at least the distance between some two points, so that bounding boxes settle
     # most pairs.
-    cost = np.full((len(curves), len(truths)), 2 * tolerance + 1.0)
-    both = [np.asarray(line, dtype=float) for line in (*curves, *truths)]
+    curves = checked_lines(curves, "curves", "curve", finite=True)
+    truths = checked_lines(truths, "truths", "truth", finite=True)
+    cost, both = np.full((len(curves), len(truths)), 2 * tolerance + 1.0), [*curves, *truths]
     dots = {i for i, line in enumerate(both) if not np.ptp(line, axis=0).any()}  # in no pair
     for i, near in zip(range(len(curves)), neighbours(both, tolerance), strict=False):
         for j in near:

@@ -81,3 +81,11 @@ def test_an_image_of_one_row_or_column_has_whole_results(shape):
     image = np.random.default_rng(0).normal(size=shape)
     line = np.array([[0.0, 0.0], [shape[0] - 1.0, shape[1] - 1.0]])
     assert_whole(refine(image, [line, line + np.array([0.0, 2.0])]), 2, shape)
+
+
+def test_a_masked_vertex_is_a_missing_one():
+    image = np.random.default_rng(0).normal(size=(40, 60))
+    line = np.array([[5, 5], [900, 900], [30, 50]])
+    found = refine(image, [np.ma.masked_greater(line, 100)])
+    assert found.curves[0].status == "failed"
+    assert found.curves[0].reasons == ("the sketch has points that are not finite",)

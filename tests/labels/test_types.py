@@ -108,3 +108,16 @@ def test_nonsense_is_refused_with_the_reason(make: Callable[[], object], reason:
 def test_a_fractional_frame_is_refused() -> None:
     with pytest.raises(TypeError):
         Label.from_sketch(POINTS, frame=0.5)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_mask_counts(tmp_path) -> None:
+    values = np.ma.masked_array([1, 2, 3], [False, True, False])
+    label = Label(0, 0, np.eye(3, 2), values, values, "good")
+    assert np.array_equal(label.half_width, [1, np.nan, 3], equal_nan=True)
+    assert np.array_equal(label.sd, [1, np.inf, 3])
+    for points in (
+        np.ma.masked_less(np.eye(3, 2), 1),
+        np.ma.masked_equal(np.eye(3, 2, dtype=int), 1),
+    ):
+        with pytest.raises(ValueError, match="must be finite"):
+            write_labels(tmp_path / "a.csv", [points])

@@ -128,3 +128,22 @@ def test_where_one_of_two_has_no_width_it_is_that_of_the_other() -> None:
     whole = shaping.joined(unknown, two)
     assert np.isfinite(whole.half_width).all()
     assert np.isfinite(whole.knots).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "reason"),
+    [
+        ("moved", [[[0, 0], [np.nan, 1]]], "knots has numbers that are not finite"),
+        ("moved", [np.zeros((5, 3))], r"knots has shape \(5, 3\); give \(N, 2\)"),
+        ("moved", [[[1, 2]]], "knots has 1 row; a curve needs two or more"),
+        ("nearest", [[1]], r"point is \[1\]; give one place"),
+        ("nearest", [[np.nan, 2]], "give one place"),
+        ("split", [100], "at is 100; give the number of a point, from 0 to 99"),
+        ("split", [-1], "at is -1; give"),
+        ("extended", [True, -2], "by is -2; give a length above 0"),
+        ("extended", [False, np.nan], "by is nan; give a length above 0"),
+    ],
+)
+def test_nonsense_is_refused_in_words(name: str, given: list[object], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        getattr(shaping, name)(bent(), *given)

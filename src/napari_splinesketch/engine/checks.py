@@ -12,7 +12,7 @@ from jaxtyping import Float, Real
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
-from napari_splinesketch.engine.types import Array, Curve, Polarity, Sketches
+from napari_splinesketch.engine.types import Array, Curve, Polarity
 
 
 def checked_image(image: Real[Array, "H W"]) -> Real[Array, "H W"]:
@@ -45,28 +45,35 @@ def check_options(shape: tuple[int, ...], polarity: Polarity, half_width: float 
         )
 
 
-def checked_sketches(sketches: Sketches) -> list[Float[Array, "N 2"]]:
-    """The sketches as float arrays, if they are (N, 2) with a point at least."""
-    if isinstance(sketches, str | Mapping) or not isinstance(sketches, Iterable):
+def checked_lines(
+    lines: Any, many: str, one: str, *, finite: bool = False
+) -> list[Float[Array, "N 2"]]:
+    """Lines as float arrays, if they are (N, 2) with a point at least; masked ones are NaN.
+
+    `many` and `one` are their names, such as "sketches" and "sketch".
+    """
+    if isinstance(lines, str | Mapping) or not isinstance(lines, Iterable):
         raise ValueError(
-            f"sketches is {short(sketches)}; give a list of (N, 2) arrays, row and col in px."
+            f"{many} is {short(lines)}; give a list of (N, 2) arrays, row and col in px."
         )
-    return [_checked_sketch(i, sketch) for i, sketch in enumerate(sketches)]
+    return [checked_line(line, f"{one} {i}", finite=finite) for i, line in enumerate(lines)]
 
 
-def _checked_sketch(number: int, sketch: Any) -> Float[Array, "N 2"]:
+def checked_line(given: Any, name: str, *, finite: bool = False) -> Float[Array, "N 2"]:
+    """One line, as above; with `finite`, numbers that are not finite are refused too."""
     try:
-        line = np.asarray(sketch)
+        line = np.asanyarray(given)
         line = line.astype(np.float64, casting="unsafe" if line.dtype.kind == "O" else "same_kind")
     # Text, complex numbers, rows of unequal length, numbers beyond 1e308.
     except (OverflowError, TypeError, ValueError):
         raise ValueError(
-            f"sketch {number} is {short(sketch)}; give (N, 2) numbers, row and col in px."
+            f"{name} is {short(given)}; give (N, 2) numbers, row and col in px."
         ) from None
+    line = np.asarray(np.ma.filled(line, np.nan))
     if line.ndim != 2 or line.shape[1] != 2 or not len(line):
-        raise ValueError(
-            f"sketch {number} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points."
-        )
+        raise ValueError(f"{name} has shape {line.shape}; give (N, 2) row, col with N ≥ 2 points.")
+    if finite and not np.isfinite(line).all():
+        raise ValueError(f"{name} has numbers that are not finite; leave those points out.")
     return line
 
 

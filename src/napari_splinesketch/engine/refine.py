@@ -86,7 +86,8 @@ def refine(
         something else than curves, a function or a whole number where those are expected.
     """
     began = time.perf_counter()
-    image, drawn = checks.checked_image(image), checks.checked_sketches(sketches)
+    image = checks.checked_image(image)
+    drawn = checks.checked_lines(sketches, "sketches", "sketch")
     if not isinstance(preset, Settings) and preset not in PRESETS:
         raise ValueError(f"preset is {preset!r}; choose one of {', '.join(PRESETS)}.")
     checks.check_hold(preset, len(drawn))

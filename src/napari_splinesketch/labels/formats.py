@@ -138,7 +138,7 @@ def _of_one_frame(lines: Any) -> Labels:
             if isinstance(line, Curve):
                 line = Label.from_curve(line, identity=i)
             elif not isinstance(line, Label):
-                line = Label.from_sketch(np.asarray(line, np.float64), identity=i)
+                line = Label.from_sketch(np.asanyarray(line, np.float64), identity=i)
             found.append(line)
     except (TypeError, ValueError) as error:
         raise ValueError(

@@ -60,8 +60,9 @@ class Label:
             if not 0 <= number <= MAX_INTEGER:
                 raise ValueError(f"{name} is {number}: expected a whole number from 0 to 2^63 - 1")
             object.__setattr__(self, name, number)
-        for name in ("points", "half_width", "sd"):
-            array = np.array(getattr(self, name), dtype=np.float64)
+        for name, missing in (("points", np.nan), ("half_width", np.nan), ("sd", np.inf)):
+            array = np.array(getattr(self, name), dtype=np.float64, subok=True)
+            array = np.asarray(np.ma.filled(array, missing))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if problem := _problem(self):
