@@ -148,3 +148,10 @@ def test_a_choice_of_arrays_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "b.npz")
     with pytest.raises(LabelsError, match="holds nothing"):
         read_labels(tmp_path / "b.npz")
+
+
+def test_a_zip_of_something_else_is_refused_in_words(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.roi", b"Iout")
+    with pytest.raises(LabelsError, match=r"a\.npz: array of shape \(\)"):
+        read_labels(tmp_path / "a.npz")

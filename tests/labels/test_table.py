@@ -291,3 +291,9 @@ def test_python_csv_reads_it(tmp_path: Path) -> None:
     with (tmp_path / "a.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["col"]) for row in rows] == [2.0, 6.0]
+
+
+def test_an_underscore_is_in_no_number(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("curve,row,col\n0,1_5,2\n0,3,4\n")
+    with pytest.raises(LabelsError, match="line 2: row is '1_5'; expected a number"):
+        read_labels(tmp_path / "a.csv")

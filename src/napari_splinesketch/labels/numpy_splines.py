@@ -54,7 +54,7 @@ def _array(path: Path) -> Shaped[Array, "..."]:
             holds = ", ".join(found.files[:10]) or "nothing"
             reason = f"holds {holds}; expected one array, or one named {NAME}"
             raise LabelsError(path, "", reason)
-        return found[names[0]]
+        return np.asarray(found[names[0]])  # bytes, where it is a zip of something else
 
 
 def _is_splines(shape: tuple[int, ...]) -> bool:

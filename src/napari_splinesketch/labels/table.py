@@ -258,7 +258,8 @@ def _value(source: Source, name: str, kind: type | float, line: int, text: str) 
             return text
         if kind is int:
             return whole(text)
-        return float(text) if text or kind is float else kind
+        # Python takes 1_5 for 15.
+        return float(text.replace("_", " ")) if text or kind is float else kind
     except ValueError:
         source.place = f"line {line}"
         wanted = WHOLE if kind is int else "a number"

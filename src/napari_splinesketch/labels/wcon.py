@@ -18,8 +18,6 @@ from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, La
 
 OURS = "@splinesketch"
 UNITS = re.compile(rb'"units"\s*:\s*\{(?=[^{}]*"t"\s*:)(?=[^{}]*"x"\s*:)[^{}]*"y"\s*:')
-PACKED = (".wcon", ".json")
-"""How the names of files end that a zip of WCON holds."""
 PIXEL = {"", "1", "px", "pixel", "pixels"}
 
 
@@ -57,13 +55,12 @@ def read(source: Source) -> Iterator[Label]:
 
 
 def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
-    content = None
-    if source.path.suffix.lower() == ".zip":
-        packed, source.place = [*unpacked(source, PACKED, "WCON files")], ""
-        if len(packed) != 1:
-            raise source.error(f"holds {len(packed)} WCON files; unpack it, and open each of them")
-        content = packed[0]
-    root = json_tree.read_json(source.path, content)
+    is_zip = source.path.suffix.lower() == ".zip"
+    packed = [*unpacked(source, (".wcon", ".json"), "WCON files")] if is_zip else [None]
+    source.place = ""
+    if len(packed) != 1:
+        raise source.error(f"holds {len(packed)} WCON files; unpack it, and open each of them")
+    root = json_tree.read_json(source.path, packed[0])
     if "files" in root:
         source.notes.append("the file is one of several of an experiment: the others are not read")
     data = root["data"]  # a single record needs no array
