@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from napari_splinesketch.labels import LabelsError, read_labels
+from napari_splinesketch.labels import Label, Labels, LabelsError, read_labels, write_labels
 from napari_splinesketch.raster import Body, label_image, rasterise
 
 COUNT = 1500
@@ -99,3 +99,21 @@ def test_drawing_takes_a_few_bytes_a_pixel(
     peaks = [peak_memory(lambda size=size: draw(wide(size), (size, size))) for size in (1000, 2000)]
     assert (peaks[1] - peaks[0]) / (2000**2 - 1000**2) < 5
     assert peaks[1] < 5 * 2000**2 + 20_000_000
+
+
+@pytest.mark.parametrize(("ending", "most"), [(".geojson", 8), (".wcon", 8), (".coco.json", 12.5)])
+def test_our_own_files_take_no_more_memory_than_stated(
+    tmp_path: Path, ending: str, most: float
+) -> None:
+    along = np.random.default_rng(0).uniform(1, 2, (4, 100))
+    points = np.cumsum(along[:2].T, axis=0)
+    labels = Labels(tuple(Label(0, i, points, along[2], along[3], "good") for i in range(300)))
+    write_labels(tmp_path / f"a{ending}", labels)
+    tracemalloc.start()
+    try:
+        back = read_labels(tmp_path / f"a{ending}")
+        given, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(back.labels) == 300
+    assert peak < most * given + ROOM

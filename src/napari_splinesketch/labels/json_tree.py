@@ -133,10 +133,9 @@ def _clean(value: list[Any], numbers: Iterable[Any]) -> Float[Array, "*N"] | Non
 def read_json(path: Path, content: bytes | None = None) -> Node:
     """Read a file, or its content; of what is not JSON, an error names line and column."""
     try:
-        if content is None:
-            with open_regular(path) as file:
-                content = file.read()
-        return Node(path, "", json.loads(content.decode("utf-8-sig")))
+        with open_regular(path) as file:  # the bytes are not held any longer than it takes
+            text = (file.read() if content is None else content).decode("utf-8-sig")
+        return Node(path, "", json.loads(text))
     except UnicodeDecodeError as error:
         reason = f"not a text file in UTF-8 ({error.reason})"
         raise LabelsError(path, "", reason) from None
