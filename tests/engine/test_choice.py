@@ -167,6 +167,18 @@ def test_a_clicked_sketch_says_itself_whether_its_body_is_bright_where_a_dark_on
     assert away(line[:55], curve.points) < 1
 
 
+@pytest.mark.parametrize("polarity", ["bright", "dark"])
+def test_straight_lines_over_stripes_take_the_polarity_of_what_joins_their_ends(polarity):
+    """Around each line bright and dark ridges are as high, as in a fingerprint."""
+    row, column = np.mgrid[:160, :160]
+    bow = 12 * np.sin(np.pi * column / 160)
+    noise = np.random.default_rng(0).normal(0, 0.15, row.shape)
+    image = np.sin(2 * np.pi * (row + bow) / 14) + noise
+    ends, first = np.array([15, 145]), 45.5 if polarity == "bright" else 52.5
+    lines = [np.column_stack([first + 14 * k - bow[0, ends], ends]) for k in range(5)]
+    assert refine(image, lines).model.polarity == polarity
+
+
 def test_a_fixed_curve_keeps_its_body():
     lines = [np.column_stack([np.full(81, row), np.linspace(20, 100, 81)]) for row in (35.0, 50.0)]
     image = drawn(lines)

@@ -121,6 +121,18 @@ def test_a_sketch_that_misses_the_curve_at_most_vertices_says_nothing():
     assert after is known
 
 
+def test_clicks_that_would_fold_the_curve_say_nothing():
+    """As where an end is hardly known, and its click lies back beside the curve."""
+    sd = np.tile(np.r_[np.full(7, 2.0), 40.0], 2)
+    refused = 0
+    for seed in range(40):
+        clicks = CLICKS + np.random.default_rng(seed).normal(0, 4, CLICKS.shape)
+        knots, _ = position.with_sketch(KNOTS, np.diag(sd**2), clicks, 8.0)
+        refused += knots is KNOTS
+        assert spline.sharpest_turn(spline.sample(knots, 200), 8.0) < constants.FOLD_RAD
+    assert 0 < refused < 40
+
+
 def test_a_click_says_where_an_unseen_end_is():
     sd = np.r_[np.full(14, 0.1), 30, 30]
     longer = np.column_stack([np.full(5, 45.0), np.linspace(10, 122, 5)])

@@ -77,14 +77,14 @@ def test_it_can_be_cancelled_while_the_light_is_looked_for() -> None:
     assert all(curve.reasons == (CANCELLED,) for curve in found.curves)
 
 
-def test_straight_lines_tell_relief_too() -> None:
+@pytest.mark.parametrize("seed", range(3))
+def test_straight_lines_tell_relief_too(seed: int) -> None:
     scene = scene_of(8)
-    image, lines = lit(scene)
+    image, lines = lit(scene, seed)
     found = refine(image, [line[[0, -1]] for line in lines])
     apart = [average_dtw(c.points, t) for c, t in zip(found.curves, scene.centrelines, strict=True)]
     assert NOTE in found.model.notes
-    assert np.median(apart) < 0.7
-    assert sum(one < 2 for one in apart) >= 7
+    assert max(apart) < 1.5
 
 
 def test_the_picture_of_the_bodies_is_in_relief_too() -> None:

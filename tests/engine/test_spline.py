@@ -130,3 +130,21 @@ def test_distances_are_the_same_through_a_tree(monkeypatch):
     monkeypatch.setattr(const, "FEW_PAIRS", 0)
     through_tree = [spline.apart(points, line), spline.apart(points, line, 0.3)]
     np.testing.assert_array_equal(one_by_one, through_tree)
+
+
+def test_the_sharpest_turn_is_over_a_length():
+    angle = np.linspace(0, np.pi, 400)
+    arc = 20 * np.column_stack([np.sin(angle), np.cos(angle)])
+    assert spline.sharpest_turn(arc, 5.0) == pytest.approx(5 / 20, rel=0.02)
+    assert spline.sharpest_turn(arc, 0.5) == pytest.approx(0.5 / 20, rel=0.1)
+    assert spline.sharpest_turn(arc, 1e3) == pytest.approx(np.pi, rel=0.02)
+
+
+@pytest.mark.parametrize("back", [1.0, 3.0, 12.0])
+def test_a_line_that_runs_back_a_little_has_turned_right_round(back):
+    """However short the way back is beside the length that is asked about, also at the end."""
+    x = np.concatenate([np.arange(0, 40, 0.5), np.arange(40, 40 - back, -0.5)])
+    hooked = np.column_stack([1e-3 * np.arange(len(x)), x])
+    there = np.concatenate([hooked, hooked[-1] + [[0, 0.5 * k] for k in range(1, 60)]])
+    for line in (hooked, there):
+        assert spline.sharpest_turn(line, 5.0) > 3.0

@@ -78,6 +78,7 @@ RELIEF_APART_HW = 2.0  # both ridges are looked for this far from the middle bet
 RELIEF_USUAL = 2.0  # ridges up to this height count as nothing, in units of what is usual
 # the light is looked for at these angles from where ridges lean, deg, the likeliest first:
 RELIEF_TURNS = (0, -10, 10, -20, 20)
+RELIEF_NEARLY = 1.1  # the likeliest is taken whose paths cost at most this much more than the least
 RELIEF_PIXELS = 2**14  # about so many pixels of an image are asked (speed)
 PROFILE_STEP_PX = 3.0  # distance between profiles across a sketch (speed)
 PROFILES_LEAST = 12  # fewest profiles of a sketch (speed)

@@ -163,15 +163,15 @@ def _read(
             moments += turn.T @ scene.leaning(scenes) @ turn
         scene.tidy(scenes)
         waiting.append((island, scenes))
+
+    def lit_from(light: Float[Array, "2"]) -> list[tuple[Island, Scenes]]:
+        return [(island, _lit(image, island, light, half_width, progress)) for island, _ in waiting]
+
     lights = relief.lights(moments)
-    cost = _cost(waiting) if lights else 0.0
-    for light in lights:
-        lit = list[tuple[Island, Scenes]]()
-        for island, _ in waiting:
-            progress("looking at the image", 0.0)
-            lit.append((island, _lit(image, island, light, half_width)))
-        if (now := _cost(lit)) < cost:
-            waiting, cost = lit, now
+    costs = [_cost(lit_from(light)) for light in lights]
+    if lights and min(costs) < _cost(waiting):
+        enough = const.RELIEF_NEARLY * min(costs)
+        waiting = lit_from(next(x for x, cost in zip(lights, costs, strict=True) if cost <= enough))
     for island, scenes in waiting:
         scene.tidy(scenes)
         yield island, scenes
@@ -183,9 +183,14 @@ def _cost(read: list[tuple[Island, Scenes]]) -> float:
 
 
 def _lit(
-    image: Real[Array, "H W"], island: Island, light: Float[Array, "2"], half_width: float | None
+    image: Real[Array, "H W"],
+    island: Island,
+    light: Float[Array, "2"],
+    half_width: float | None,
+    progress: "_Progress",
 ) -> Scenes:
     """The scene of an island whose bodies are lit from a direction in the image."""
+    progress("looking at the image", 0.0)
     pixels, towards = checks.known(island.pose.cut(image)), island.pose.turn @ light
     return scene.read_scenes(pixels, island.sketches, "bright", half_width, towards)
 

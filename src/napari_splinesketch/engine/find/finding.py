@@ -133,23 +133,24 @@ def as_clicks(sketch: Line, evidence: Float[Array, "H W"], half_width: float) ->
 def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> list[int]:
     """1 for a bright body and -1 for a dark one, for each sketch of an image.
 
-    Where what is around a clicked sketch does not tell, it means what costs clearly less. So do the
-    others together, where what is around all sketches does not tell.
+    Where what is around a clicked sketch does not tell, it means what costs clearly less. Where
+    what is around all sketches does not tell, the others mean what costs all of them less.
     """
     found, together, more = [0] * len(sketches), list[int](), 0.0
     votes = [both[0].vote for _, seen in scenes for both in seen.around]
-    clear = abs(float(np.mean(votes))) > const.CLEAR_VOTE
+    clear = float(np.median(np.abs(votes))) > const.CLEAR_VOTE
     for members, seen in scenes:
         for i, both in zip(members, seen.around, strict=True):
             found[i], clicked = seen.sign, scoring.clicked(sketches[i])
-            if abs(both[0].vote) > const.CLEAR_VOTE or (clear and not clicked):
+            told = abs(both[0].vote) > const.CLEAR_VOTE
+            if told if clicked else clear:
                 continue
             bright, dark = (
                 min(_cheapest(seen, sketches[i], rung, sign) for rung in {one.rung, one.nearby})
                 for one, sign in zip(both, (1, -1), strict=True)
             )
             if not clicked:
-                together, more = [*together, i], more + bright - dark
+                together, more = together + [i] * (not told), more + bright - dark
             elif abs(bright - dark) > const.CLEAR_MARGIN:
                 found[i] = 1 if bright < dark else -1
     for i in together:

@@ -235,7 +235,9 @@ def _fit_group(
 def _strayed(seen: Scene, body: Body, start: Start) -> bool:
     """Whether a curve folded over itself, or left its path for where less of a body is seen."""
     line = body.points(const.STRAY_SAMPLES)
-    if spline.sharpest_turn(line, start.half_width) > const.FOLD_RAD:
+    s = spline.arc_length(line)
+    inside = line[np.minimum(s, s[-1] - s) > start.half_width]  # tips may hook
+    if len(inside) > 2 and spline.sharpest_turn(inside, start.half_width) > const.FOLD_RAD:
         return True
     if spline.apart(line, start.line).max() < const.STRAYED_HW * start.half_width:
         return False

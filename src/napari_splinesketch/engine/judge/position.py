@@ -56,7 +56,8 @@ def with_sketch(
     Each vertex measures where the curve is along the normal beside it, the first and the last also
     where it ends (Kalman's update). Where the image shows a body well they change nothing; where
     it shows nothing, the curve passes through them. A sketch that misses the curve at most of its
-    vertices was not clicked with care, or means another body, and says nothing.
+    vertices was not clicked with care, or means another body, and says nothing; nor does one that
+    would fold the curve.
     """
     count, length = len(knots), float(spline.arc_length(sketch)[-1])
     line = spline.even_basis(count, 8 * POINTS) @ knots
@@ -82,7 +83,13 @@ def with_sketch(
     tangents = _tangents(knots, u)
     along = (move * tangents).sum(1)
     move += (np.interp(u, [0, 1], along[[0, -1]]) - along)[:, None] * tangents
-    return knots + move, covariance - gain @ known
+    found = knots + move
+    before, after = (
+        spline.sharpest_turn(spline.sample(k, POINTS), half_width) for k in (knots, found)
+    )
+    if after > max(before, const.FOLD_RAD):
+        return knots, covariance
+    return found, covariance - gain @ known
 
 
 def end_directions(line: Float[Array, "N 2"]) -> Float[Array, "2 2"]:

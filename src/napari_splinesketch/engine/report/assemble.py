@@ -180,6 +180,8 @@ def _curves(
             sd[:] = np.inf
         if i in fit.held:
             sd = np.maximum(sd, body.half_width)
+        if spline.sharpest_turn(points, body.half_width) > const.FOLD_RAD:
+            reasons.append("it folds over itself")
         reasons += doubt.reasons(doubt.collect(points, u, sd, body.half_width, start))
         yield Curve(
             knots,
