@@ -84,10 +84,9 @@ def with_sketch(
     along = (move * tangents).sum(1)
     move += (np.interp(u, [0, 1], along[[0, -1]]) - along)[:, None] * tangents
     found = knots + move
-    before, after = (
-        spline.sharpest_turn(spline.sample(k, POINTS), half_width) for k in (knots, found)
-    )
-    if after > max(before, const.FOLD_RAD):
+    before, after = (spline.even_basis(count, POINTS) @ k for k in (knots, found))
+    turn = spline.sharpest_turn(after, half_width)
+    if turn > const.FOLD_RAD and turn > spline.sharpest_turn(before, half_width):
         return knots, covariance
     return found, covariance - gain @ known
 

@@ -43,8 +43,8 @@ def leaning(
         whole, sides = 0.0, []
         for ridge, side in ((high, 1), (low, -1)):
             row, column = np.rint(middle + side * away).astype(int)
-            at = row.clip(0, len(ridge) - 1), column.clip(0, ridge.shape[1] - 1)
-            both = np.array([ridge[at], side * above[at]]) / usual - const.RELIEF_USUAL
+            at = row.clip(0, len(ridge) - 1) * ridge.shape[1] + column.clip(0, ridge.shape[1] - 1)
+            both = np.array([ridge.take(at), side * above.take(at)]) / usual - const.RELIEF_USUAL
             whole = whole + np.maximum(both[0], 0) / 2
             sides.append(np.maximum(both.min(0), 0))
         area = (every * factor) ** 2
