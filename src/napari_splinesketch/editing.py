@@ -35,7 +35,7 @@ def flipped(curve: Curve) -> Curve:
 
 def nearest(curve: Curve, point: Float[np.ndarray, "2"]) -> tuple[int, float]:
     """Position of the curve's point that is nearest to another, and how far it is, px."""
-    if np.shape(point) != (2,) or not np.isfinite(point).all():
+    if np.shape(point) != (2,) or np.isnan(point).any():
         raise ValueError(f"point is {point!r}; give one place (2,), row and col in px.")
     apart = np.linalg.norm(curve.points - point, axis=1)
     return int(apart.argmin()), float(apart.min())
