@@ -55,8 +55,8 @@ def run(arguments: Sequence[str] | None) -> int:
     name, kept = "", False
     try:
         parser = make_parser()
-        words = sys.argv[1:] if arguments is None else arguments
-        options = parser.parse_args(numbers_joined(words, "--pixel-size"))
+        arguments = sys.argv[1:] if arguments is None else arguments
+        options = parser.parse_args(numbers_joined(arguments, "--pixel-size"))
         name, (kind, do) = options.command, COMMANDS[options.command]
         kept = issubclass(kind, jobs.FrameJob)
         try:
