@@ -13,7 +13,7 @@ import pytest
 from napari.layers.base import ActionType
 
 from napari_splinesketch.engine.types import Refinement
-from napari_splinesketch.plugin import engine
+from napari_splinesketch.plugin import commands, engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.films import Tracking, bodies_at, confirmed, taken_in
 from napari_splinesketch.plugin.layers.space import times_of
@@ -297,6 +297,33 @@ def test_a_correction_is_carried_around_and_no_further(
     np.testing.assert_allclose(after[2, 1].points[0], [20, 20], atol=0.5)
     click(film.undo)
     assert {(r.frame, r.id): r.curve for r in controller.records()} == before
+
+
+def test_a_curve_that_was_corrected_and_refined_stays_as_it_is(
+    viewer: Any, film: SplinesketchDock
+) -> None:
+    controller, buttons = film.controller, film.track.buttons
+    click(buttons["track"])
+    over(film)
+    viewer.dims.set_point(0, 3)
+    controller.selected = (3, 2)
+    controller.actions.run("flip")
+    turned = controller.state.by_key[3, 2]
+    controller.selected = (3, 1)
+    edited = commands.edited(controller.records(3)[0], controller.records(3)[0].curve)
+    controller.apply("Edit", controller.state.with_records(edited))
+    controller.refine("selected")
+    over(film)
+    mine = controller.state.by_key[3, 1]
+    assert mine.curve is not edited.curve
+    assert not mine.edited
+    assert buttons["around"].isEnabled()
+    before = controller.state.by_key[4, 1]
+    viewer.dims.set_point(0, 1)
+    click(buttons["track"])
+    over(film)
+    assert controller.records(3) == (mine, turned)
+    assert controller.state.by_key[4, 1] is not before
 
 
 def test_the_end_of_bodies_is_said_and_no_pictures_are_kept() -> None:

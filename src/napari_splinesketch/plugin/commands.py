@@ -42,6 +42,10 @@ class Command:
     meanwhile: bool = False  # also while something runs
 
 
+def _flipped(record: Record) -> Record:
+    return replace(record, curve=editing.flipped(record.curve), corrected=True)
+
+
 def _split(c: Controller, record: Record) -> list[Record]:
     at = editing.nearest(record.curve, _place_beside(c, record))[0]
     first, rest = editing.split(record.curve, at)
@@ -177,7 +181,7 @@ COMMANDS = (
             "Drag the knots of the selected curve", "curve", ONE,
             label=lambda c: "Done" if c.knots else "Knots"),
     Command("flip", "Flip", "Shift+H",
-            _shape("Flip", lambda c, *of: [replace(r, curve=editing.flipped(r.curve)) for r in of]),
+            _shape("Flip", lambda c, *of: [_flipped(record) for record in of]),
             "Swap head and tail of the selected curves", "curve", ANY),
     Command("split", "Split", "Shift+U", _shape("Split", _split),
             "Cut the curve where you point, or clicked it", "curve", ONE),

@@ -293,7 +293,10 @@ class Controller(Keeper):
         ids = [target.id for target in plan.targets]
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         pairs = zip(plan.targets, curves, strict=True)
-        fresh = [Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn) for t, curve in pairs]
+        fresh = [
+            Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn, corrected=t.corrected)
+            for t, curve in pairs
+        ]
         what = f"Refine {words.curves([key_of(record) for record in fresh])}"
         state = work.state.set_aside([(plan.frame, t.id) for t in plan.targets if t.again])
         self._on_progress(Progress("drawing the curves", 1.0))

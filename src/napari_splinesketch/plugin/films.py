@@ -250,7 +250,7 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     """Give the bodies corrected in a frame and known beside it: of selected curves, if any."""
     beside = {r.id for r in state.records if abs(r.frame - frame) == 1 and not _decided(r)}
     here = [r for r in state.records if r.frame == frame and r.id in beside and r.usable]
-    mine = [record for record in here if record.drawn or record.edited]
+    mine = [record for record in here if record.by_hand]
     chosen = [record for record in mine if key_of(record) in selected] or mine
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
 
@@ -276,4 +276,4 @@ def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> St
 
 
 def _decided(record: Record) -> bool:
-    return record.decided or record.drawn or record.edited
+    return record.decided or record.by_hand

@@ -67,6 +67,12 @@ class Record:
     locked: bool = False  # stays as it is
     drawn: bool = True  # the sketch is a line of the user's, not what another curve left
     edited: bool = False  # changed by the user since
+    corrected: bool = False  # the same, and refined from there or only turned round
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether the user drew or changed it: tracking goes on from there."""
+        return self.drawn or self.edited or self.corrected
 
     @property
     def decided(self) -> bool:

@@ -24,6 +24,7 @@ class Target:
     new: bool = True  # there is no such curve yet
     drawn: bool = True  # the sketch is a line in the user's layer
     again: bool = False  # over a body that has a curve, which it replaces
+    corrected: bool = False  # it starts from what the user has made of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +74,8 @@ def make_plan(
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
         elif known is not None and i < 0:
-            start = known.curve.points
-            targets[number] = Target(number, known.sketch, start, False, known.drawn)
+            start, mine = known.curve.points, known.edited or known.corrected
+            targets[number] = Target(number, known.sketch, start, False, known.drawn, False, mine)
         elif known is not None and known.edited and kept:
             targets[number] = Target(number, lines[i], known.curve.points, new=False)
         else:

@@ -123,6 +123,7 @@ class _Record(_File):
     locked: bool
     drawn: bool
     edited: bool
+    corrected: bool = False
 
 
 def _flat(record: Record) -> _Record:
