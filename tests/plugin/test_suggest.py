@@ -77,6 +77,31 @@ def test_one_undo_takes_them_all_back_but_not_what_was_drawn(
     until(lambda: layer.nshapes == count + 2, 20)
 
 
+def test_lines_that_are_being_added_all_come_whatever_is_done_meanwhile(
+    viewer: Any, dock: SplinesketchDock
+) -> None:
+    viewer.add_image(np.zeros((600, 100)), name="worms")
+    controller = dock.controller
+    controller.draw()
+    work, layer = controller.work, viewer.layers["worms sketches"]
+    assert work is not None
+    lines = [np.array([[row, 10.0], [row, 60.0]]) for row in range(0, 600, 4)]
+    controller.apply("Suggest lines", work.state.suggested(0, lines))
+    until(lambda: layer.nshapes)
+    assert layer.nshapes < len(lines), "they come a few at a time"
+    controller.apply("Something else", work.state)
+    until(lambda: work not in controller.drawing.runs)
+    assert layer.nshapes == len(lines)
+    controller.undo()
+    controller.undo()
+    until(lambda: layer.nshapes == 0)
+    controller.redo()
+    until(lambda: 0 < layer.nshapes < len(lines))
+    controller.undo()
+    until(lambda: work not in controller.drawing.runs)
+    assert layer.nshapes == 0
+
+
 @pytest.mark.slow
 def test_suggesting_again_leaves_what_is_there_and_replaces_what_was_only_suggested(
     viewer: Any, dock: SplinesketchDock

@@ -284,9 +284,11 @@ class Work:
             places = [space.in_stack(self.image, one[0], wanted[one]) for one in fresh]
             place = partial(space.to_pixels, self.viewer, self.image, layer)
             shapes = model.changed(places, lambda points: place(points).astype(np.float32))
-            self._suggested |= dict(zip(fresh, shapes, strict=True))
             style = drawn.line_style(space.size_of(self.image))
-            yield from drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style)
+            for done in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
+                # Only these: other steps may take the place of those that are left.
+                self._suggested |= dict(zip(fresh[done], shapes[done], strict=True))
+                yield
 
     def _fade(self) -> Iterator[None]:
         """Let the lines that have become curves step back behind them, and no others."""
