@@ -11,6 +11,8 @@ from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import words
 from napari_splinesketch.plugin.model import Record
 from napari_splinesketch.plugin.plan import Plan, Scope, Target
+from napari_splinesketch.tracking import Tracked
+from napari_splinesketch.tracking.follow import LEFT
 
 from .fakes import as_drawn
 
@@ -120,6 +122,14 @@ def test_long_words_can_be_broken_and_others_are_left_alone() -> None:
     assert max(len(word) for word in re.split("[\\s\u200b]", said)) < 24
     assert words.notice("done", "Saved 2 curves to my_labels.csv.").count("\u200b") == 0
     assert words.notice("none", "") == ""
+
+
+def test_a_body_that_is_out_of_sight_in_the_last_frame_is_named() -> None:
+    seen = Tracked(7, {2: as_drawn(LINE)})
+    assert words.tracked([seen], None) == "Tracked to frame 7: 1 curve there."
+    hidden = replace(seen, missing={3: "nothing", 4: LEFT}, lost=frozenset({4}))
+    said = "Tracked to frame 7: 1 curve there. Not found there: 3. Left the image: 4 (frame 7)."
+    assert words.tracked([hidden], None) == said
 
 
 def test_refitting_that_changes_nothing_says_so() -> None:

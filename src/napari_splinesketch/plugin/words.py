@@ -153,6 +153,8 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
             ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
     arrived = counted(len(last.ids) + len(last.given), "curve")
     text = [f"Tracked to frame {last.frame}: {arrived} there."]
+    if missing := [str(number) for number in last.missing if number not in last.lost]:
+        text.append(f"Not found there: {_some(missing)}.")
     text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
     if entered := [str(one.frame) for one in taken for _ in one.entered]:
         bodies, frames = counted(len(entered), "body"), _some([*dict.fromkeys(entered)])
