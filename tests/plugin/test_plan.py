@@ -47,6 +47,12 @@ CASES: dict[str, Case] = {
     "deleted, then changed": (DELETED, [A + 3], "new", {}, [1], 0, 0),
     "deleted, then selected": (DELETED, [A], "selected", {"chosen": [0]}, [1], 0, 0),
     "over one that was carried here": (CARRIED, [D + 3], "new", {}, [9], 0, 0),
+    "over one that was carried here and deleted": (
+        CARRIED.without([(0, 9)]), [D + 3], "new", {}, [9], 0, 0,
+    ),
+    "beside one that was carried here and deleted": (
+        CARRIED.without([(0, 9)]), [A], "new", {}, [10], 0, 0,
+    ),
     "beside one that was carried here": (CARRIED, [A], "new", {}, [10], 1, 0),
     "all that is open": (
         State((OPEN, ACCEPTED, REJECTED, PIECE)), [A, B, C], "all", {}, [1, 9], 1, 0,

@@ -111,9 +111,11 @@ def _matched(
     found = [ids.pop(0) if len(ids) > 1 else ids[0] for ids in named]
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
-    # A line over a curve that was carried here from another frame puts that one right.
+    # A line over a curve that was carried here from another frame puts that one right, also where
+    # it was deleted.
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
-    carried = [r for r in here if r.id in elsewhere and not (r.drawn or r.decided)]
+    known = (*gone, *(r for r in here if not r.decided))
+    carried = [r for r in known if r.id in elsewhere and not r.drawn]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
     numbers = iter(model.identify(rest, left, (*state.records, *state.deleted)))
     return [number or next(numbers) for number in found], [bool(number) for number in found]
