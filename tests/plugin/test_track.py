@@ -272,6 +272,8 @@ def test_a_correction_is_carried_around_and_no_further(
     viewer: Any, film: SplinesketchDock, fake: FakeEngine
 ) -> None:
     controller, button = film.controller, film.track.buttons["around"]
+    assert not button.isEnabled()
+    assert "no tracked curve of what you drew" in button.toolTip()
     click(film.track.buttons["track"])
     over(film)
     viewer.dims.set_point(0, 4)

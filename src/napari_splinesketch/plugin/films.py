@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
+NOT_TRACKED = "The frames beside have no tracked curve of what you drew or corrected here"
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
 
 
@@ -142,8 +143,9 @@ def confirmed(state: State, frame: int, way: int = 1) -> int:
 
 def around_problem(c: Controller) -> str:
     """Why there is nothing to fit again around the frame in view, or nothing."""
-    problem = space.plane_problem(c.viewer, c.image)
-    return problem or ("" if _corrected(c)[-1] else NOT_CORRECTED)
+    if (problem := space.plane_problem(c.viewer, c.image)) or _corrected(c)[-1]:
+        return problem
+    return NOT_TRACKED if any(r.by_hand for r in c.records(c.frame)) else NOT_CORRECTED
 
 
 def _corrected(c: Controller) -> tuple[range, State, int, tuple[Body, ...]]:
