@@ -445,6 +445,19 @@ def test_a_clicked_line_stays_in_the_middle_of_a_hollow_body(monkeypatch, aside,
     assert away(curve.points[10:-10], line) > 3
 
 
+@pytest.mark.parametrize("points", [2, 4])
+def test_a_wide_body_in_a_mesh_of_thin_ones_is_found(points):
+    """Most ridges around its line are thin and higher, as those of the side veins of a leaf."""
+    line = np.column_stack([np.linspace(8, 82, 100), np.linspace(15, 105, 100)])
+    mesh = [np.column_stack([np.full(120, row), np.arange(120)]) for row in range(4, 90, 12)]
+    mesh += [np.column_stack([np.arange(90), np.full(90, column)]) for column in range(4, 120, 12)]
+    beside = drawn([line], half_width=7.0, noise=0.0) < 0.1
+    image = drawn([line], half_width=5.0) + 2 * beside * drawn(mesh, half_width=1.0, noise=0.0)
+    (curve,) = refine(image, [np.add(line[:: 99 // (points - 1)], [2.0, -1.0])]).curves
+    assert away(line[5:-5], curve.points) < 2
+    assert np.median(curve.half_width) == pytest.approx(5.0, rel=0.2)
+
+
 def test_a_line_of_one_stroke_or_of_two_points_is_not_taken_at_its_word():
     line = cross(0.0)[0]
     assert scoring.clicked(line[::10])

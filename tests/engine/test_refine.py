@@ -209,6 +209,14 @@ def test_a_fill_value_is_no_pixel(value):
     assert miss(found.curves[0], made.centrelines[0]) < 1
 
 
+def test_a_sketch_whose_pixels_are_missing_says_so_and_leaves_the_noise_as_it_is():
+    image = np.random.default_rng(0).normal(100, 5, (120, 120))
+    image[54:66, 14:106] = np.nan
+    found = refine(image, [np.array([[60.0, 25.0], [60.0, 60.0], [60.0, 95.0]])])
+    assert found.curves[0].status != "good"
+    assert found.model.noise == pytest.approx(5, rel=0.2)
+
+
 def test_a_line_may_cross_the_image_from_outside_to_outside():
     row, column = np.mgrid[:96, :96]
     body = np.exp(-(((row - 40 - column / 10) / 2.0) ** 2))

@@ -57,6 +57,9 @@ BACKGROUND_BLOCK_HW = 6.0  # ... and its least value: less than half of a block 
 BACKGROUND_TOLERANCE = 0.3  # share of the noise by which a simple background may miss the medians
 BACKGROUND_STEP = 2  # every this many rows and columns are read for the background (speed)
 MISSING_BLUR_PX = 1.5  # missing pixels are filled from those nearby with a Gaussian of this width
+# a body may have another half-width whose ridges reach this share of the highest ...
+OTHER_RIDGE = 0.6
+OTHER_COST = 0.5  # ... and whose path costs at most this share of one of the usual
 CLEAR_VOTE = 0.5  # a sketch whose vote for a polarity is clearer than this keeps it
 FAINTEST_CONTRAST = 0.5  # smallest contrast of a scene, in units of the pixel noise
 CREST = 0.9  # height of a body's ridge as a share of its contrast (geometry: the blur lowers it)

@@ -16,6 +16,7 @@ from napari_splinesketch.engine.look.band import band
 from napari_splinesketch.engine.look.ridges import WIDTHS
 from napari_splinesketch.engine.look.scene import Scene
 from napari_splinesketch.engine.look.sketched import (
+    Around,
     first_high,
     half_width_across,
     reach_of,
@@ -89,15 +90,17 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
     """The scene with bodies of quite another half-width than is usual, where they clearly are.
 
     What is highest around a sketch may be another body, and a wide one is hit by more sketches: a
-    path of the other half-width has to cost little, and much less than one of the usual.
+    path of the other half-width has to cost much less than one of the usual.
     """
-    rungs, margin = list(seen.rungs), const.CLEAR_MARGIN
+    rungs = list(seen.rungs)
     for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
-        for rung in (r for r in dict.fromkeys(seen.others[i]) if abs(r - usual) > 1):
+        others = [rung for rung in seen.others[i] if abs(rung - usual) > 1]
+        least = _cheapest(seen, sketch, usual) if others else 0.0
+        least = min(const.OTHER_COST * least, least - const.CLEAR_MARGIN)
+        for rung in others if least > 0 else []:
             cost = _cheapest(seen, sketch, rung)
-            if cost < margin and cost < _cheapest(seen, sketch, usual) - margin:
-                rungs[i] = rung
-                break
+            if cost < least:
+                rungs[i], least = rung, cost
     return replace(seen, rungs=tuple(rungs))
 
 
@@ -136,27 +139,35 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
     Where what is around a clicked sketch does not tell, it means what costs clearly less. Where
     what is around all sketches does not tell, the others mean what costs all of them less.
     """
-    found, together, more = [0] * len(sketches), list[int](), 0.0
-    votes = [both[0].vote for _, seen in scenes for both in seen.around]
-    clear = float(np.median(np.abs(votes))) > const.CLEAR_VOTE
-    for members, seen in scenes:
-        for i, both in zip(members, seen.around, strict=True):
-            found[i], clicked = seen.sign, scoring.clicked(sketches[i])
-            told = abs(both[0].vote) > const.CLEAR_VOTE
-            if told if clicked else clear:
-                continue
-            bright, dark = (
-                min(_cheapest(seen, sketches[i], rung, sign) for rung in {one.rung, one.nearby})
-                for one, sign in zip(both, (1, -1), strict=True)
-            )
-            if not clicked:
-                together, more = together + [i] * (not told), more + bright - dark
-            elif abs(bright - dark) > const.CLEAR_MARGIN:
-                found[i] = 1 if bright < dark else -1
-    for i in together:
-        if abs(more) > const.CLEAR_MARGIN:
+    look = {
+        i: (seen, both)
+        for members, seen in scenes
+        for i, both in zip(members, seen.around, strict=True)
+    }
+    found = [look[i][0].sign for i in range(len(sketches))]
+    told = [abs(look[i][1][0].vote) for i in range(len(sketches))]
+    unclear = {i for i, vote in enumerate(told) if vote <= const.CLEAR_VOTE}
+    lines = {i for i, sketch in enumerate(sketches) if not scoring.clicked(sketch)}
+
+    def decide(asked: set[int], unclear: set[int]) -> None:
+        more = sum(_dearer(*look[i], sketches[i]) for i in sorted(asked))
+        for i in unclear if abs(more) > const.CLEAR_MARGIN else ():
             found[i] = 1 if more < 0 else -1
+
+    for i in unclear - lines:
+        decide({i}, {i})
+    if np.median(told) <= const.CLEAR_VOTE:
+        decide(lines, unclear & lines)
     return found
+
+
+def _dearer(seen: Scene, both: tuple[Around, Around], sketch: Line) -> float:
+    """What a path along a sketch costs more as a bright body's than as a dark one's."""
+    bright, dark = (
+        min(_cheapest(seen, sketch, rung, sign) for rung in {one.rung, one.nearby})
+        for one, sign in zip(both, (1, -1), strict=True)
+    )
+    return bright - dark
 
 
 def least_cost(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> float:

@@ -39,7 +39,7 @@ class Scene:
     rungs: tuple[int, ...]
     """For each sketch, the index of its body's half-width in WIDTHS."""
     others: tuple[tuple[int, ...], ...]
-    """The same for what else may be its body, of quite another half-width."""
+    """The same for what else may be its body."""
     contradicted: float | None = None
     """The half-width that was given, if no body in the image has one like it."""
     around: tuple[tuple[Around, Around], ...] = ()
@@ -155,7 +155,7 @@ def _rungs(
     -------
     Their indices in WIDTHS; those that each may have instead; and the given one if it fits none.
     """
-    others = tuple((a.rung, a.nearby) for a in around)
+    others = tuple(a.others for a in around)
     usual = round(float(np.median([a.rung for a in around])))
     near = tuple(int(np.clip(a.rung, usual - 1, usual + 1)) for a in around)
     if given is None:

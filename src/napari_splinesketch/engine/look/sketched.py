@@ -22,6 +22,9 @@ class Around:
     """Index of the half-width in WIDTHS whose ridges are highest."""
     nearby: int
     """The same, with ridges the higher the nearer they are."""
+    others: tuple[int, ...]
+    """What else may be its body: half-widths whose ridges are higher than narrower and wider ones,
+    around the sketch or on it."""
     height: float
     """Of the body's ridge above its sides, in the image's units."""
     profile: tuple[float, ...]
@@ -58,15 +61,17 @@ def half_width_across(image: Float[Array, "H W"], path: Line, half_width: float)
 def look_around(ridges: Ridges, line: Line) -> tuple[Around, Around]:
     """What is around a sketch, seen as a bright body's and as a dark one's."""
     wanted = _wanted(line)
-    heights, votes = _ridges(ridges, line, reach_of(line, WIDTHS[wanted[-1]]), wanted, (1, -1))
-    best = np.maximum(votes.max(1), 0)
+    reach = reach_of(line, WIDTHS[wanted[-1]])
+    heights = _ridges(ridges, line, reach, wanted, (1, -1))
+    best = np.maximum(heights[1].max(1), 0)
     vote = float(np.tanh((best[0] - best[1]) / (0.15 * best.sum(0) + 1e-30)).mean())
-    found = []
-    usual = median(heights), median(votes)
-    for sign, profile, nearby in zip((1, -1), *usual, strict=True):
-        k = first_high(profile)
-        height = float(max(profile[k], 0.0))
-        found.append(Around(sign * vote, k, first_high(nearby), height, tuple(profile.tolist())))
+    found, profiles = [], median(heights).transpose(1, 0, 2)
+    for sign, (around, nearby, on) in zip((1, -1), profiles, strict=True):
+        k = first_high(around)
+        least = const.OTHER_RIDGE * around[k]
+        others = tuple({*_high(around, least), *_high(on, least)})
+        height, profile = float(max(around[k], 0.0)), tuple(around.tolist())
+        found.append(Around(sign * vote, k, first_high(nearby), others, height, profile))
     return found[0], found[1]
 
 
@@ -83,7 +88,7 @@ def ridge_profile(
 
     Looked for within `reach` px; 0 at half-widths that are not wanted.
     """
-    return median(_ridges(ridges, line, reach, wanted, (sign,))[0][0])
+    return median(_ridges(ridges, line, reach, wanted, (sign,))[0, 0])
 
 
 def first_high(profile: Float[Array, " R"]) -> int:
@@ -91,18 +96,33 @@ def first_high(profile: Float[Array, " R"]) -> int:
     return int(np.argmax(profile >= const.WIDTH_ENOUGH * profile.max()))
 
 
+def _high(profile: Float[Array, " R"], least: float) -> list[int]:
+    """The same wherever ridges are higher than `least`, and than narrower and wider ones.
+
+    The widest that was tried may be part of something wider.
+    """
+    found = []
+    for k in range(len(profile) - 1):
+        if max(least, profile[k + 1], 0) < profile[k] >= profile[max(k - 1, 0)]:
+            while k and profile[k - 1] >= const.WIDTH_ENOUGH * profile[k]:
+                k -= 1
+            found.append(k)
+    return found
+
+
 def _ridges(
     ridges: Ridges, line: Line, reach: float, wanted: range, signs: tuple[int, ...]
-) -> tuple[Float[Array, "S R P"], Float[Array, "S R P"]]:
-    """Heights of the highest ridges across a line, of each sign, half-width and point; and votes.
+) -> Float[Array, "3 S R P"]:
+    """Heights of the highest ridges across a line, of each sign, half-width and point.
 
     On each profile across the line the highest ridge counts, of any direction, the nearer the more.
+    Heights are given as they are, and lowered by their distance; and those of ridges on the line.
     """
     points, offsets = _places(line), _offsets(reach)
     at = points[:, None] + offsets[None, :, None] * spline.normals(points)[:, None]
     near = 1 / (1 + (2 * offsets / reach) ** 2)
-    heights, reduced = np.zeros((len(signs), wanted.stop, len(at))), {}
-    votes, first = np.zeros_like(heights), len(offsets) * np.arange(len(at))
+    found, reduced = np.zeros((3, len(signs), wanted.stop, len(at))), {}
+    first = len(offsets) * np.arange(len(at))
     for rung in wanted:
         factor = factor_of(rung)
         chance = (
@@ -110,6 +130,7 @@ def _ridges(
             * ridges.noise
             / np.sqrt(max(const.RIDGE_BLUR_HW * WIDTHS[rung], 0.5))
         )
+        beside = np.abs(offsets) <= const.NARROW_HW * WIDTHS[rung] + const.NARROW_PX
         for k, sign in enumerate(signs):
             height = ridges.heights(rung, sign)
             if factor not in reduced:
@@ -118,9 +139,11 @@ def _ridges(
             high = height.ravel().take(pixels)
             weighted = weight * high
             most = first + weighted.argmax(1)
-            votes[k, rung] = weighted.take(most) - chance
-            heights[k, rung] = high.take(most) * (weight.take(most) > 0) - chance
-    return heights, votes
+            found[0, k, rung] = high.take(most) * (weight.take(most) > 0)
+            found[1, k, rung] = weighted.take(most)
+            found[2, k, rung] = weighted[:, beside].max(1)
+        found[:, :, rung] -= chance
+    return found
 
 
 def _pixels(

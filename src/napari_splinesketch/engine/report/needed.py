@@ -64,7 +64,8 @@ def model(seen: Scene, bodies: list[Body], rests: list[Float[Array, " m"]]) -> S
     varies = np.sqrt(profiles @ (1 / (2 * np.arange(1, const.WIDTH_MODES) + 1)))
     inside = [b.pixels[b.own > 0.5 * b["contrast"]] for b in bodies]
     overlapping = (np.unique(np.concatenate(inside), return_counts=True)[1] > 1).any()
-    contrast = abs(seen.contrast)
+    contrast, rest = abs(seen.contrast), np.concatenate(rests)
+    noise = float(np.sqrt(np.mean(rest**2))) if rest.size else seen.noise
     found = SceneModel(
         polarity=seen.polarity,
         knots=tuple(len(b.knots) for b in bodies),
@@ -73,7 +74,7 @@ def model(seen: Scene, bodies: list[Body], rests: list[Float[Array, " m"]]) -> S
         background=seen.background_kind,
         overlap=float(look[INDEX["overlap"]]) if overlapping else None,
         contrast=contrast * float(look[INDEX["contrast"]]),
-        noise=contrast * float(np.sqrt(np.mean(np.concatenate(rests) ** 2))),
+        noise=contrast * noise,
         blur=float(np.exp(look[INDEX["log_blur"]])),
     )
     return replace(found, notes=tuple(_notes(found, seen)))
