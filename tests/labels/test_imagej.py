@@ -197,7 +197,7 @@ def test_other_files_in_the_zip_are_not_touched(tmp_path: Path) -> None:
 
 def test_a_zip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = roi(roifile.ROI_TYPE.POLYLINE).tobytes()
-    monkeypatch.setattr("napari_splinesketch.labels.imagej.MAX_BYTES", int(1.5 * len(one)))
+    monkeypatch.setattr("napari_splinesketch.labels.format.MAX_BYTES", int(1.5 * len(one)))
     archive(tmp_path / "b.zip", a=one, b=one)
     with pytest.raises(LabelsError, match=r"b\.zip, b\.roi: too large when unpacked"):
         read_labels(tmp_path / "b.zip")

@@ -1,6 +1,7 @@
 """What a format is, and a file of one while it is read."""
 
 import os
+import zipfile
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,6 +33,8 @@ LOSSES = {
 ROUNDED = 0.02
 """How far checksums may be apart, px, times the root of the number of points: other programs keep
 two decimals (QuPath) or 32 bits (ImageJ)."""
+MAX_BYTES = 2**28
+"""Largest content of a zip that is unpacked; labels of it take about as much memory."""
 
 
 class LabelsError(ValueError):
@@ -171,6 +174,31 @@ def checksum(line: Label) -> list[float]:
 
 
 Read = Callable[[Source], Iterator[Label]]
+
+
+def unpacked(source: Source, endings: tuple[str, ...], what: str) -> Iterator[bytes]:
+    """Unpack the files of a zip with these endings, one after the other, within the limits."""
+    # zipfile raises anything on a broken archive.
+    with (
+        open_regular(source.path) as file,
+        blamed(lambda why: source.error(f"not a zip of {what} ({why})"), Exception),
+    ):
+        archive, room = zipfile.ZipFile(file), MAX_BYTES
+        for info in archive.infolist():
+            name = Path(info.filename).name  # macOS packs a file ._NAME with each one
+            if name.lower().endswith(endings) and not name.startswith("._"):
+                source.place, room = info.filename, room - info.file_size
+                if room < 0:
+                    raise source.error(f"too large when unpacked: {MAX_BYTES >> 20} MiB at most")
+                yield archive.read(info)
+        if archive.namelist() and not source.place:
+            raise source.error(f"holds no {what} (files with the ending {' or '.join(endings)})")
+
+
+def name_in_zip(head: bytes) -> bytes:
+    """Give the name of the first file in a zip, in lower case; empty for other files."""
+    length = int.from_bytes(head[26:28], "little")
+    return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
 
 
 @dataclass(frozen=True)

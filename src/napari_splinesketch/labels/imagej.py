@@ -10,12 +10,18 @@ from jaxtyping import Float
 from roifile import ROI_TYPE, ImagejRoi
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import Format, Source, blamed, checksum, open_regular
+from napari_splinesketch.labels.format import (
+    Format,
+    Source,
+    blamed,
+    checksum,
+    name_in_zip,
+    open_regular,
+    unpacked,
+)
 from napari_splinesketch.labels.types import AnyLabels, Label
 
 LINES = (ROI_TYPE.LINE, ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE)
-MAX_BYTES = 2**28
-"""Largest content of a zip that is unpacked; labels of it take about as much memory."""
 MAX_FRAME = 2**31 - 2
 HEADER = 64
 """Size of each of a ROI's two headers, bytes."""
@@ -78,25 +84,6 @@ def _entries(source: Source) -> Iterator[bytes]:
         yield file.read()
 
 
-def unpacked(source: Source, endings: tuple[str, ...], what: str) -> Iterator[bytes]:
-    """Unpack the files of a zip with these endings, one after the other, within the limits."""
-    # zipfile raises anything on a broken archive.
-    with (
-        open_regular(source.path) as file,
-        blamed(lambda why: source.error(f"not a zip of {what} ({why})"), Exception),
-    ):
-        archive, room = zipfile.ZipFile(file), MAX_BYTES
-        for info in archive.infolist():
-            name = Path(info.filename).name  # macOS packs a file ._NAME with each one
-            if name.lower().endswith(endings) and not name.startswith("._"):
-                source.place, room = info.filename, room - info.file_size
-                if room < 0:
-                    raise source.error(f"too large when unpacked: {MAX_BYTES >> 20} MiB at most")
-                yield archive.read(info)
-        if archive.namelist() and not source.place:
-            raise source.error(f"holds no {what} (files with the ending {' or '.join(endings)})")
-
-
 def _require_whole(content: bytes) -> None:
     """Refuse a file that was cut off; roifile reads it without its width, name and properties."""
     start = int.from_bytes(content[60:64], "big", signed=True)
@@ -137,12 +124,6 @@ def claims(ending: str, head: bytes) -> bool:
     if ending == ".roi":
         return head.startswith(b"Iout")
     return name_in_zip(head).endswith(b".roi") or head.startswith(b"PK\x05\x06")
-
-
-def name_in_zip(head: bytes) -> bytes:
-    """Give the name of the first file in a zip, in lower case; empty for other files."""
-    length = int.from_bytes(head[26:28], "little")
-    return head[30 : 30 + length].lower() if head.startswith(b"PK\x03\x04") else b""
 
 
 LOSSES = ("coordinates are 32-bit floats, about seven digits", "scale", "provenance", "review")

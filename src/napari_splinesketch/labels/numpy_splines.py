@@ -9,8 +9,14 @@ import numpy as np
 from jaxtyping import Shaped
 
 from napari_splinesketch.engine.types import Array
-from napari_splinesketch.labels.format import Format, LabelsError, Source, blamed, open_regular
-from napari_splinesketch.labels.imagej import name_in_zip
+from napari_splinesketch.labels.format import (
+    Format,
+    LabelsError,
+    Source,
+    blamed,
+    name_in_zip,
+    open_regular,
+)
 from napari_splinesketch.labels.types import Label
 
 NAME = "splines"

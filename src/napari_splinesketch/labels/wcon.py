@@ -11,8 +11,7 @@ from jaxtyping import Float
 from napari_splinesketch import __version__
 from napari_splinesketch.engine.types import Array
 from napari_splinesketch.labels import json_tree
-from napari_splinesketch.labels.format import Format, Source, blamed
-from napari_splinesketch.labels.imagej import name_in_zip, unpacked
+from napari_splinesketch.labels.format import Format, Source, blamed, name_in_zip, unpacked
 from napari_splinesketch.labels.table import whole
 from napari_splinesketch.labels.types import NO_PIXEL_SIZE, AnyLabels, Label, Labels, unit_of
 
