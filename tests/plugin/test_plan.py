@@ -13,6 +13,7 @@ from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
 from .fakes import as_drawn
 
+BENT = np.column_stack([16 * np.sin(np.linspace(0, np.pi, 9)), np.linspace(0, 40, 9)])
 A, B, C, D = (np.array([[20.0 * i, 0], [20.0 * i, 40]]) for i in range(4))
 
 
@@ -54,6 +55,12 @@ CASES: dict[str, Case] = {
         CARRIED.without([(0, 9)]), [A], "new", {}, [10], 0, 0,
     ),
     "beside one that was carried here": (CARRIED, [A], "new", {}, [10], 1, 0),
+    "a straight line over one that bends": (
+        State((record(1, BENT),)), [BENT, BENT[[-1, 0]] + 1], "new", {}, [1], 0, 0,
+    ),
+    "a straight line that ends beside one that bends": (
+        State((record(1, BENT),)), [BENT, BENT[[0, -1]] + [0, 9]], "new", {}, [2], 1, 0,
+    ),
     "all that is open": (
         State((OPEN, ACCEPTED, REJECTED, PIECE)), [A, B, C], "all", {}, [1, 9], 1, 0,
     ),

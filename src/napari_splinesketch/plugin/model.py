@@ -176,7 +176,10 @@ def new_among(lines: Sequence[Line], known: Sequence[Line]) -> Bool[np.ndarray, 
 
 
 def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, float]]:
-    """Say over which curves each line lies: their numbers, and how far from it, half-widths."""
+    """Say over which curves each line lies: their numbers, and how far from it, half-widths.
+
+    A straight line joins the ends of a curve, however that one bends.
+    """
     if not here:
         return [{} for _ in lines]
     points = np.stack([record.curve.points for record in here])
@@ -187,9 +190,14 @@ def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, 
         over = dict[int, float]()
         for k in np.flatnonzero(beside.all(axis=1)).tolist():
             curve, share = here[k].curve, length / max(here[k].curve.length, 1e-9)
-            far = apart(resample(line, SAMPLES), curve.points).mean()
+            far = np.inf
+            if LIKE < share < 1 / LIKE:
+                far = apart(resample(line, SAMPLES), curve.points).mean()
+            if len(line) == 2:
+                ends = np.stack([line, line[::-1]]) - curve.points[[0, -1]]
+                far = min(far, np.linalg.norm(ends, axis=2).mean(axis=1).min())
             far = float(far / np.fmax(curve.typical_half_width, LEAST))
-            if curve.status != "failed" and LIKE < share < 1 / LIKE and far < WITHIN:
+            if curve.status != "failed" and far < WITHIN:
                 over[here[k].id] = far
         found.append(over)
     return found
