@@ -458,6 +458,11 @@ def test_a_wide_body_in_a_mesh_of_thin_ones_is_found(points):
     assert np.median(curve.half_width) == pytest.approx(5.0, rel=0.2)
 
 
+def test_a_body_is_not_wider_than_the_ridges_along_it():
+    """A path of a larger half-width than its own costs little along the third stalk."""
+    assert refined("flower_buds")[2].typical_half_width == pytest.approx(8, rel=0.2)
+
+
 def test_a_line_of_one_stroke_or_of_two_points_is_not_taken_at_its_word():
     line = cross(0.0)[0]
     assert scoring.clicked(line[::10])

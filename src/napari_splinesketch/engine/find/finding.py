@@ -90,16 +90,18 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
     """The scene with bodies of quite another half-width than is usual, where they clearly are.
 
     What is highest around a sketch may be another body, and a wide one is hit by more sketches: a
-    path of the other half-width has to cost much less than one of the usual.
+    path of the other half-width has to cost much less than one of the usual, and no ridges along it
+    may be higher that are narrower.
     """
     rungs = list(seen.rungs)
     for i, (sketch, usual) in enumerate(zip(sketches, seen.rungs, strict=True)):
         others = [rung for rung in seen.others[i] if abs(rung - usual) > 1]
-        least = _cheapest(seen, sketch, usual) if others else 0.0
+        least = _cheapest(seen, sketch, usual)[0] if others else 0.0
         least = min(const.OTHER_COST * least, least - const.CLEAR_MARGIN)
         for rung in others if least > 0 else []:
-            cost = _cheapest(seen, sketch, rung)
-            if cost < least:
+            cost, path = _cheapest(seen, sketch, rung)
+            profile = ridge_profile(seen.ridges, path, WIDTHS[rung], range(rung + 1), seen.sign)
+            if cost < least and first_high(profile) >= rung - 1:
                 rungs[i], least = rung, cost
     return replace(seen, rungs=tuple(rungs))
 
@@ -164,7 +166,7 @@ def signs(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> li
 def _dearer(seen: Scene, both: tuple[Around, Around], sketch: Line) -> float:
     """What a path along a sketch costs more as a bright body's than as a dark one's."""
     bright, dark = (
-        min(_cheapest(seen, sketch, rung, sign) for rung in {one.rung, one.nearby})
+        min(_cheapest(seen, sketch, rung, sign)[0] for rung in {one.rung, one.nearby})
         for one, sign in zip(both, (1, -1), strict=True)
     )
     return bright - dark
@@ -173,18 +175,19 @@ def _dearer(seen: Scene, both: tuple[Around, Around], sketch: Line) -> float:
 def least_cost(scenes: Sequence[tuple[list[int], Scene]], sketches: list[Line]) -> float:
     """What the sketches of an image cost at least, if its bodies look as its scenes say."""
     return sum(
-        _cheapest(seen, sketches[i], rung)
+        _cheapest(seen, sketches[i], rung)[0]
         for members, seen in scenes
         for i, rung in zip(members, seen.rungs, strict=True)
     )
 
 
-def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> float:
-    """What a path along a sketch costs, for a body of the half-width WIDTHS[rung] and a sign."""
+def _cheapest(seen: Scene, sketch: Line, rung: int, sign: int | None = None) -> tuple[float, Line]:
+    """Cost of a path along a sketch, and the path, for a body of the half-width WIDTHS[rung]."""
     evidence, half_width = seen.evidence(rung, sign), WIDTHS[rung]
     lines = strip.paths_along(evidence, sketch, half_width, _near(sketch, half_width))
     lines += [sketch] * scoring.clicked(sketch)
-    return float(scoring.cost(_known(lines, sketch, half_width, evidence)).min())
+    cost = scoring.cost(_known(lines, sketch, half_width, evidence))
+    return float(cost.min()), lines[int(cost.argmin())]
 
 
 def _near(sketch: Line, half_width: float) -> float:
