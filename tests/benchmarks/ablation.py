@@ -123,6 +123,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "polarity by the path of a clicked sketch": _set(finding, signs=_as_looked),
     "bodies in relief": _set(constants, RELIEF_EXPLAINED=np.inf),
     "half-width of each sketch": _everybody_alike,
+    "much wider or thinner bodies": _set(finding, sized=lambda seen, _: seen),
     "background that varies": _set(constants, BACKGROUND_TOLERANCE=1e6),
     "slopes count against ridges": _set(constants, RIDGE_SLOPE=0.0),
     "paths through the graph": _set(paths, routes_of_sketch=lambda *_: []),
