@@ -92,7 +92,7 @@ def test_a_film_that_ends_in_the_middle_leaves_no_file(tmp_path: Path) -> None:
 
 
 PEAKS = """
-import sys, tracemalloc
+import gc, sys, tracemalloc
 from dataclasses import replace
 import numpy as np
 from napari_splinesketch.labels import Labels, write_labels
@@ -110,7 +110,8 @@ def film(count):
 for suffix in sys.argv[1:]:
     write_labels(f"imports{suffix}", film(3))
     peaks = []
-    for count in (200, 600):
+    for count in (200, 1000):
+        gc.collect()  # when it comes by itself, it is a matter of chance how much has piled up
         tracemalloc.start()
         write_labels(f"{count}{suffix}", film(count))
         peaks.append(tracemalloc.get_traced_memory()[1])
@@ -138,6 +139,6 @@ def test_memory_does_not_grow_with_the_film(tmp_path: Path) -> None:
     lines = run.stdout.splitlines()
     for line in lines:
         suffix, short, long = line.split()
-        growth = (int(long) - int(short)) / 400
+        growth = (int(long) - int(short)) / 800
         assert growth < A_FRAME.get(suffix, 100), f"{line}: {growth:.0f} bytes a frame"
     assert len(lines) == len(STREAMED)
