@@ -76,10 +76,6 @@ def _annotation(number: int, label: Label) -> dict[str, Any]:
 
 def read(source: Source) -> Iterator[Label]:
     """Read the keypoints of a file that was written by us."""
-    yield from source.numbered(_lines(source))
-
-
-def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
     root = json_tree.read_json(source.path)
     for body in root["annotations"]:
         source.place = body.place
@@ -91,7 +87,7 @@ def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
         keypoints = body["keypoints"].numbers().reshape(-1, 3)
         points = keypoints[keypoints[:, 2] > 0, 1::-1]  # the others were deleted
         frame, curve = body["image_id"].integer(), body["track_id"].integer()
-        yield json_tree.read_own(source, body["attributes"], frame, curve, points), None
+        yield from json_tree.read_own(source, body["attributes"], frame, curve, points)
     source.head = json_tree.read_head(root["info"])
 
 

@@ -4,11 +4,11 @@ import os
 import zipfile
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count, groupby
+from itertools import chain, count, groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -84,24 +84,28 @@ class Source:
     """What is not a line, and how often: "polygon", "point"."""
     changed: list[tuple[Label, int | None]] = field(default_factory=list)
     """Lines of ours that another program has changed, as sketches, with their plane, if any."""
+    others: list[tuple[Label, int]] = field(default_factory=list)
+    """Lines of another program, as sketches, with their plane, to be numbered on from ours."""
     notes: list[str] = field(default_factory=list)
     """Further sentences about what was left out."""
     _known: set[tuple[int, int]] = field(default_factory=set)
+    _free: int = 0
 
     def error(self, reason: str) -> LabelsError:
         """Make an error at the place where the reader is."""
         return LabelsError(self.path, self.place, reason)
 
     def labels(self, read: "Read") -> Iterator[Label]:
-        """Give the labels, no body twice in a frame."""
+        """Give the labels, no body twice in a frame: what is read, then what is numbered."""
         latest = -1
         with blamed(self.error):
-            for label in read(self):
+            for label in chain(read(self), self._numbered()):
                 if self.by_frame and label.frame != latest:
                     latest = label.frame
                     self._known.clear()
                 self.refuse_again(label.frame, label.curve)
                 self._known.add((label.frame, label.curve))
+                self._free = max(self._free, label.curve + 1)
                 yield label
 
     def refuse_again(self, frame: int, curve: int) -> None:
@@ -114,40 +118,32 @@ class Source:
 
     def own(
         self, line: Label, told: Sequence[float], *beside: Any, plane: int | None = None
-    ) -> Label | None:
+    ) -> Sequence[Label]:
         """Give a line of ours with half-width, sd and words that were written beside it.
 
-        None where it is not as its checksum `told`, of which older files have none, or where it is
-        in another plane: it was changed.
+        None is given where it is not as its checksum `told`, of which older files have none, or
+        where it is in another plane: it was changed.
         """
         size, found, widths, sds = len(line.points), checksum(line), *map(len, beside[:2])
         near = partial(np.allclose, rtol=1e-7, atol=ROUNDED * size**0.5)
         known = not told or (len(told) == 3 and told[2] == found[2] and near(found, told))
         if (known and plane is None and sds == size) or sds != widths:  # the latter is refused
-            return Label(line.frame, line.curve, line.points, *beside)
+            return (Label(line.frame, line.curve, line.points, *beside),)
         self.changed.append((line, plane))
-        return None
+        return ()
 
-    def numbered(self, lines: Iterable[tuple[Label | None, int | None]]) -> Iterator[Label]:
-        """Give lines of ours, then changed ones, which keep their number where it is free.
+    def _numbered(self) -> Iterator[Label]:
+        """Give changed lines, which keep their number where it is free, then the others.
 
-        The others are numbered on from the highest. They come with their plane, which is their
-        frame where all of them are at time 0.
+        The plane of a line is its frame where all that have one are at time 0.
         """
-        others, first = list[tuple[Label, int]](), 0
-        for label, plane in lines:
-            if label and plane is not None:
-                others.append((label, plane))
-            elif label:
-                first = max(first, label.curve + 1)
-                yield label
-        numbers = count(max(first, *(label.curve + 1 for label, _ in self.changed), 0))
-        timed = any(label.frame for label, z in (*others, *self.changed) if z is not None)
+        numbers = count(max(self._free, *(label.curve + 1 for label, _ in self.changed), 0))
+        timed = any(label.frame for label, z in (*self.others, *self.changed) if z is not None)
         for label, plane in self.changed:
             label = label if timed or plane is None else replace(label, frame=plane)
             taken = (label.frame, label.curve) in self._known
             yield replace(label, curve=next(numbers)) if taken else label
-        for label, plane in others:
+        for label, plane in self.others:
             yield replace(label, curve=next(numbers), frame=label.frame if timed else plane)
 
     def frames(self, read: "Read") -> Iterator[tuple[Label, ...]]:

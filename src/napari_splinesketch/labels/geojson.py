@@ -56,11 +56,6 @@ def read(source: Source) -> Iterator[Label]:
     Coordinates are (x, y) in pixels from the corner of the image's first pixel. Lines that were
     not written by us are sketches, numbered on in the order of the file.
     """
-    yield from source.numbered(_lines(source))
-
-
-def _lines(source: Source) -> Iterator[tuple[Label | None, int | None]]:
-    """Give each line, and the plane of those that were not written by us."""
     root = json_tree.read_json(source.path)
     if OURS in root:
         source.head = json_tree.read_head(root[OURS])
@@ -78,8 +73,8 @@ def _features(root: json_tree.Node) -> Iterable[json_tree.Node]:
     return [root]
 
 
-def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label | None, int | None]]:
-    """Give each line of a feature, and the plane of those that were not written by us."""
+def _labels(source: Source, feature: json_tree.Node) -> Iterator[Label]:
+    """Give each line of a feature that was written by us, and note the others."""
     geometry = feature["geometry"] if "geometry" in feature else feature
     own = _own(feature["properties"] if "properties" in feature else feature)
     plane = geometry["plane"] if "plane" in geometry else feature
@@ -91,12 +86,12 @@ def _labels(source: Source, feature: json_tree.Node) -> Iterator[tuple[Label | N
         source.place = (own or line).place
         if own:
             frame = (plane["t"] if "t" in plane else own["frame"]).integer()
-            label, z = json_tree.read_own(source, own, frame, own["curve"].integer(), points), None
+            labels = json_tree.read_own(source, own, frame, own["curve"].integer(), points)
+            source.place = line.place
+            yield from labels
         else:
             frame, z = (plane[axis].integer() if axis in plane else 0 for axis in "tz")
-            label = Label.from_sketch(points, frame=frame)
-        source.place = line.place
-        yield label, z
+            source.others.append((Label.from_sketch(points, frame=frame), z))
 
 
 def _own(properties: json_tree.Node) -> json_tree.Node | None:

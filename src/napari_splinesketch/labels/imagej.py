@@ -2,7 +2,7 @@
 
 import struct
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -58,18 +58,13 @@ def _roi(label: Label) -> ImagejRoi:
 
 def read(source: Source) -> Iterator[Label]:
     """Read lines from a zip of ROIs or from a single one; others than ours are numbered on."""
-    yield from source.numbered(_lines(source))
-
-
-def _lines(source: Source) -> Iterator[tuple[Label | None, int | None]]:
-    """Give each line, and the plane of those that were not written by us."""
     for content in _entries(source):
         with blamed(lambda why: source.error(f"not an ImageJ ROI ({why})"), Exception):
             _require_whole(content)
             roi = ImagejRoi.frombytes(content)  # raises anything on broken bytes
             xy = roi.coordinates() if roi.roitype in LINES else ()
         if len(xy) > 1:
-            yield _label(source, roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
+            yield from _labels(source, roi, np.asarray(xy, dtype=np.float64)[:, ::-1])
         else:
             source.left_out[roi.roitype.name.lower()] += 1
 
@@ -97,14 +92,14 @@ def _require_whole(content: bytes) -> None:
             raise ValueError(f"cut off at byte {len(content)}")
 
 
-def _label(
-    source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]
-) -> tuple[Label | None, int | None]:
+def _labels(source: Source, roi: ImagejRoi, points: Float[Array, "N 2"]) -> Sequence[Label]:
+    """Give a line if it was written by us, or else note it."""
     plane = max(roi.z_position or roi.position, 1) - 1
     frame = roi.t_position - 1 if roi.t_position > 0 else plane
     lines = [line for line in roi.props.splitlines() if line.startswith(OURS)]
     if not lines:
-        return Label.from_sketch(points, frame=frame), plane
+        source.others.append((Label.from_sketch(points, frame=frame), plane))
+        return ()
     try:
         own = dict(line.split(": ", 1) for line in lines)
         curve = int(own[f"{OURS}curve"])
@@ -116,7 +111,7 @@ def _label(
     at = frame or plane  # in stacks without times, ImageJ counts planes
     moved = plane if len(told) and at != told[-1] else None
     line = Label.from_sketch(points, frame=at if moved is None else frame, identity=curve)
-    return source.own(line, told.tolist(), half_width, sd, status, plane=moved), None
+    return source.own(line, told.tolist(), half_width, sd, status, plane=moved)
 
 
 def claims(ending: str, head: bytes) -> bool:

@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -206,8 +206,8 @@ def own_members(label: Label, unit: str = "") -> dict[str, object]:
 
 def read_own(
     source: Source, own: Node, frame: int, curve: int, points: Float[Array, "N 2"], unit: str = ""
-) -> Label | None:
-    """Read what `own_members` gave; `Label` checks the words. None where the line was changed."""
+) -> Sequence[Label]:
+    """Read what `own_members` gave; `Label` checks the words. None if the line was changed."""
     half_width = own[f"half_width{unit}"].numbers(unknown=np.nan)
     sd = own[f"sd{unit}"].numbers(unknown=np.inf)
     status, review = own["status"].expected(str), own.member("review", str, "open")

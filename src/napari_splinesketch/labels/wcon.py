@@ -50,10 +50,6 @@ def read(source: Source) -> Iterator[Label]:
     In files of other programs, times become frames in their order, animals are numbered in the
     order of the file, and one unit of length is taken as one pixel.
     """
-    yield from source.numbered(_lines(source))
-
-
-def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
     is_zip = source.path.suffix.lower() == ".zip"
     packed = [*unpacked(source, (".wcon", ".json"), "WCON files")] if is_zip else [None]
     source.place = ""
@@ -82,9 +78,9 @@ def _lines(source: Source) -> Iterator[tuple[Label | None, None]]:
             frame, curve = times[time], names.setdefault(str(record["id"].value), len(names))
         if OURS in record:
             own = record[OURS]
-            yield json_tree.read_own(source, own, frame, curve, yx / scale, "_px"), None
+            yield from json_tree.read_own(source, own, frame, curve, yx / scale, "_px")
         else:
-            yield Label.from_sketch(yx / scale, frame=frame, identity=curve), None
+            yield Label.from_sketch(yx / scale, frame=frame, identity=curve)
 
 
 def _foreign_head(source: Source, root: json_tree.Node) -> Labels:
