@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from napari_splinesketch import metrics
-from napari_splinesketch.files import counted
+from napari_splinesketch.files import atomic, counted
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.images.pictures import write_overlay
 from napari_splinesketch.labels import Label, Labels
@@ -50,7 +50,8 @@ def draw(path: Path, labels: Labels, truth: Labels, image: str | None, overwrite
     else:
         pixels = np.zeros(np.maximum(drawn_shape(labels), drawn_shape(truth)))
     curves, truths = ours.get(frame, ()), theirs.get(frame, ())
-    write_overlay(path, pixels, curves, truth=truths, overwrite=overwrite)
+    with atomic(path, overwrite=overwrite) as temporary:
+        write_overlay(temporary, pixels, curves, truths)
 
 
 def _by_frame(labels: Labels) -> dict[int, tuple[Label, ...]]:

@@ -12,7 +12,7 @@ import napari_splinesketch
 from napari_splinesketch.batch.frame_task import FrameDone, Progress
 from napari_splinesketch.batch.reports import CurveReport, FrameReport
 from napari_splinesketch.cli.jobs import RefineJob, SuggestJob
-from napari_splinesketch.cli.run import Outcome, Run, Todo, is_judged, judged, open_run
+from napari_splinesketch.cli.run import Outcome, Todo, is_judged, judged, open_run
 from napari_splinesketch.cli.terminal import Report
 from napari_splinesketch.engine.types import Polarity
 from napari_splinesketch.images.frames import ImageError
@@ -49,8 +49,14 @@ def run(job: RefineJob, report: Report) -> Outcome:
         notes = *sketches.head.notes, *nothing, *judged(said[True])
         outcome = work.write(map(int, sketches.frames), notes)
         if job.masks:
-            work.put(masks.FORMAT.write_whole, job.masks, outcome.labels)
-        _write_pictures(job, work, outcome)
+            work.put(masks.write, job.masks, outcome.labels)
+        done = [report.frame for report in outcome.frames if report.error is None]
+        if job.reconstruction and (shape := outcome.labels.head.shape):
+            pages = map(work.partial.reconstruction, done)
+            work.put(write_reconstruction, job.reconstruction, pages, shape, done)
+        if job.overlay and done:
+            drawn = work.partial.labels(done[0])
+            work.put(write_overlay, job.overlay, work.images[done[0]], drawn)
     return outcome
 
 
@@ -107,13 +113,3 @@ def suggested(
     labels = tuple(Label.from_sketch(line, frame=frame, identity=i) for i, line in enumerate(lines))
     told = tuple(CurveReport.drawn(label, "sketch") for label in labels)
     return FrameDone(FrameReport(frame, told), labels)
-
-
-def _write_pictures(job: RefineJob, work: Run, outcome: Outcome) -> None:
-    done = [report.frame for report in outcome.frames if report.error is None]
-    if job.reconstruction and (shape := outcome.labels.head.shape):
-        pages = map(work.partial.reconstruction, done)
-        work.put(write_reconstruction, job.reconstruction, pages, shape, done)
-    if job.overlay and done:
-        drawn = work.partial.labels(done[0])
-        work.put(write_overlay, job.overlay, work.images[done[0]], drawn)

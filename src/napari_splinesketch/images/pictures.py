@@ -9,7 +9,6 @@ from jaxtyping import Float, Real, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from napari_splinesketch import palette
-from napari_splinesketch.files import atomic
 from napari_splinesketch.geometry import edges
 from napari_splinesketch.labels import Label
 
@@ -22,14 +21,12 @@ def write_overlay(
     path: str | os.PathLike[str],
     frame: Real[np.ndarray, "H W"],
     labels: Sequence[Label],
-    *,
     truth: Sequence[Label] = (),
-    overwrite: bool = False,
 ) -> None:
     """Draw curves and their outlines over a frame, as PNG, JPEG or TIFF by the name's ending.
 
     Curves are coloured by status and numbered by identity; those of `truth` are drawn thin and in a
-    colour of their own. `overwrite` replaces an existing file.
+    colour of their own.
     """
     zoom = max(1, SIDE // max(frame.shape))
     picture = Image.fromarray(grey(frame)).convert("RGB")
@@ -49,8 +46,7 @@ def write_overlay(
                 pen.line(_place(edge, zoom), fill=colour, width=1)
         corner = _place(label.points[:1], zoom)[0]
         pen.text(corner, str(label.curve), "white", font, stroke_width=2, stroke_fill="black")
-    with atomic(path, overwrite=overwrite) as temporary:
-        picture.save(temporary)
+    picture.save(path)
 
 
 def _place(points: Float[np.ndarray, "N 2"], zoom: int) -> list[tuple[float, float]]:
