@@ -1,7 +1,7 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from napari_splinesketch import __version__
-from napari_splinesketch.batch.flow import DeadlyError, Workers, through
+from napari_splinesketch.batch import cluster
+from napari_splinesketch.batch.flow import DeadlyError, through
 from napari_splinesketch.batch.frame_task import (
     Find,
     FrameDone,
@@ -62,9 +63,7 @@ class Run:
     """A run over the frames of an image."""
 
     job: FrameJob
-    """What the user asked for."""
     images: Frames
-    """The frames."""
     partial: Partial
     """Keeps what is finished."""
     head: Labels
@@ -109,14 +108,14 @@ class Run:
         self._count()
 
     def _count(self) -> None:
-        """Count a frame that is done."""
         self._done, self._share = self._done + 1, 0.0
         self.part(0.0)
 
     def shared(self, job: SharedJob, todo: Iterable[Todo]) -> None:
         """Work on independent frames, here or shared among workers."""
         left = (each for each in todo if not self.finished(each[0]))
-        if job.jobs == 1 and job.scheduler is None:
+        address = job.scheduler
+        if job.jobs == 1 and address is None:
             for frame, find, instead in left:
                 read = partial(self.images.__getitem__, frame)
                 self.keep(do_frame(FrameTask(frame, read, find, instead), self.part))
@@ -134,17 +133,9 @@ class Run:
             unreachable = True
             return task_of(task.frame, task.find, task.instead)
 
-        with self._workers(job) as workers:
+        with Local(job.jobs) if address is None else cluster.Cluster(address) as workers:
             for task, done in through(workers, do_frame, starmap(task_of, left), retry=again):
                 self.keep(failed(task, str(done)) if isinstance(done, DeadlyError) else done)
-
-    def _workers(self, job: SharedJob) -> AbstractContextManager[Workers]:
-        """Give the cluster of the job's scheduler, or other processes here."""
-        if job.scheduler is None:
-            return Local(job.jobs)
-        from napari_splinesketch.batch.cluster import Cluster
-
-        return Cluster(job.scheduler)
 
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image; count it.
