@@ -70,7 +70,7 @@ class Partial:
         done = self.done(frame)
         if done is None:
             raise ValueError(
-                f"frame {frame} was finished, but is no longer in {self.folder};  "
+                f"frame {frame} was finished, but is no longer in {self.folder}; "
                 "repeat the command with --resume"
             )
         return done

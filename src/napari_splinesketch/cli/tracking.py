@@ -53,7 +53,7 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
     last = images.count - 1 if job.last is None else job.last
     if not 0 <= first <= last < images.count:
         raise ImageError(
-            f"cannot track from frame {first}, the first with sketches, to frame {last}:  "
+            f"cannot track from frame {first}, the first with sketches, to frame {last}: "
             f"{images.name} has {images.count}, counted from 0"
         )
     return range(first, last + 1)
