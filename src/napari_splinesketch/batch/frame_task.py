@@ -76,9 +76,7 @@ class FrameDone:
     """The result of a frame."""
 
     report: FrameReport
-    """For the user."""
     labels: tuple[Label, ...]
-    """Its bodies."""
     reconstruction: Float[np.ndarray, "H W"] | None = None
     """(H, W), where it was asked for."""
 
@@ -94,11 +92,9 @@ class FrameTask:
     """A frame and what to do with it."""
 
     frame: int
-    """Its number."""
     read: Callable[[], Real[np.ndarray, "H W"]]
     """Gives its pixels."""
     find: Find
-    """What to do."""
     instead: tuple[Label, ...]
     """The labels of the frame where that fails."""
     version: str = __version__

@@ -103,13 +103,11 @@ class Spool:
             self._count += 1
 
     def __iter__(self) -> Iterator[FrameReport]:
-        """Read them, one after another."""
         self._file.seek(0)
         for line in self._file:
             yield FrameReport.from_json(json.loads(line))
 
     def __len__(self) -> int:
-        """Count them."""
         return self._count
 
 

@@ -28,7 +28,6 @@ class Job:
     overwrite: bool = opt("replace existing files, but never an input file", default=False)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are not allowed."""
         check(self)
 
     def files(self, role: Literal["read", "written"]) -> tuple[Path, ...]:
@@ -138,7 +137,6 @@ class SharedJob(FrameJob):
     )
 
     def __post_init__(self) -> None:
-        """Refuse two kinds of workers at once."""
         super().__post_init__()
         if self.jobs > 1 and self.scheduler is not None:
             raise ValueError("--jobs and --scheduler cannot be combined; choose one")
@@ -275,7 +273,6 @@ class CompareJob(Job):
     image: str | None = opt("image to draw them over (default: a blank sheet)", "IMAGE")
 
     def __post_init__(self) -> None:
-        """Refuse an image that nothing is drawn over."""
         super().__post_init__()
         if self.image is not None and self.picture is None:
             raise ValueError("--image is what --picture draws over; give --picture, too")

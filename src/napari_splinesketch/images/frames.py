@@ -32,15 +32,12 @@ class Frames:
     """The frames of one image or film."""
 
     name: str
-    """The file's name."""
     count: int
-    """Number of frames."""
     read: Callable[[int], np.ndarray]
     """Reads frame i: (H, W), or (H, W, 3 or 4) colour."""
     scale: tuple[float, float] | None = None
     """(y, x) size of a pixel in `units`, or None."""
     units: str | None = None
-    """Physical unit, or None."""
     files: Sequence[Path] = ()
     """The file of each frame, where each has one of its own."""
     channel: int | None = None

@@ -39,7 +39,6 @@ class Node:
     """A value in a JSON file, with its place."""
 
     path: str | os.PathLike[str]
-    """The file."""
     place: str
     """Where the value is, such as "data[3].x"; empty for the whole file."""
     value: Any
@@ -54,14 +53,12 @@ class Node:
         return isinstance(self.value, dict) and self.value.get(key) is not None
 
     def __getitem__(self, key: str) -> "Node":
-        """Give a member of an object."""
         members = self.expected(dict)
         if key not in members:
             raise self.error(f"has no {key!r}")
         return Node(self.path, f"{self.place}.{key}".removeprefix("."), members[key])
 
     def __iter__(self) -> Iterator["Node"]:
-        """Give the elements of an array."""
         for i, element in enumerate(self.expected(list)):
             yield Node(self.path, f"{self.place}[{i}]", element)
 

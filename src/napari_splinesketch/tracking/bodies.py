@@ -43,7 +43,6 @@ class Body:
     """One body through time."""
 
     id: int
-    """Its number."""
     seen: tuple[tuple[int, Curve], ...]
     """(frame, curve) where it could be trusted, the latest last."""
     misses: int = 0

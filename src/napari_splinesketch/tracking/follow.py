@@ -12,15 +12,7 @@ from napari_splinesketch.tracking.bodies import Body
 from napari_splinesketch.tracking.drift import ShownPlaces, misleads, near_others
 from napari_splinesketch.tracking.events import Entering, Parts
 from napari_splinesketch.tracking.search import AT_ONCE, Cancelled, Found, Search
-from napari_splinesketch.tracking.types import (
-    NOTHING_GIVEN,
-    Given,
-    Line,
-    Read,
-    Refine,
-    Tracked,
-    View,
-)
+from napari_splinesketch.tracking.types import Given, Line, Read, Refine, Tracked, View
 from napari_splinesketch.tracking.window import Window
 
 NOTHING = "nothing like it is there"
@@ -39,7 +31,7 @@ def follow(
     *,
     refine: Refine | None = None,
     preset: PresetName = "balanced",
-    given: Callable[[int], Given] = lambda frame: NOTHING_GIVEN,
+    given: Callable[[int], Given] = lambda frame: Given(),
     on_progress: OnProgress | None = None,
     smooth: bool = True,
     pictures: bool = True,

@@ -4,14 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Real
 
 from napari_splinesketch.engine.settings import MARGIN
 from napari_splinesketch.engine.spline import arc_length
-from napari_splinesketch.engine.types import Array, Curve, Refinement
+from napari_splinesketch.engine.types import Curve, Line, Refinement
 from napari_splinesketch.grids import Grid, slices
 
-Line = Float[Array, "N 2"]
 WHOLE = Grid(np.zeros(2), np.ones(2))
 """The place of a frame that was read as it is."""
 
@@ -58,7 +57,6 @@ class Tracked:
     """What came of one frame."""
 
     frame: int
-    """Its number."""
     by_id: Mapping[int, Curve] = field(default_factory=dict)
     """Curves of the bodies that were placed, without the given ones, by number; "check" with the
     reason where one drifts."""

@@ -68,7 +68,6 @@ class TrainingSet:
     frames: tuple[int, ...]
 
     def __len__(self) -> int:
-        """Count the frames."""
         return len(self.frames)
 
     def __getitem__(self, index: int) -> Sample:

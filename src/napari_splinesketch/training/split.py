@@ -41,7 +41,6 @@ class Split:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse settings that divide nothing."""
         if len(self.shares) != 3 or min(self.shares) < 0 or not 0 < sum(self.shares) < np.inf:
             raise ValueError(
                 f"shares are {self.shares}; give three numbers from 0, not all 0: train, val, test"
