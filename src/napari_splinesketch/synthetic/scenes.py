@@ -5,17 +5,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Float
 
+from napari_splinesketch.synthetic import drawing
 from napari_splinesketch.synthetic.bodies import place
-from napari_splinesketch.synthetic.drawing import (
-    Finish,
-    Look,
-    Points,
-    draw_bodies,
-    specks_of,
-    taken,
-    taper,
-    texture_of,
-)
+from napari_splinesketch.synthetic.drawing import Finish, Look, Points
 
 _LENGTHS = (0.8, 1.1)
 _WIDTHS = (0.83, 1.17)
@@ -100,10 +92,11 @@ def scene(
         size = length * rng.uniform(*_LENGTHS)
         body = place(rng, size, width, bend, shape, margin, centrelines, **how)
         centrelines += (body,)
-    half_widths = tuple(width * taper(chosen) for width in widths)
+    half_widths = tuple(width * drawing.taper(chosen) for width in widths)
     finishes = tuple(Finish.draw(rng, chosen) for _ in widths)
-    drawn = draw_bodies(centrelines, half_widths, finishes, chosen, shape)
-    drawn = drawn * texture_of(rng, chosen, shape) + specks_of(rng, chosen, half_width, shape)
-    background, clean, noise_sd, image = taken(rng, drawn, chosen, chosen.blur)
+    drawn = drawing.draw_bodies(centrelines, half_widths, finishes, chosen, shape)
+    texture = drawing.texture_of(rng, chosen, shape)
+    drawn = drawn * texture + drawing.specks_of(rng, chosen, half_width, shape)
+    background, clean, noise_sd, image = drawing.taken(rng, drawn, chosen, chosen.blur)
     image = image.astype(np.float32)
     return Scene(image, clean, background, noise_sd, centrelines, half_widths, finishes, chosen)

@@ -15,20 +15,8 @@ from napari_splinesketch.engine.settings import Hold, PresetName, Settings
 from napari_splinesketch.engine.spline import arc_length, resample
 from napari_splinesketch.engine.types import Curve, OnProgress, Polarity, Progress, Refinement
 from napari_splinesketch.grids import slices
+from napari_splinesketch.tracking import drift
 from napari_splinesketch.tracking.bodies import INFERRED, Body, curve_inferred
-from napari_splinesketch.tracking.drift import (
-    ShownPlaces,
-    apart_from,
-    distance,
-    doubts,
-    explains_less,
-    mostly_on,
-    near_each,
-    on_one_body,
-    on_others,
-    seeing,
-    turned,
-)
 from napari_splinesketch.tracking.events import Parts, parts
 from napari_splinesketch.tracking.motion import Predicted
 from napari_splinesketch.tracking.types import Line, Refine, View
@@ -105,7 +93,7 @@ class Search:
     report: OnProgress = field(default=lambda progress: None)
     contrast: float | None = None
     smooth: bool = True
-    shown: ShownPlaces = field(default_factory=ShownPlaces)
+    shown: drift.ShownPlaces = field(default_factory=drift.ShownPlaces)
     parts: dict[int, Parts] = field(default_factory=dict, init=False)
     """Of bodies that may have divided, by number."""
     refinement: Refinement | None = field(default=None, init=False)
@@ -229,20 +217,20 @@ class Search:
         refinement = self._refined(shown, wanted, [*fixed.values()], preset)
         curves = [view.place.curve_to_image(curve) for curve in refinement.curves]
         everyone = [*curves, *fixed.values()]
-        shared, beside = on_one_body(everyone), near_each(everyone)
+        shared, beside = drift.on_one_body(everyone), drift.near_each(everyone)
         names = [*(body.id for body in bodies), *fixed]
-        seen = seeing(view, refinement, self.contrast)
+        seen = drift.seeing(view, refinement, self.contrast)
         if not self.refinement:
             self._seen = seen
         held = isinstance(preset, Settings) and preset.hold is not None
         kept = False
         for i, (body, curve) in enumerate(zip(bodies, curves, strict=True)):
-            said = doubts(body, curve, self._expected[body.id], self.smooth)
+            said = drift.doubts(body, curve, self._expected[body.id], self.smooth)
             there = float(seen(curve.points).mean())
             rest = [everyone[j] for j in beside[i]]
             if self.smooth:
-                crossed = not apart_from(curve.points, rest).all()
-                if crossed and body.id not in hidden and explains_less(body, curve):
+                crossed = not drift.apart_from(curve.points, rest).all()
+                if crossed and body.id not in hidden and drift.explains_less(body, curve):
                     said.append("it crosses others and explains the image less well than before")
                 if there < MOST and (
                     torn := parts(body, curve, [c for c in everyone if c is not curve], seen)
@@ -252,7 +240,8 @@ class Search:
             if partly or (body.id in hidden and self._partly(body, curve.points)):
                 reasons = (*curve.reasons, f"part of it is {INFERRED}")
                 curve = replace(curve, status="check", reasons=reasons)
-            if i in shared and not (held and on_others(lines[body.id], [everyone[shared[i]]])):
+            on = [everyone[shared[i]]] if i in shared else []
+            if on and not (held and drift.on_others(lines[body.id], on)):
                 said.append(f"it lies on the same body as curve {names[shared[i]]}")
             if body.misses and there < MOST:
                 said.append("too little of it is seen to know it again")
@@ -326,11 +315,11 @@ def place(
 
     What stands out in the frame is suggested; bodies that are not in doubt are placed.
     """
-    free = [line for line in suggestions if not any(mostly_on(line, x, TAKEN) for x in placed)]
+    free = [x for x in suggestions if not any(drift.mostly_on(x, on, TAKEN) for on in placed)]
     pairs = list(product(bodies, free))
-    lines = [turned(line, expected[body.id]) for body, line in pairs]
+    lines = [drift.turned(line, expected[body.id]) for body, line in pairs]
     far = [
-        distance(line, expected[body.id]) + LENGTH * abs(float(arc_length(line)[-1]) - body.length)
+        drift.distance(line, expected[body.id]) + LENGTH * abs(arc_length(line)[-1] - body.length)
         for (body, _), line in zip(pairs, lines, strict=True)
     ]
     cost = np.array(far).reshape(len(bodies), len(free))
