@@ -163,8 +163,8 @@ def same_file(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bo
 
 def _may_be_same(path: Path, other: Path) -> bool:
     """Tell whether two names are of one file, or would be where disks do not tell A from a."""
-    names = (os.path.realpath(each).casefold() for each in (path, other))
-    return same_file(path, other) or len(set(names)) == 1
+    names = {os.path.realpath(each).casefold() for each in (path, other)}
+    return same_file(path, other) or len(names) == 1
 
 
 def is_inside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> bool:

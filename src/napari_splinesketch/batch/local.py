@@ -47,9 +47,8 @@ class Local:
     def _start(self) -> None:
         # Not forked: JAX has threads, and a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
-        ends, self._lifeline = context.Pipe(duplex=False)
-        self._ends = ends
-        self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (ends,))
+        self._ends, self._lifeline = context.Pipe(duplex=False)
+        self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (self._ends,))
 
     def _stop(self) -> None:
         self._lifeline.close()

@@ -16,12 +16,7 @@ from napari_splinesketch.labels.types import AnyLabels, Label, in_frames
 
 HEADER = ("index", "shape-type", "vertex-index", "axis-0", "axis-1")
 AXES = ("axis-0", "axis-1", "axis-2")
-KINDS = {
-    "index": int,
-    "shape-type": str,
-    "vertex-index": int,
-    **dict.fromkeys(AXES, float),
-}
+KINDS = {"index": int, "shape-type": str, "vertex-index": int, **dict.fromkeys(AXES, float)}
 LINES = ("line", "path")
 AREAS = ("rectangle", "ellipse", "polygon")
 

@@ -104,21 +104,19 @@ def _best(known: Sequence[Known], base: int) -> tuple[Mover, float]:
     that one does not tell that there are any.
     """
     movers = MOVERS if len(known) > base + 2 else MOVERS[:-1]
-    errors: list[list[float]] = [[] for _ in movers]
+    total, count = np.zeros(len(movers)), 0
     for i in range(base, len(known) - 1):
         older, newer = known[i - base], known[i]
         for frame, there in known[i + 1 :]:
             lag = max(abs(frame - newer[0]), 1.0)
-            for mover, found in zip(movers, errors, strict=True):
+            count += 1
+            for k, mover in enumerate(movers):
                 line = mover(older[1], newer[1], steps_to(older, newer, frame))
-                squared = float(((line - there) ** 2).sum(1).mean()) / 2
-                found.append(squared / lag ** (2 * GROWTH))
-    count = len(errors[0])
+                total[k] += ((line - there) ** 2).sum(1).mean() / 2 / lag ** (2 * GROWTH)
     if not count:
         return movers[0], np.inf
-    totals = [sum(found) for found in errors]
-    best = int(np.argmin(totals))
-    return movers[best], float(np.sqrt((totals[best] + COUNTED * BEFORE**2) / (count + COUNTED)))
+    best = int(np.argmin(total))
+    return movers[best], float(np.sqrt((total[best] + COUNTED * BEFORE**2) / (count + COUNTED)))
 
 
 def steps_to(older: Known, newer: Known, frame: float) -> float:

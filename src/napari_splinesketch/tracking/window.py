@@ -153,11 +153,7 @@ class Window:
         return replace(result, by_id={**result.by_id, **doubted})
 
     def _note(
-        self,
-        result: Tracked,
-        given: Mapping[int, Curve],
-        before: Mapping[int, Body],
-        number: int,
+        self, result: Tracked, given: Mapping[int, Curve], before: Mapping[int, Body], number: int
     ) -> None:
         """Open and prolong the stretches of the bodies that are in doubt."""
         curves = result.by_id
@@ -221,15 +217,10 @@ class Window:
 
 def inferred(like: Curve, predicted: Predicted) -> Curve:
     """A curve that no image shows."""
-    knots = np.column_stack(
-        [
-            fit_knots(predicted.line, FEWEST),
-            np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width),
-        ]
-    )
+    width = np.interp(np.linspace(0, 99, FEWEST), np.arange(100), like.half_width)
     return replace(
         like,
-        knots=knots,
+        knots=np.column_stack([fit_knots(predicted.line, FEWEST), width]),
         points=predicted.line,
         sd=np.full(len(predicted.line), predicted.sd),
         status="check",
