@@ -160,7 +160,7 @@ class Run:
         file = files[frame] if files else Path(self.job.image)
         return file.exists() and file.stat().st_mtime > kept.st_mtime
 
-    def write(self, frames: Iterable[int], notes: tuple[str, ...] = ()) -> Outcome:
+    def write(self, frames: Iterable[int], notes: Iterable[str] = ()) -> Outcome:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
         reports = Spool(map(self.partial.finished, frames))
         labels = self._labels(reports)

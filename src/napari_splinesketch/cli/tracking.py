@@ -17,7 +17,7 @@ from napari_splinesketch.engine.types import Curve, Refinement
 from napari_splinesketch.files import counted
 from napari_splinesketch.images.frames import Frames, ImageError, checksum
 from napari_splinesketch.labels import Label, Labels, read_labels
-from napari_splinesketch.labels.types import AnyLabels, in_frames
+from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.tracking import Body, Given, Tracked, View, after, follow
 
 ENTERED = "a body came into view at row {:.0f}, column {:.0f}; sketch it in this frame to track it"
@@ -45,8 +45,12 @@ def run(job: TrackJob, report: Report) -> Outcome:
             del left[0]
         for result in _Film(job, work, drawn).follow(left, bodies):
             work.keep(result)
-        notes = *_beyond(frames[-1], sketches), *judged(sum(map(is_judged, sketches.labels)))
-        return work.write(frames, (*sketches.head.notes, *notes))
+        notes, last = [*sketches.head.notes], frames[-1]
+        if beyond := sum(label.frame > last for label in sketches.labels):
+            lines = counted(beyond, "line")
+            notes.append(f"left out: {lines} in frames after {last}, the last one")
+        notes += judged(sum(map(is_judged, sketches.labels)))
+        return work.write(frames, notes)
 
 
 def _frames(job: TrackJob, images: Frames, first: int) -> range:
@@ -57,12 +61,6 @@ def _frames(job: TrackJob, images: Frames, first: int) -> range:
             f"{images.name} has {images.count}, counted from 0"
         )
     return range(first, last + 1)
-
-
-def _beyond(last: int, sketches: AnyLabels) -> Iterator[str]:
-    """Say which lines are left out, as no frame of theirs is tracked."""
-    if number := sum(label.frame > last for label in sketches.labels):
-        yield f"left out: {counted(number, 'line')} in frames after {last}, the last one"
 
 
 @dataclass(eq=False)
