@@ -53,7 +53,7 @@ def _drop(stream: TextIO) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[float, int], None]]:
+def progress() -> Iterator[Report]:
     """Show a bar on a terminal, and nothing where a program reads the output."""
     from tqdm import tqdm
 

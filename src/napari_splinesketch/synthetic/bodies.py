@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from napari_splinesketch.engine.spline import apart
+from napari_splinesketch.engine.spline import apart, neighbours
 from napari_splinesketch.metrics import POINTS, resample
 
 _BEND_SD = (1.3, 2.1, 1.9, 1.1)
@@ -81,7 +81,7 @@ def place(
             moved = curve + rng.uniform(low, high)
         if np.any(moved < margin) or np.any(moved > upper):
             continue
-        near = _near(moved, others, reach)
+        near = [others[i - 1] for i in next(neighbours([moved, *others], reach))]
         if across and others and not any(crosses(moved, other) for other in near):
             continue
         if all((apart(moved, other, reach) < reach).mean() <= shared for other in near):
@@ -90,14 +90,6 @@ def place(
         f"A body of length {length:g} px does not fit into a frame of {shape} px with margin "
         f"{margin:g} px; make the frame larger or the body shorter."
     )
-
-
-def _near(curve: Points, others: tuple[Points, ...], reach: float) -> list[Points]:
-    """Those of `others` whose bounding boxes come within `reach` of the curve's."""
-    low, high = curve.min(axis=0) - reach, curve.max(axis=0) + reach
-    all_points = np.array(others).reshape(-1, POINTS, 2)
-    touch = np.all((all_points.max(axis=1) >= low) & (all_points.min(axis=1) <= high), axis=1)
-    return [others[i] for i in np.flatnonzero(touch)]
 
 
 def crosses(a: Points, b: Points) -> bool:
