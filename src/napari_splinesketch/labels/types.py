@@ -54,7 +54,6 @@ class Label:
     """Whether the user wants it to stay as it is."""
 
     def __post_init__(self) -> None:
-        """Make the arrays float64 and refuse values that no file could hold."""
         for name in ("frame", "curve"):
             number = index(getattr(self, name))
             if not 0 <= number <= MAX_INTEGER:
@@ -122,7 +121,6 @@ class Labels:
     """Whether coordinates are in `units`, as the file has no size of a pixel; not written."""
 
     def __post_init__(self) -> None:
-        """Freeze the values and check that they fit together."""
         object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.scale is not None:
