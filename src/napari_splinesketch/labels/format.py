@@ -89,7 +89,6 @@ class Source:
     notes: list[str] = field(default_factory=list)
     """Further sentences about what was left out."""
     _known: set[tuple[int, int]] = field(default_factory=set)
-    _free: int = 0
 
     def error(self, reason: str) -> LabelsError:
         """Make an error at the place where the reader is."""
@@ -105,7 +104,6 @@ class Source:
                     self._known.clear()
                 self.refuse_again(label.frame, label.curve)
                 self._known.add((label.frame, label.curve))
-                self._free = max(self._free, label.curve + 1)
                 yield label
 
     def refuse_again(self, frame: int, curve: int) -> None:
@@ -137,12 +135,13 @@ class Source:
 
         The plane of a line is its frame where all that have one are at time 0.
         """
-        numbers = count(max(self._free, *(label.curve + 1 for label, _ in self.changed), 0))
+        taken = [curve for _, curve in self._known] + [label.curve for label, _ in self.changed]
+        numbers = count(max(taken, default=-1) + 1)
         timed = any(label.frame for label, z in (*self.others, *self.changed) if z is not None)
         for label, plane in self.changed:
             label = label if timed or plane is None else replace(label, frame=plane)
-            taken = (label.frame, label.curve) in self._known
-            yield replace(label, curve=next(numbers)) if taken else label
+            again = (label.frame, label.curve) in self._known
+            yield replace(label, curve=next(numbers)) if again else label
         for label, plane in self.others:
             yield replace(label, curve=next(numbers), frame=label.frame if timed else plane)
 
