@@ -11,7 +11,6 @@ import argparse
 import csv
 import statistics
 import time
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -87,7 +86,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="add the figures to the CSV")
     options = parser.parse_args()
     if options.together:
-        solver.sweep = partial(solver.sweep, together=options.together)  # type: ignore[assignment]
+        solver.at_a_time = lambda: options.together
     device = jax.devices()[0].device_kind
     rows = []
     for bodies in options.bodies:

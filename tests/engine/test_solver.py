@@ -60,17 +60,18 @@ def problem() -> Problem:
 def wider(made: solver.Bands, start: solver.Fit, more: int) -> tuple[solver.Bands, solver.Fit]:
     """The same with `more` pixels of padding for every curve, filled with nonsense."""
     n, m = made.values.shape
-    unused = n * (m + more) - 1
+    beside = np.arange(n * (m + more), dtype=np.int32).reshape(n, -1)
+    row, column = np.divmod(made.beside, m)
+    beside[:, :m] = row * (m + more) + column
 
     def pad(a: np.ndarray, value: float) -> np.ndarray:
         return np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, more)], constant_values=value)
 
-    slots = np.where(made.weight > 0, made.slots, unused).astype(np.int32)
     made = made._replace(
         pixels=pad(made.pixels, 1e4),
         values=pad(made.values, 77.0),
         weight=pad(made.weight, 0.0),
-        slots=pad(slots, unused),
+        beside=beside,
     )
     return made, start._replace(own=np.zeros((n, m + more), np.float32))
 
@@ -242,22 +243,18 @@ def test_the_report_rises_and_its_exception_stops():
 
 def test_sum_and_maximum_of_the_others_by_brute_force():
     rng = np.random.default_rng(0)
-    n, m, there, width = 4, 3 * constants.TILE, 3, 900
-    unused = n * m - 1
-    own = np.zeros((n, m), np.float32)
-    slots = np.full((n, m), unused, np.int32)
-    frame = np.zeros((n, n * m))
-    for i, count in enumerate((500, width, 800)):
-        slots[i, :count] = rng.permutation(width)[:count]
-        own[i, :count] = rng.uniform(0, 5, count)
-        frame[i, slots[i, :count]] = own[i, :count]
-    maps = jax.jit(solver.brightness_maps)(own, slots, n)
-    for i in range(there):
-        total, most = jax.jit(solver.others_of)(maps, own[i], slots[i])
-        others = np.delete(frame, i, axis=0)[:, slots[i]]
-        used = slots[i] != unused
-        np.testing.assert_allclose(np.asarray(total)[used], others.sum(0)[used], atol=1e-5)
-        np.testing.assert_allclose(np.asarray(most)[used], others.max(0)[used], atol=1e-6)
+    n, m, width = 4, 3 * constants.TILE, 900
+    pixels = [rng.permutation(width)[:count] for count in (500, width, 0, 800)]
+    own, frame = np.zeros((n, m), np.float32), np.zeros((n, width))
+    for i, seen in enumerate(pixels):
+        own[i, : len(seen)] = frame[i, seen] = rng.uniform(0, 5, len(seen))
+    beside = bands._beside(pixels, n, m)
+    for i, seen in enumerate(pixels):
+        found = jax.jit(solver.others_of)(own, beside, np.int32(i))
+        others = np.delete(frame, i, axis=0)[:, seen]
+        for values, brute_force in zip(found, (others.sum(0), others.max(0)), strict=True):
+            np.testing.assert_allclose(values[: len(seen)], brute_force, atol=1e-5)
+            np.testing.assert_array_equal(values[len(seen) :], 0)
 
 
 def test_huber_is_quadratic_then_linear_and_smooth():

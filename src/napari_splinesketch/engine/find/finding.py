@@ -100,8 +100,10 @@ def sized(seen: Scene, sketches: list[Line]) -> Scene:
         least = min(const.OTHER_COST * least, least - const.CLEAR_MARGIN)
         for rung in others if least > 0 else []:
             cost, path = _cheapest(seen, sketch, rung)
+            if cost >= least:
+                continue
             profile = ridge_profile(seen.ridges, path, WIDTHS[rung], range(rung + 1), seen.sign)
-            if cost < least and first_high(profile) >= rung - 1:
+            if first_high(profile) >= rung - 1:
                 rungs[i], least = rung, cost
     return replace(seen, rungs=tuple(rungs))
 

@@ -135,15 +135,13 @@ def make_bands(
     k = (d - len(GLOBALS)) // 2
     n, m = padded(len(pixels), const.CURVE_SIZES), padded(max(map(len, pixels)), const.PIXEL_SIZES)
     n *= -(-len(pixels) // n)  # beyond the largest size, multiples of it
-    slots = np.full((n, m), n * m - 1, dtype=np.int32)
     position = np.full((n, 2, m), const.NOWHERE_PX, dtype=np.float32)
     values, weight = np.zeros((2, n, m), np.float32)
     centre = theta[:, : 2 * k].reshape(count, 2, k).mean(2)
     tiles = np.zeros(n, np.int32)
-    numbers = np.split(_numbered(pixels), np.cumsum([len(own) for own in pixels])[:-1])
-    for i, (own, slot) in enumerate(zip(pixels, numbers, strict=True)):
+    for i, own in enumerate(pixels):
         here, tiles[i] = slice(len(own)), -(-len(own) // const.TILE)
-        slots[i, here], values[i, here], weight[i, here] = slot, image.ravel()[own], 1.0
+        values[i, here], weight[i, here] = image.ravel()[own], 1.0
         if i < count:
             position[i, :, here] = np.stack(np.divmod(own, image.shape[1])) - centre[i, :, None]
 
@@ -157,19 +155,28 @@ def make_bands(
     slope[:count, : 2 * k] = (stiff @ begin[:count, : 2 * k, None])[..., 0]
     precision[:count, : 2 * k, : 2 * k] = hold + stiff
     precision[:count, 2 * k :, 2 * k :] = np.diag(priors.sd**-2.0)
-    return Bands(position, values, weight, slots, tiles, mean, precision, slope), shift, begin
+    made = Bands(position, values, weight, _beside(pixels, n, m), tiles, mean, precision, slope)
+    return made, shift, begin
 
 
-def _numbered(pixels: list[Int[Array, " m"]]) -> Int[Array, " M"]:
-    """The pixels of some bands, one after the other, with numbers from 0 up, without gaps."""
-    return np.unique(np.concatenate(pixels), return_inverse=True)[1]
+def _beside(pixels: list[Int[Array, " m"]], n: int, m: int) -> Int[Array, "N M"]:
+    """For every pixel of padded bands, where the next curve that sees it has it."""
+    every, at = np.concatenate(pixels), np.arange(n * m, dtype=np.int32)
+    mine = np.concatenate([i * m + np.arange(len(own)) for i, own in enumerate(pixels)])
+    order = np.argsort(every, kind="stable")
+    first = np.flatnonzero(np.diff(every[order], prepend=-1))
+    after = np.arange(1, len(every) + 1)
+    after[np.append(first, len(every))[1:] - 1] = first
+    at[mine[order]] = mine[order[after]]
+    return at.reshape(n, m)
 
 
 def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
     """Which bands share pixels with which others."""
     if len(pixels) < 2:
         return np.zeros((len(pixels), len(pixels)), dtype=bool)
-    number, ends = _numbered(pixels), np.cumsum([0, *map(len, pixels)])
+    number, ends = np.concatenate(pixels), np.cumsum([0, *map(len, pixels)])
+    number = np.unique(number, return_inverse=True)[1]
     shape = len(pixels), 1 + number.max(initial=0)  # of bands without pixels SciPy cannot tell
     there = csr_array((np.ones(len(number), np.float32), number, ends), shape)
     shared = (there @ there.T).toarray() > 0

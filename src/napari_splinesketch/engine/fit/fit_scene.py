@@ -209,10 +209,10 @@ def _fit_group(
         if not start.found:
             hold[row] += np.eye(2 * knots) / const.PIN_PX**2
     found = fitting.fit_curves(seen, theta, priors, moving=count, hold=hold, report=report)
-    free, strayed = {row for row, s in enumerate(starts) if s.found and not holds}, set()
+    asked, strayed = [row for row, s in enumerate(starts) if s.found and not holds], set()
     for last in (False, True):
         now, again = np.array([body.theta for body in found]), np.zeros(len(theta), dtype=bool)
-        for row in free:
+        for row in asked:
             if _strayed(seen, found[row], starts[row]):
                 strayed |= {row} if last else set()
                 sd = const.PIN_PX if last else const.HELD_NEAR_HW * starts[row].half_width
@@ -223,7 +223,8 @@ def _fit_group(
             else:
                 continue
             again[row] = True
-        if again.any():
+        asked = np.flatnonzero(again).tolist()
+        if asked:
             found = fitting.fit_curves(
                 seen, now, priors, const.SWEEPS[: const.HELD_SWEEPS],
                 moving=count, hold=hold, first=again, report=lambda _, lines: report(1.0, lines),

@@ -170,13 +170,14 @@ def around(seen: Scene, line: Float[Array, "P 2"], half_width: float) -> Int[Arr
 
 
 def _turns(curves: Int[Array, " c"], meets: Bool[Array, "n n"]) -> Iterator[list[int]]:
-    """The curves in chunks of which no two meet, so that each sees the others as they are now.
+    """The curves in chunks; of those that step at the same time no two meet.
 
-    Two overlapping curves that step at the same time would overshoot together, again and again.
+    Two overlapping curves that step together would overshoot, again and again. One after the other,
+    each sees the others as they are by then.
     """
-    turns: list[list[int]] = []
+    turns, alone = list[list[int]](), solver.at_a_time() == 1
     for i in curves.tolist():
-        mine = next((turn for turn in turns if not meets[i, turn].any()), None)
+        mine = next((turn for turn in turns if alone or not meets[i, turn].any()), None)
         if mine is None:
             turns.append([i])
         else:

@@ -26,8 +26,9 @@ class Bands(NamedTuple):
     values: Float[Array, "N M"]
     """The image there: background about 0, bodies about 1."""
     weight: Float[Array, "N M"]
-    slots: Int[Array, "N M"]
-    """Number of the pixel, shared by the curves that see it; padding has number N · M - 1."""
+    beside: Int[Array, "N M"]
+    """Flat index of the same pixel in the band of the next curve that sees it, the first after the
+    last; of a pixel that no other sees, and of padding, its own."""
     tiles: Int[Array, " N"]
     """How many times TILE pixels hold the curve's band; 0 for padding."""
     prior_mean: Float[Array, "N D"]
@@ -80,6 +81,11 @@ def start(theta: Float[Array, "N D"], pixels: int) -> Fit:
     return Fit(theta, own, nothing, hessian, damping, nothing.copy())
 
 
+def at_a_time() -> int:
+    """How many curves step together: one costs least on a CPU, many on a GPU."""
+    return 1 if jax.default_backend() == "cpu" else const.ABREAST
+
+
 @partial(jax.jit, donate_argnums=(2,), static_argnames="together")
 def sweep(
     bands: Bands,
@@ -95,27 +101,24 @@ def sweep(
     """Visit the first `count` curves of `order`, `together` at a time.
 
     Each takes at most `steps` evaluations; with one it stays where it is, and its brightness,
-    cost and normal matrix are brought up to date. One at a time costs least on a CPU, many at a
-    time on a GPU: that is what None chooses. The curves are the same.
+    cost and normal matrix are brought up to date. None for as many as is best; those that meet are
+    not to step together, and then the curves are the same.
     """
-    if together is None:
-        together = 1 if jax.default_backend() == "cpu" else min(len(order), const.ABREAST)
-    last = jnp.where(bands.tiles > 0, jnp.arange(len(bands.tiles)), 0).max()
-    maps = brightness_maps(fit.own, bands.slots, last + 1)
+    together = min(len(order), at_a_time()) if together is None else together
 
-    def visit(i, steps):
+    def visit(i, now, steps):
         one = jax.tree.map(lambda a: a[i], bands)
-        others = others_of(maps, fit.own[i], one.slots)
-        return _visit(one, level, fit.theta[i], fit.damping[i], others, basis, steps)
+        others = others_of(now.own, bands.beside, i)
+        return _visit(one, level, now.theta[i], now.damping[i], others, basis, steps)
 
     def visit_one(turn, now):
         i = order[turn]
-        return jax.tree.map(lambda old, new: old.at[i].set(new), now, visit(i, steps))
+        return jax.tree.map(lambda old, new: old.at[i].set(new), now, visit(i, now, steps))
 
     def visit_some(turn, now):
         at = together * turn + jnp.arange(together)
         i = jnp.where(at < count, order[at], len(order))  # those beyond are dropped
-        new = jax.vmap(visit)(i, jnp.where(at < count, steps, 0))
+        new = jax.vmap(visit, (0, None, 0))(i, now, jnp.where(at < count, steps, 0))
         return jax.tree.map(lambda old, new: old.at[i].set(new, mode="drop"), now, new)
 
     if together == 1:
@@ -123,37 +126,20 @@ def sweep(
     return jax.lax.fori_loop(0, -(-count // together), visit_some, fit)
 
 
-class Maps(NamedTuple):
-    """Sum, largest and second largest of the curves' brightness at every slot."""
-
-    total: Float[Array, " S"]
-    most: Float[Array, " S"]
-    second: Float[Array, " S"]
-
-
-def brightness_maps(
-    own: Float[Array, "N M"], slots: Int[Array, "N M"], count: int | Int[Array, ""]
-) -> Maps:
-    """Add up the first `count` curves."""
-
-    def add(i, maps: Maps) -> Maps:
-        at, most = slots[i], maps.most[slots[i]]
-        return Maps(
-            maps.total.at[at].add(own[i]),
-            maps.most.at[at].max(own[i]),
-            maps.second.at[at].max(jnp.minimum(own[i], most)),
-        )
-
-    nothing = jnp.zeros(own.size, own.dtype)
-    return jax.lax.fori_loop(0, count, add, Maps(nothing, nothing, nothing))
-
-
 def others_of(
-    maps: Maps, own: Float[Array, " M"], slots: Int[Array, " M"]
+    own: Float[Array, "N M"], beside: Int[Array, "N M"], i: Int[Array, ""]
 ) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
-    """Sum and maximum of the other curves' brightness in the band of one."""
-    most = maps.most[slots]
-    return maps.total[slots] - own, jnp.where(own >= most, maps.second[slots], most)
+    """Sum and maximum of the other curves' brightness in the band of curve `i`."""
+    every, after = own.ravel(), beside.ravel()
+    mine = i * own.shape[1] + jnp.arange(own.shape[1])
+
+    def add(now):
+        at, total, most = now
+        here = jnp.where(at == mine, 0.0, every[at])
+        return jnp.where(at == mine, at, after[at]), total + here, jnp.maximum(most, here)
+
+    begin = beside[i], jnp.zeros_like(own[i]), jnp.zeros_like(own[i])
+    return jax.lax.while_loop(lambda now: (now[0] != mine).any(), add, begin)[1:]
 
 
 def _visit(one: Bands, level: Level, theta, damping, others, basis: Basis, limit) -> Fit:
