@@ -23,10 +23,10 @@ def seen_of(frame: synthetic.Scene) -> scene.Scene:
 
 
 class Problem:
-    """Two crossing bodies, begun beside where they are."""
+    """Two bodies, crossing unless something else is said, begun beside where they are."""
 
-    def __init__(self):
-        self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, length=80)
+    def __init__(self, **how):
+        self.frame = synthetic.scene(4, bodies=2, shape=SHAPE, **{"length": 80, **how})
         self.seen = seen_of(self.frame)
         beside = [(perturbations.displace(c, 2, 40), 3.0, 1.0) for c in self.frame.centrelines]
         self.theta, self.priors = bands.begin(beside, KNOTS, self.seen)
@@ -129,7 +129,9 @@ def test_parameters_stay_within_their_bounds(problem):
 
 
 @pytest.mark.slow
-def test_curves_abreast_step_as_they_do_one_after_the_other(problem):
+def test_curves_abreast_step_as_they_do_one_after_the_other():
+    problem = Problem(crossing=False, length=40)
+    assert not bands.touching(problem.pixels).any(), "those that meet would not step together"
     made, _, theta = problem.bands()
     one, many = (
         problem.sweep(made, solver.start(theta, made.values.shape[1]), [1, 0], 2, together=n)

@@ -117,8 +117,9 @@ def sweep(
 
     def visit_some(turn, now):
         at = together * turn + jnp.arange(together)
-        i = jnp.where(at < count, order[at], len(order))  # those beyond are dropped
+        i = order[at]
         new = jax.vmap(visit, (0, None, 0))(i, now, jnp.where(at < count, steps, 0))
+        i = jnp.where(at < count, i, len(order))  # those beyond are dropped
         return jax.tree.map(lambda old, new: old.at[i].set(new, mode="drop"), now, new)
 
     if together == 1:
