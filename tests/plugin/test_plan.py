@@ -125,3 +125,9 @@ def test_a_curve_that_was_turned_stays_so() -> None:
     np.testing.assert_array_equal(target.sketch, A)
     (target,) = make_plan(State((turned,)), 0, Drawn((A + 1,)), "all").targets
     np.testing.assert_array_equal(target.start, A + 1)
+
+
+def test_a_line_over_a_curve_from_another_frame_runs_as_that_does() -> None:
+    (target,) = make_plan(CARRIED, 0, Drawn((D[::-1] + 3,)), "new").targets
+    np.testing.assert_array_equal(target.start, D + 3)
+    np.testing.assert_array_equal(target.sketch, D[::-1] + 3)

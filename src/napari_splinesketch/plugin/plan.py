@@ -2,14 +2,13 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Literal
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.plugin import model
 from napari_splinesketch.plugin.layers.drawn import Drawn
 from napari_splinesketch.plugin.model import Key, Line, Record, State
-from napari_splinesketch.tracking.drift import distance
+from napari_splinesketch.tracking.drift import turned
 
 Scope = Literal["new", "selected", "all"]
 
@@ -79,9 +78,10 @@ def make_plan(
         elif known is not None and known.edited and kept:
             targets[number] = Target(number, lines[i], known.curve.points, new=False)
         else:
-            # A line runs as its curve does, which the user may have turned.
-            way = partial(distance, known.curve.points) if known and kept else None
-            start = min(lines[i], lines[i][::-1], key=way) if way else lines[i]
+            start = lines[i]
+            if known is not None and (kept or not known.drawn):
+                # As its curve runs, which the user may have turned, or its body in other frames.
+                start = turned(start, known.curve.points)
             targets[number] = Target(number, lines[i], start, known is None, again=i in again)
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in targets])
