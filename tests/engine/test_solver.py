@@ -159,12 +159,15 @@ def test_curves_outside_the_image_are_fitted_to_nothing(problem):
         assert np.isfinite(body.theta).all()
 
 
-def test_curves_that_wait_stay_where_they_are_until_one_beside_them_moves(problem):
+def test_known_bodies_stay_where_they_are_until_one_beside_them_moves(problem):
     alone = problem.theta.copy()
     alone[1, : 2 * KNOTS] += np.repeat([0.0, 60.0], KNOTS)
+    priors = problem.priors._replace(mean=problem.priors.mean[1:])
     for theta, moves in ((problem.theta, True), (alone, False)):
-        first = np.array([True, False])
-        bodies = fitting.fit_curves(problem.seen, theta, problem.priors, SWEEPS, first=first)
+        (there,) = fitting.fit_curves(problem.seen, theta[1:], priors, (1,))
+        known = {1: there}
+        bodies = fitting.fit_curves(problem.seen, theta, problem.priors, SWEEPS, known=known)
+        assert (bodies[1] is there) == (not moves)
         moved = [np.abs(b.knots - _knots(t)).max() for b, t in zip(bodies, theta, strict=True)]
         assert moved[0] > 0.5
         assert (moved[1] > 0.5) == moves

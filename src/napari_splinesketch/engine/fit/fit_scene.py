@@ -211,7 +211,7 @@ def _fit_group(
     found = fitting.fit_curves(seen, theta, priors, moving=count, hold=hold, report=report)
     asked, strayed = [row for row, s in enumerate(starts) if s.found and not holds], set()
     for last in (False, True):
-        now, again = np.array([body.theta for body in found]), np.zeros(len(theta), dtype=bool)
+        now, known = np.array([body.theta for body in found]), dict(enumerate(found))
         for row in asked:
             if _strayed(seen, found[row], starts[row]):
                 strayed |= {row} if last else set()
@@ -222,12 +222,12 @@ def _fit_group(
                 hold[row, ends, ends] += const.HELD_END_PX**-2.0
             else:
                 continue
-            again[row] = True
-        asked = np.flatnonzero(again).tolist()
+            del known[row]
+        asked = [row for row in asked if row not in known]
         if asked:
             found = fitting.fit_curves(
                 seen, now, priors, const.SWEEPS[: const.HELD_SWEEPS],
-                moving=count, hold=hold, first=again, report=lambda _, lines: report(1.0, lines),
+                moving=count, hold=hold, known=known, report=lambda _, lines: report(1.0, lines),
             )  # fmt: skip
     numbers = [*own, *[knots] * len(fixed)]
     return [body.with_knots(n) for body, n in zip(found, numbers, strict=True)], strayed

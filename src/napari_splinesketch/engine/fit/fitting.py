@@ -1,8 +1,9 @@
 """Fit a list of curves to a normalised image."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import jax
 import numpy as np
@@ -90,28 +91,31 @@ def fit_curves(
     *,
     moving: int | None = None,
     hold: Float[Array, "n 2K 2K"] | None = None,
-    first: Bool[Array, " n"] | None = None,
+    known: Mapping[int, Body] | None = None,
     beside: Sequence[Body] = (),
     report: Report | None = None,
 ) -> list[Body]:
     """Levenberg–Marquardt sweeps over all curves, from the parameters `theta`.
 
     Only the first `moving` curves move; of the others the appearance is fitted. Bodies `beside`
-    them stay as they are. With `first`, those curves are fitted in any case, and the others where
+    them stay as they are; so do those that are `known` to be where they start, by number, unless
     what they touch has moved. `hold` is the inverse covariance of the knots around where they
     start, px⁻², and `sweeps` the most evaluations of each curve in each sweep.
     """
-    n, knots = len(theta), (theta.shape[1] - len(GLOBALS)) // 2
+    n, knots, known = len(theta), (theta.shape[1] - len(GLOBALS)) // 2, known or {}
     pinned = np.arange(n) >= (n if moving is None else moving)
     hold = np.zeros((n, 2 * knots, 2 * knots)) if hold is None else hold.copy()
     hold[pinned] = const.PIN_PX**-2.0 * np.eye(2 * knots)
     widths = np.exp(theta[:, INDEX["log_width_0"] - len(GLOBALS)])
-    pixels = [around(seen, *one) for one in zip(lines_of(theta), widths, strict=True)]
+    pixels = [
+        known[i].pixels if i in known else around(seen, line, width)
+        for i, (line, width) in enumerate(zip(lines_of(theta), widths, strict=True))
+    ]
     meets = pad.touching(pixels)
     every = [*pixels, *(body.pixels for body in beside)]
     bands, shift, begin = pad.make_bands(seen.normal, every, theta, seen.half_width, priors, hold)
     fit = solver.start(begin, bands.values.shape[1])
-    for row, body in enumerate(beside, n):
+    for row, body in chain(known.items(), enumerate(beside, n)):
         fit.own[row, : len(body.own)] = body.own
     bands, fit, level, basis = jax.device_put(
         (bands, fit, pad.level(seen, priors, knots), pad.spline_basis(knots))
@@ -120,9 +124,9 @@ def fit_curves(
     def parameters() -> Float[Array, "n D"]:
         return np.asarray(fit.theta)[:n].astype(np.float64) + shift
 
-    first = np.ones(n, dtype=bool) if first is None else first
+    new, visits = ~np.isin(np.arange(n), list(known)), np.zeros(n, dtype=int)
     free = ~pinned | (meets & ~pinned).any(1)
-    pending = meets.any(1) | ~first
+    pending = meets.any(1) & new
     sweeps = sweeps if meets.any() else (sum(sweeps),)
     for turn, steps in enumerate((1, *sweeps)):
         visited = 0
@@ -138,13 +142,16 @@ def fit_curves(
                 share = (turn + visited / pending.sum()) / (1 + len(sweeps))
                 report(share, lambda: lines_of(parameters()))
         moved = pending & (np.asarray(fit.gain)[:n] > const.GAIN)
-        pending = (moved | (meets & moved).any(1)) & free if turn else first
+        visits += pending
+        pending = (moved | (meets & moved).any(1)) & free if turn else new
         if not pending.any():
             break
     found = parameters()
     own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
     return [
         Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
+        if visits[i]
+        else known[i]
         for i, p in enumerate(pixels)
     ]
 
