@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -108,6 +109,21 @@ def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_made(
     with pytest.raises(KeyboardInterrupt), atomic("a.csv"):
         pass
     assert os.listdir() == []
+
+
+def test_ctrl_c_leaves_nothing_as_the_temporary_folder_is_deleted(
+    inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rmtree = shutil.rmtree
+
+    def interrupted(*given: object, **options: object) -> None:
+        monkeypatch.setattr(shutil, "rmtree", rmtree)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write("a.csv")
+    assert os.listdir() == ["a.csv"]
 
 
 FULL: dict[str, Exception] = {

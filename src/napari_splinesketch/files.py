@@ -211,7 +211,10 @@ def _beside(target: Path) -> Iterator[Path]:
             folder.mkdir(0o700)
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:  # Ctrl-C may have come meanwhile
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
