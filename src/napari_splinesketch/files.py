@@ -54,11 +54,10 @@ def atomic(
         _refuse_existing(target)
     with _beside(target) as folder:
         temporary = folder / target.name
-        with _full_disk(target):
-            yield temporary
-            if durable:
-                with temporary.open("rb+") as file:
-                    os.fsync(file.fileno())
+        yield temporary
+        if durable:
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
         _hand_down(target, temporary)
         _publish(temporary, target, overwrite)
 
@@ -77,8 +76,7 @@ def atomic_folder(
     with _beside(target) as folder:
         temporary, old = folder / "new", folder / "old"
         temporary.mkdir()
-        with _full_disk(target):
-            yield temporary
+        yield temporary
         _hand_down(target, temporary)
         if not target.exists():
             temporary.rename(target)
@@ -207,9 +205,10 @@ def counted(number: int, thing: str) -> str:
 def _beside(target: Path) -> Iterator[Path]:
     folder = target.parent / f".{uuid4().hex}.part"
     try:
-        with _named(target):
-            folder.mkdir(0o700)
-        yield folder
+        with _full_disk(target):
+            with _named(target):
+                folder.mkdir(0o700)
+            yield folder
     finally:
         try:
             shutil.rmtree(folder, ignore_errors=True)
@@ -228,13 +227,14 @@ def _named(target: Path) -> Iterator[None]:
 
 @contextmanager
 def _full_disk(target: Path) -> Iterator[None]:
-    """Say what to do about a full disk, and which file it is about."""
+    """Say what to do about a full disk, and which file it is about, where that is not said yet."""
+    remedy = "no space left on the disk; make some and try again"
     try:
         yield
     except (OSError, RuntimeError) as error:
         number = getattr(error, "errno", None)
-        if number in FULL or any(words in str(error) for words in SAID_WHEN_FULL):
-            remedy = "no space left on the disk; make some and try again"
+        full = number in FULL or any(words in str(error) for words in SAID_WHEN_FULL)
+        if full and remedy not in str(error):
             raise OSError(number or errno.ENOSPC, remedy, str(target)) from error
         raise
 

@@ -252,14 +252,18 @@ def full(*arguments: object, **options: object) -> None:
     raise OSError(28, "No space left on device", "r.tif")
 
 
-def test_a_run_whose_second_output_failed_is_resumed(
-    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+def test_a_run_whose_last_output_failed_names_it_and_is_resumed(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     outputs = ("--masks", "m.tif", "--reconstruction", "r.tif")
 
     with monkeypatch.context() as patched:
         patched.setattr(refining, "write_reconstruction", full)
         assert refine(*outputs) == 2
+    assert f"{folder / 'r.tif'}: no space left on the disk; make some" in capsys.readouterr().err
     assert sorted(os.listdir(folder)) == ["film.tif", "labels.csv.partial", "sketches.csv"]
     assert refine(*outputs, "--resume") == 0
     assert len(engine.calls) == 3

@@ -42,7 +42,7 @@ def test_names_and_endings_are_unique() -> None:
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
 def test_a_format_does_what_it_says(form: Format) -> None:
-    path = f"a{form.suffix}"
+    path = Path(f"a{form.suffix}")
     if form.read is None:
         with pytest.raises(ValueError, match=f"{form.name} can be written only"):
             form.read_whole(path)

@@ -99,7 +99,7 @@ class Partial:
     def join(self, output: Path, frames: Iterable[int], scale: tuple[float, float] | None) -> None:
         """Write the tables of finished frames as one, without reading them into memory."""
         header = table.text(Labels(scale=scale)).encode()
-        with atomic(output) as temporary, temporary.open("xb") as file:
+        with output.open("xb") as file:
             file.write(header)
             for frame in frames:
                 with self.table(frame).open("rb") as part:

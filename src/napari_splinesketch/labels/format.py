@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from napari_splinesketch.engine.types import POINTS
-from napari_splinesketch.files import atomic, counted, printable, special
+from napari_splinesketch.files import counted, printable, special
 from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, Labels, in_frames
 
 LOSSES = {
@@ -244,17 +244,14 @@ class Format:
             numbers.append(labels[0].frame)
         return ByFrame(np.array(numbers[1:]), source.whole(()), lambda: opened().frames(read))
 
-    def write_whole(
-        self, path: str | os.PathLike[str], labels: AnyLabels, *, overwrite: bool = False
-    ) -> tuple[str, ...]:
-        """Write a file whole or not at all; returns what it has no place for."""
+    def write_whole(self, path: Path, labels: AnyLabels) -> tuple[str, ...]:
+        """Write a file that does not exist yet; returns what it has no place for."""
         if self.write is None:
             raise ValueError(f"{self.name} can be read only")
-        with atomic(path, overwrite=overwrite) as temporary:
-            self.write(temporary, labels)
-            lost = self._lost(labels)
-            if isinstance(labels, ByFrame):
-                labels.tell(1.0)
+        self.write(path, labels)
+        lost = self._lost(labels)
+        if isinstance(labels, ByFrame):
+            labels.tell(1.0)
         return lost
 
     def _lost(self, labels: AnyLabels) -> tuple[str, ...]:

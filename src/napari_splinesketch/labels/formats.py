@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from napari_splinesketch.engine.types import Curve, Refinement, Sketches
+from napari_splinesketch.files import atomic
 from napari_splinesketch.labels import (
     coco,
     geojson,
@@ -127,7 +128,9 @@ def write_labels(
         labels = Labels.from_curves(labels.curves, shape=labels.shape)
     elif not isinstance(labels, AnyLabels):
         labels = _of_one_frame(labels)
-    return writer_of(path).write_whole(path, labels, overwrite=overwrite)
+    writer = writer_of(path)
+    with atomic(path, overwrite=overwrite) as temporary:
+        return writer.write_whole(temporary, labels)
 
 
 def _of_one_frame(lines: Any) -> Labels:
