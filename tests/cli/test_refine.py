@@ -326,6 +326,28 @@ def test_a_frame_that_was_replaced_is_not_taken_for_finished(
     assert "frame 1 of frames is not the one that the interrupted run" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("shards", "chunk"), [(None, "c/1/0/0"), ((2, 40, 60), "c/0/0/0")])
+def test_a_later_frame_of_a_zarr_that_was_written_again_is_not_taken_for_finished(
+    folder: Path,
+    engine: FakeEngine,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    shards: tuple[int, ...] | None,
+    chunk: str,
+) -> None:
+    zarr = pytest.importorskip("zarr")
+    array = zarr.create_array("film.zarr", data=film(4), chunks=(1, 40, 60), shards=shards)
+    command = ["refine", "film.zarr", "sketches.csv", "-o", "labels.csv"]
+    interrupt_after_two(engine, monkeypatch)
+    assert main(command) == 130
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    array[1] = 7
+    later = time.time() + 10
+    os.utime(f"film.zarr/{chunk}", (later, later))
+    assert main([*command, "--resume"]) == 2
+    assert "frame 1 of film.zarr is not the one that" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("ending", [".coco.json", ".masks.tif"])
 def test_frames_of_two_sizes_have_no_common_size(
     folder: Path, engine: FakeEngine, capsys: pytest.CaptureFixture[str], ending: str

@@ -1,11 +1,12 @@
 """A run over the frames of an image: one loop, for any workers and any order."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
-from functools import partial
-from itertools import starmap
+from functools import cached_property, partial
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -157,8 +158,15 @@ class Run:
 
     def _is_newer(self, frame: int) -> bool:
         files, kept = self.images.files, self.partial.table(frame).stat()
-        file = files[frame] if files else Path(self.job.image)
+        file = files[frame] if files else self._newest
         return file.exists() and file.stat().st_mtime > kept.st_mtime
+
+    @cached_property
+    def _newest(self) -> Path:
+        """What was written last of the image: a Zarr has many files."""
+        image = Path(self.job.image)
+        every = filter(Path.exists, chain([image], image.rglob("*")))
+        return max(every, key=os.path.getmtime, default=image)
 
     def write(self, frames: Iterable[int], notes: Iterable[str] = ()) -> Outcome:
         """Write the labels of all frames, in rising order, however many; `notes` come first."""
