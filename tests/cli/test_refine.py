@@ -96,12 +96,18 @@ def test_the_last_word_on_the_pixel_size_is_the_user_s(folder: Path, engine: Fak
     assert read_labels("labels.csv").units == "mm"
 
 
-def test_the_image_s_own_pixel_size_is_written(folder: Path, engine: FakeEngine) -> None:
+def test_the_image_s_own_pixel_size_comes_before_that_of_the_sketches(
+    folder: Path, engine: FakeEngine
+) -> None:
     metadata = {"axes": "TYX", "unit": "um"}
     tifffile.imwrite("film.tif", film(4), imagej=True, resolution=(4, 2), metadata=metadata)
+    write_labels("sketches.csv", Labels((Label.from_sketch(LINE),), (2, 3), "nm"), overwrite=True)
     refine()
     labels = read_labels("labels.csv")
     assert (labels.scale, labels.units) == ((0.5, 0.25), "µm")
+    refine("--pixel-size", "0.7", "--overwrite")
+    labels = read_labels("labels.csv")
+    assert (labels.scale, labels.units) == ((0.7, 0.7), "µm"), "the size is the user's"
 
 
 @pytest.mark.parametrize(("size", "unit"), [(1e40, "m"), (2.0, "")])
