@@ -141,7 +141,7 @@ MECHANISMS: dict[str, Callable[[], None]] = {
     "sketches without a body are kept": _set(constants, UNSEEN_MOST=2.0),
     "ends are held to their paths": _set(fit_scene, _ended=lambda *_: None),
     "knots by the path": _set(fit_scene, knots_needed=lambda *_: 12),
-    "curves that touch take turns": _set(solver, sweep=partial(solver.sweep, together=128)),
+    "curves that touch take turns": _set(solver, sweep=partial(solver.sweep, together=16)),
     "careful strokes count as clicks": _set(finding, as_clicks=lambda sketch, *_: sketch),
     "clicked vertices are believed": _set(scoring, clicked=lambda _: False),
     "clicked vertices count by their number": _set(constants, CLICKED_WEIGHT=(6.0, 6.0)),
