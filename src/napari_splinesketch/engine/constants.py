@@ -108,8 +108,8 @@ GAP_FACING = 0.5  # least cosine between a gap and the free end on its other sid
 GAPS_AN_END = 3  # most gaps that are bridged from one free end (speed)
 # cosine of the sharpest turn at a node: skeletons kink at crossings:
 SHARPEST_TURN = np.cos(np.deg2rad(110))
-ROUTES_MOST = 1500  # routes that are looked at for each sketch (speed)
-ROUTE_STARTS = 6  # nodes from which routes of one sketch start (speed)
+ROUTES_MOST = 3000  # routes that are looked at for each sketch (speed)
+ROUTE_STARTS = 12  # nodes from which routes of one sketch start (speed)
 ROUTE_LENGTH = 0.05  # search cost of a half-width of route on the sketch
 ROUTE_UNSEEN = 0.3  # search cost of a half-width of route without evidence
 ROUTES_KEPT = 20  # routes that become candidates of a sketch (speed)
