@@ -96,7 +96,12 @@ def memory(names: list[str]) -> None:
 
 
 def first_calls(name: str) -> list[Point]:
-    """First calls with an empty compilation cache, with a full one, and for another shape."""
+    """First calls with an empty compilation cache, with a full one, and for another shape.
+
+    Modules are compiled to bytecode before, as they are where packages are installed by pip.
+    """
+    with tempfile.TemporaryDirectory() as cache:
+        _probe(name, "cold", [(1, SMALLEST)], repeats=0, cache=cache)
     with tempfile.TemporaryDirectory() as cache:
         scenes = [(1, SMALLEST), (2, SMALLEST), (1, 150)]
         cold = _probe(name, "cold", scenes[:1], repeats=3, cache=cache)
@@ -119,6 +124,7 @@ def _probe(
     paths = [_scene(bodies, side) for bodies, side in scenes]
     command = [sys.executable, str(Path(__file__).with_name("probe.py")), name, str(repeats)]
     environment = os.environ | ({"XDG_CACHE_HOME": cache} if cache else {})
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     done = subprocess.run(
         [*command, *map(str, paths)],
         env=environment,

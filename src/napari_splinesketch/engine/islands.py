@@ -150,9 +150,10 @@ def _posed(
         for pose, first in zip(poses, firsts, strict=True)
         if first == min(firsts)
     ]
-    drawn = [[line.tolist() for line in island.sketches] for island in found]
-    best = [island for island, own in zip(found, drawn, strict=True) if own == min(drawn)]
-    return best[0] if len(best) < 2 else min(best, key=lambda one: one.pose.cut(image).tobytes())
+    if len(found) > 1:
+        drawn = [[line.tolist() for line in island.sketches] for island in found]
+        found = [island for island, own in zip(found, drawn, strict=True) if own == min(drawn)]
+    return found[0] if len(found) < 2 else min(found, key=lambda one: one.pose.cut(image).tobytes())
 
 
 def _in_pose(lines: dict[int, Line], fixed: Sequence[Curve], pose: Pose) -> Island:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
 
 from napari_splinesketch.engine import constants as const
 from napari_splinesketch.engine import spline
@@ -161,26 +160,35 @@ def make_bands(
 
 def _beside(pixels: list[Int[Array, " m"]], n: int, m: int) -> Int[Array, "N M"]:
     """For every pixel of padded bands, where the next curve that sees it has it."""
-    every, at = np.concatenate(pixels), np.arange(n * m, dtype=np.int32)
+    at = np.arange(n * m, dtype=np.int32)
     mine = np.concatenate([i * m + np.arange(len(own)) for i, own in enumerate(pixels)])
-    order = np.argsort(every, kind="stable")
-    first = np.flatnonzero(np.diff(every[order], prepend=-1))
-    after = np.arange(1, len(every) + 1)
-    after[np.append(first, len(every))[1:] - 1] = first
-    at[mine[order]] = mine[order[after]]
+    at[mine] = mine[_ring(np.concatenate(pixels))]
     return at.reshape(n, m)
+
+
+def _ring(numbers: Int[Array, " N"]) -> Int[Array, " N"]:
+    """Where the same number comes next; after its last place its first."""
+    order = np.argsort(numbers, kind="stable")
+    first = np.flatnonzero(np.diff(numbers[order], prepend=-1))
+    after = np.arange(1, len(order) + 1)
+    after[np.append(first, len(order))[1:] - 1] = first
+    ring = np.empty(len(order), int)
+    ring[order] = order[after]
+    return ring
 
 
 def touching(pixels: list[Int[Array, " m"]]) -> Bool[Array, "n n"]:
     """Which bands share pixels with which others."""
-    if len(pixels) < 2:
-        return np.zeros((len(pixels), len(pixels)), dtype=bool)
-    number, ends = np.concatenate(pixels), np.cumsum([0, *map(len, pixels)])
-    number = np.unique(number, return_inverse=True)[1]
-    shape = len(pixels), 1 + number.max(initial=0)  # of bands without pixels SciPy cannot tell
-    there = csr_array((np.ones(len(number), np.float32), number, ends), shape)
-    shared = (there @ there.T).toarray() > 0
-    np.fill_diagonal(shared, False)
+    shared = np.zeros((len(pixels), len(pixels)), dtype=bool)
+    owner = np.repeat(np.arange(len(pixels)), [len(own) for own in pixels])
+    ring = _ring(np.concatenate(pixels)) if pixels else np.zeros(0, int)
+    mine = np.flatnonzero(ring != np.arange(len(ring)))
+    at = ring[mine]
+    while len(mine):
+        shared[owner[mine], owner[at]] = True
+        at = ring[at]
+        on = at != mine
+        mine, at = mine[on], at[on]
     return shared
 
 

@@ -124,12 +124,12 @@ def fit_curves(
     def parameters() -> Float[Array, "n D"]:
         return np.asarray(fit.theta)[:n].astype(np.float64) + shift
 
-    new, visits = ~np.isin(np.arange(n), list(known)), np.zeros(n, dtype=int)
+    new, visited = ~np.isin(np.arange(n), list(known)), np.zeros(n, dtype=bool)
     free = ~pinned | (meets & ~pinned).any(1)
     pending = meets.any(1) & new
     sweeps = sweeps if meets.any() else (sum(sweeps),)
     for turn, steps in enumerate((1, *sweeps)):
-        visited = 0
+        done = 0
         for chunk in _turns(np.flatnonzero(pending), meets & (turn > 0)):
             order = np.zeros(len(begin), np.int32)
             order[: len(chunk)] = chunk
@@ -137,12 +137,12 @@ def fit_curves(
             # GPUs round the factors of products to eleven bits unless they are told not to.
             with jax.enable_x64(False), jax.default_matmul_precision("highest"):
                 fit = solver.sweep(bands, level, fit, basis, order, *numbers)
-            visited += len(chunk)
+            done += len(chunk)
             if report:
-                share = (turn + visited / pending.sum()) / (1 + len(sweeps))
+                share = (turn + done / pending.sum()) / (1 + len(sweeps))
                 report(share, lambda: lines_of(parameters()))
         moved = pending & (np.asarray(fit.gain)[:n] > const.GAIN)
-        visits += pending
+        visited |= pending
         pending = (moved | (meets & moved).any(1)) & free if turn else new
         if not pending.any():
             break
@@ -150,7 +150,7 @@ def fit_curves(
     own, cost, hessian = (np.asarray(a) for a in (fit.own, fit.cost, fit.hessian))
     return [
         Body(found[i], p, own[i, : len(p)].copy(), float(cost[i]), hessian[i].copy())
-        if visits[i]
+        if visited[i]
         else known[i]
         for i, p in enumerate(pixels)
     ]
