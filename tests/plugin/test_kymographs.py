@@ -72,12 +72,13 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     for high in (2, 9):
         values = [v for _, some in frames.tickValues(-0.5, high, 120) for v in some]
         assert np.allclose(values, np.round(values)), "frames are whole"
-    controller.apply("Delete", replace(state, records=(first,)))
+    other = replace(first, id=9, frame=1, curve=moved)
+    controller.apply("Delete", replace(state, records=(first, other)))
     controller.selected = (0, first.id)
     assert not drawn(panel), "no other plot in its place"
-    panel.plotted.setCurrentIndex(0)
-    panel.plotted.activated.emit(0)
-    assert [plot.values.ndim for plot in drawn(panel)] == [1, 1]
+    controller.apply("Delete", replace(state, records=(first,)))
+    assert panel.plotted.isHidden()
+    assert [plot.values.ndim for plot in drawn(panel)] == [1, 1], "there is nothing else to choose"
 
 
 def test_the_panel_shows_a_body_over_time_where_there_are_planes_too(

@@ -251,7 +251,7 @@ class ReviewPanel(qt.QWidget):
         controller, ruler = self.controller, self.model.ruler
         self.table.show_selected(controller.selected)
         chosen, work = controller.selected_records(), controller.work
-        at = self.plotted.currentIndex()
+        at = self.plotted.currentIndex() * self.plotted.isVisibleTo(self)  # without it, along it
         if work is None or len(chosen) != 1:
             self.plots.show_plots()
         elif not at:
