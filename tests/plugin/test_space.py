@@ -201,6 +201,9 @@ def test_sketches_drawn_on_a_turned_image_land_under_the_mouse(
         ((5, 2), "ztyx", "1, z 1"),
         ((2, 5), None, "0, plane 3"),
         ((4, 1), "tzyx", "3"),
+        ((1, 5), "tzyx", "3"),
+        ((1, 5), None, "3"),
+        ((1, 1), "tzyx", "0"),
         ((), "yx", "0"),
     ],
 )

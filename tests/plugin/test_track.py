@@ -385,6 +385,20 @@ def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:
     assert not dock.track.buttons["track"].isEnabled()
 
 
+@pytest.mark.parametrize("labels", [None, ("t", "z", "y", "x")])
+def test_a_stack_at_a_single_time_is_tracked_along_its_planes(
+    viewer: Any, film: SplinesketchDock, labels: tuple[str, ...] | None
+) -> None:
+    viewer.layers.clear()
+    viewer.add_image(np.zeros((1, 3, 96, 128), np.float32), name="stack", axis_labels=labels)
+    lines = [np.insert(line - [1, 0, 0], 0, 0, axis=1) for line in LINES]
+    viewer.add_shapes(lines, shape_type="line", name="stack sketches")
+    refine(film)
+    click(film.track.buttons["track"])
+    over(film)
+    assert {frame for frame, _ in keys(film)} == {0, 1, 2}
+
+
 @pytest.mark.parametrize(
     ("labels", "there"), [(("t", "z", "y", "x"), [1, 4, 7]), (("z", "t", "y", "x"), [0, 1, 2])]
 )

@@ -144,16 +144,19 @@ class Times(NamedTuple):
 
 
 def times_of(image: Image | None) -> Times:
-    """Find the axis of time: the one called "t" or "time", or the first; without an image, any."""
+    """Find the axis of time, of those longer than 1: the one called "t" or "time", or the first.
+
+    Without an image, any.
+    """
     if image is None:
         return Times(2**31)
-    shape = frame_shape(image) or (1,)
+    shape = frame_shape(image)
     # napari numbers axes that have no name: -4.
     names = [name if name[-1:].isalpha() else "plane" for name in image.axis_labels]
     steps = [int(np.prod(shape[i + 1 :], dtype=int)) for i in range(len(shape))]
-    axes = [*zip(names, shape, steps, strict=False)]
+    axes = [axis for axis in zip(names, shape, steps, strict=False) if axis[1] > 1] or [("", 1, 1)]
     time = next((axis for axis in axes if axis[0].lower() in ("t", "time")), axes[0])
-    return Times(*time[1:], tuple([axis for axis in axes if axis is not time and axis[1] > 1]))
+    return Times(*time[1:], tuple([axis for axis in axes if axis is not time]))
 
 
 def size_of(image: Image) -> tuple[int, int]:
