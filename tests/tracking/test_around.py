@@ -17,7 +17,9 @@ def there(frame: int) -> dict[int, Curve]:
     return {7: curve(moved(LINE, 8.0 * (frame in WRONG), 0)), 3: curve(OTHER)}
 
 
-def fitted(frames: Sequence[Sequence[int]], given=lambda frame: NOTHING_GIVEN) -> tuple:
+def fitted(
+    frames: Sequence[Sequence[int]], given=lambda frame: NOTHING_GIVEN, line: np.ndarray = LINE
+) -> tuple:
     reads: list[int] = []
 
     def read(frame: int, lines: Sequence[np.ndarray]) -> View:
@@ -25,7 +27,7 @@ def fitted(frames: Sequence[Sequence[int]], given=lambda frame: NOTHING_GIVEN) -
         return View(BRIGHT)
 
     refine = FakeRefine((0, 0))
-    start = [Body(7, ((15, curve(LINE)),))]
+    start = [Body(7, ((15, curve(line)),))]
     results = list(around(frames, start, read, there, given=given, refine=refine))
     assert all(len(lines) == 1 for lines, _ in refine.calls), "only the corrected body is fitted"
     return reads, results
@@ -47,3 +49,10 @@ def test_nothing_is_carried_over_what_was_decided() -> None:
     reads, results = fitted([range(16, 60)], given)
     assert reads == [16]
     assert [result.frame for result in results] == [16]
+
+
+def test_a_body_that_was_turned_round_is_turned_in_all_frames() -> None:
+    _, results = fitted([range(16, 24), range(14, 9, -1)], line=LINE[::-1])
+    assert [result.frame for result in results] == [*range(16, 24), *range(14, 9, -1)]
+    for result in results:
+        np.testing.assert_allclose(result.curves[0].points[0], LINE[-1])

@@ -6,7 +6,7 @@ from typing import Any
 
 from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.tracking.bodies import Body
-from napari_splinesketch.tracking.drift import distance, turned
+from napari_splinesketch.tracking.drift import distance
 from napari_splinesketch.tracking.follow import follow
 from napari_splinesketch.tracking.types import Given, Read, Tracked
 
@@ -65,12 +65,11 @@ def around(
 
 
 def _same(result: Tracked, before: Mapping[int, Curve], names: set[int]) -> bool:
-    """Whether all bodies are where they were."""
+    """Whether all bodies are where they were, from head to tail."""
     found, wanted = result.by_id, names - set(result.given)
     return all(
         i in found
         and i in before
-        and distance(turned(found[i].points, before[i].points), before[i].points)
-        < SAME * before[i].typical_half_width
+        and distance(found[i].points, before[i].points) < SAME * before[i].typical_half_width
         for i in wanted
     )
