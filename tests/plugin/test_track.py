@@ -15,6 +15,7 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.types import Refinement
 from napari_splinesketch.plugin import commands, engine
 from napari_splinesketch.plugin.dock import SplinesketchDock
+from napari_splinesketch.plugin.files import labels_of_layer
 from napari_splinesketch.plugin.films import Tracking, bodies_at, confirmed, taken_in
 from napari_splinesketch.plugin.layers.space import times_of
 from napari_splinesketch.plugin.model import Record, State
@@ -426,6 +427,13 @@ def test_curves_are_carried_along_time_in_the_plane_in_view(
     assert film.curve.title.text() == f"Curve 1 of frame {plane}: good"
     assert times_of(film.controller.image).place(first.frame) == plane
     assert {frame for frame, _ in keys(film)} == set(there)
+    data, meta, _ = viewer.layers["film curves"].as_layer_data_tuple()
+    saved = labels_of_layer(data, meta).labels
+    assert [(label.frame, label.curve) for label in saved] == keys(film)
+    assert {label.status for label in saved} == {"good"}
+    data, meta, _ = viewer.layers["film sketches"].as_layer_data_tuple()
+    with pytest.raises(ValueError, match="have a time and a plane"):
+        labels_of_layer(data, meta)
     click(film.track.buttons["next_frame"])
     over(film)
     assert film.controller.actions.problem("next_frame") == "This is the last frame"

@@ -30,7 +30,7 @@ from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, t
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
 from napari_splinesketch.labels.types import in_frames
 from napari_splinesketch.plugin import choices, words
-from napari_splinesketch.plugin.layers import looks, pictures
+from napari_splinesketch.plugin.layers import looks, pictures, space
 from napari_splinesketch.plugin.layers.drawn import COLOUR, LINES, SUFFIX, line_style
 from napari_splinesketch.plugin.layers.space import in_stack, pixel_size, placement, size_of
 from napari_splinesketch.plugin.model import Record, prints_of
@@ -143,11 +143,16 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
     drawn = dict(zip(known, thinned([each.points for each in curves]), strict=True))
     numbers = map(int, meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
+    frames = [int(np.round(line[0, 0])) if line.shape[1] > 2 else 0 for line in shapes]
+    if owner and shapes:
+        frames = space.frame_numbers(owner.image, np.array([line[0] for line in shapes]))
+    elif any(line.shape[1] > 3 for line in shapes):
+        many = "These lines have a time and a plane; labels have one number for both"
+        raise ValueError(f"{many}. Refine and Export them, or save them as napari's own CSV.")
     labels = []
-    for line, kind, number in zip(shapes, meta["shape_type"], numbers, strict=True):
+    for line, kind, number, frame in zip(shapes, meta["shape_type"], numbers, frames, strict=True):
         if kind not in LINES:
             continue
-        frame = int(np.round(line[0, 0])) if line.shape[1] > 2 else 0
         points = np.asarray(line[:, -2:])
         key = frame, number
         # The curve's own points or those that are drawn, in the single precision of Shapes layers.
