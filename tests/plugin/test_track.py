@@ -131,6 +131,17 @@ def test_to_the_end_is_one_step_and_leaves_alone_what_was_decided(
     assert {(r.frame, r.id): r.curve for r in controller.records()} == before
 
 
+def test_curves_that_were_deleted_are_not_counted(film: SplinesketchDock, fake: FakeEngine) -> None:
+    fake.changes = {0: {"half_width": np.full(100, 9.0)}}
+    click(film.track.buttons["track"])
+    over(film)
+    assert "2 curves there. 5 curves to check for drift." in film.notice.text()
+    film.controller.delete((4, 1), (5, 1))
+    click(film.track.buttons["track"])
+    over(film)
+    assert "1 curve there. 3 curves to check for drift." in film.notice.text()
+
+
 def test_cancelling_keeps_what_is_done(
     viewer: Any, film: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -211,8 +211,11 @@ class Tracking:
                 before = self._taken.get(one.frame)
                 there = replace(one, frame=self.times[one.frame])
                 state = taken_in(state, there, before.ids if before else ())
-                # The pictures of a long film would fill the memory.
-                self._taken[one.frame] = replace(one, view=None, refinement=None)
+                # Not what was deleted there; and the pictures of a long film would fill the memory.
+                curves = {n: c for n, c in one.by_id.items() if (there.frame, n) in state.by_key}
+                drifting = one.drifting & curves.keys()
+                known = replace(one, by_id=curves, drifting=drifting, view=None, refinement=None)
+                self._taken[one.frame] = known
             controller.apply("" if again else what, state, work=work)
 
     def over(self, outcome: object = None) -> None:
