@@ -29,6 +29,7 @@ EDITED = record(1, A, edited=True)
 FAILED = replace(OPEN, curve=replace(OPEN.curve, status="failed"))
 PIECE = record(9, D, drawn=False)
 CARRIED = State((PIECE, replace(PIECE, frame=1)))
+DOUBTED = CARRIED.with_records(replace(PIECE, curve=replace(PIECE.curve, status="check")))
 DELETED = State(deleted=(OPEN,))
 
 Case = tuple[State, list[np.ndarray], Scope, dict[str, Any], list[int], int, int]
@@ -47,7 +48,7 @@ CASES: dict[str, Case] = {
     "deleted, all": (DELETED, [A, B], "all", {}, [2], 0, 0),
     "deleted, then changed": (DELETED, [A + 3], "new", {}, [1], 0, 0),
     "deleted, then selected": (DELETED, [A], "selected", {"chosen": [0]}, [1], 0, 0),
-    "over one that was carried here": (CARRIED, [D + 3], "new", {}, [9], 0, 0),
+    "over one that was carried here": (CARRIED, [D + 2], "new", {}, [9], 0, 0),
     "over one that was carried here and deleted": (
         CARRIED.without([(0, 9)]), [D + 3], "new", {}, [9], 0, 0,
     ),
@@ -55,6 +56,15 @@ CASES: dict[str, Case] = {
         CARRIED.without([(0, 9)]), [A], "new", {}, [10], 0, 0,
     ),
     "beside one that was carried here": (CARRIED, [A], "new", {}, [10], 1, 0),
+    "over a body that touches one that was carried here": (
+        CARRIED, [D + 4], "new", {}, [10], 1, 0,
+    ),
+    "off one that was carried here and is to be checked": (
+        DOUBTED, [D + 9], "new", {}, [9], 0, 0,
+    ),
+    "off one that was carried here and deleted": (
+        CARRIED.without([(0, 9)]), [D + 9], "new", {}, [9], 0, 0,
+    ),
     "a straight line over one that bends": (
         State((record(1, BENT),)), [BENT, BENT[[-1, 0]] + 1], "new", {}, [1], 0, 0,
     ),
@@ -128,6 +138,6 @@ def test_a_curve_that_was_turned_stays_so() -> None:
 
 
 def test_a_line_over_a_curve_from_another_frame_runs_as_that_does() -> None:
-    (target,) = make_plan(CARRIED, 0, Drawn((D[::-1] + 3,)), "new").targets
-    np.testing.assert_array_equal(target.start, D + 3)
-    np.testing.assert_array_equal(target.sketch, D[::-1] + 3)
+    (target,) = make_plan(CARRIED, 0, Drawn((D[::-1] + 2,)), "new").targets
+    np.testing.assert_array_equal(target.start, D + 2)
+    np.testing.assert_array_equal(target.sketch, D[::-1] + 2)

@@ -29,7 +29,7 @@ SAME = 2  # decimals of a pixel to which a line is the same as before
 SAMPLES = 16  # points at which two lines are compared
 # A line is over the body of a curve that it lies so near to, in half-widths on average, and is as
 # long as but for a factor: lines over bodies that touch are two apart.
-WITHIN, LIKE = 1.25, 0.6
+WITHIN, LIKE, APART = 1.25, 0.6, 2.0
 LEAST = 1.5  # half-width that counts at least, px: a hand is no steadier
 SAME_BODY = 0.25  # lengths of the shorter of two lines over one body, at most, between them
 STEPS = 200  # that are remembered, at most
@@ -144,15 +144,24 @@ def print_of_sketch(record: Record) -> bytes:
     return prints_of([record.sketch])[0]
 
 
-def identify(lines: Sequence[Line], known: Sequence[Record], others: Iterable[Record]) -> list[int]:
+def identify(
+    lines: Sequence[Line],
+    known: Sequence[Record],
+    others: Iterable[Record],
+    sure: Collection[int] = (),
+) -> list[int]:
     """Give each sketch of a frame, px, the number it had before, or one that nobody has.
 
-    It is recognised while it lies, on average, within half of its length of where it was.
+    It is recognised while it lies, on average, within half of its length of where it was; of curves
+    that are `sure`, nearer than a body beside it can be.
     """
     ids = [0] * len(lines)
     if known and lines:
         reach = lengths_of(lines)[:, None] / 2
         distance = _distances(lines, [record.sketch for record in known])
+        widths = [np.fmax(r.curve.typical_half_width, LEAST) for r in known]
+        far = [APART * w if r.id in sure else np.inf for r, w in zip(known, widths, strict=True)]
+        distance[distance >= far] = np.inf
         for i, j in zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True):
             if distance[i, j] < reach[i]:
                 ids[i] = known[j].id

@@ -112,12 +112,13 @@ def _matched(
     taken = set(found)
     rest = [line for line, number in zip(lines, found, strict=True) if not number]
     # A line over a curve that was carried here from another frame puts that one right, also where
-    # it was deleted.
+    # it was deleted; but beside a good one there may be another body.
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
     known = (*gone, *(r for r in here if not r.decided))
     carried = [r for r in known if r.id in elsewhere and not r.drawn]
     left = [record for record in (*drawn, *carried) if record.id not in taken]
-    numbers = iter(model.identify(rest, left, (*state.records, *state.deleted)))
+    sure = {r.id for r in here if not r.drawn and r.curve.status == "good"}
+    numbers = iter(model.identify(rest, left, (*state.records, *state.deleted), sure))
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
 
