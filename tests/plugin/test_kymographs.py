@@ -72,6 +72,10 @@ def test_the_panel_shows_the_selected_body_over_the_frames(
     for high in (2, 9):
         values = [v for _, some in frames.tickValues(-0.5, high, 120) for v in some]
         assert np.allclose(values, np.round(values)), "frames are whole"
+    controller.apply("Delete", replace(state, records=(first, replace(first, frame=3))))
+    controller.selected = (0, first.id)
+    until(lambda: np.isnan(drawn(panel)[1].values).all(), 5)  # no speed is known, nor warned of
+    QTest.qWait(100)
     other = replace(first, id=9, frame=1, curve=moved)
     controller.apply("Delete", replace(state, records=(first, other)))
     controller.selected = (0, first.id)

@@ -160,7 +160,7 @@ class CurvePlots(pg.GraphicsLayoutWidget):
         plot, (first, last) = self._add_plot(made), made.frames
         colours = SIGNED if made.signed else RAMP
         ramp = pg.ColorMap(np.linspace(0, 1, len(colours)), colours)
-        image = pg.ImageItem(made.values, axisOrder="row-major")
+        image = pg.ImageItem(made.values, axisOrder="row-major", levels=made.span)
         image.setRect(QRectF(0, first - 0.5, made.distance[-1], last - first + 1))
         plot.addItem(image)
         bar = plot.addColorBar(image, colorMap=ramp, values=made.span, interactive=False, width=8)
