@@ -397,6 +397,13 @@ def test_buttons_say_why_not(viewer: Any, dock: SplinesketchDock) -> None:
     assert not dock.track.buttons["track"].isEnabled()
 
 
+def test_a_frame_of_rejected_curves_is_not_called_empty(film: SplinesketchDock) -> None:
+    film.controller.review("rejected", (1, 1), (1, 2))
+    for button in film.track.buttons.values():
+        assert not button.isEnabled()
+    assert "are rejected or failed: redraw one" in film.track.buttons["track"].toolTip()
+
+
 @pytest.mark.parametrize("labels", [None, ("t", "z", "y", "x")])
 def test_a_stack_at_a_single_time_is_tracked_along_its_planes(
     viewer: Any, film: SplinesketchDock, labels: tuple[str, ...] | None

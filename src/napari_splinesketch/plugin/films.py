@@ -24,6 +24,7 @@ from napari_splinesketch.tracking.window import UNDECIDED
 if TYPE_CHECKING:
     from napari_splinesketch.plugin.controller import Controller
 
+NOT_REFINED = "There are no curves in this frame: refine it first"
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
 NOT_TRACKED = "The frames beside have no tracked curve of what you drew or corrected here"
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
@@ -103,8 +104,9 @@ def tracking_problem(c: Controller, way: int) -> str:
         return problem
     if c.frame == space.times_of(c.image).of(c.frame)[min(-way, 0)]:
         return "This is the last frame" if way > 0 else "This is the first frame"
-    known = any(record.usable for record in c.records(c.frame))
-    return "" if known else "There are no curves in this frame: refine it first"
+    here = c.records(c.frame)
+    none = "All curves of this frame are rejected or failed: redraw one" if here else NOT_REFINED
+    return "" if any(record.usable for record in here) else none
 
 
 def track(c: Controller, way: int, most: int | None = None) -> None:
