@@ -142,6 +142,21 @@ def test_curves_that_were_deleted_are_not_counted(film: SplinesketchDock, fake: 
     assert "1 curve there. 3 curves to check for drift." in film.notice.text()
 
 
+def test_what_is_said_of_curves_is_theirs_though_their_drawing_was_overtaken(
+    film: SplinesketchDock,
+) -> None:
+    work = film.controller.work
+    assert work is not None
+    first = work.records[0]
+    other = replace(first, frame=3, curve=replace(first.curve))
+    work.history.apply("Track", work.state.with_records(other))
+    slot = work.slots["curves"]
+    next(slot.update())  # its line is there, and another frame comes
+    for _ in slot.update():
+        pass
+    assert slot.layer.features["frame"].tolist() == [1, 1, 3]
+
+
 def test_cancelling_keeps_what_is_done(
     viewer: Any, film: SplinesketchDock, fake: FakeEngine
 ) -> None:

@@ -34,6 +34,7 @@ class CurveLines(Slot):
     """A line for each curve: those of curves that are gone go, and new ones come."""
 
     _shown: Sequence[model.Record] = ()  # in the order of the layer, unless that was made since
+    _untold = False  # its features are not those of what is shown: others took the place of steps
 
     def update(self) -> Iterator[None]:
         """Bring it in step with what is known; some lines come at each step."""
@@ -47,6 +48,7 @@ class CurveLines(Slot):
             layer.remove(sorted(gone))
         self._shown = [before[i] for i in kept]
         fresh = [record for record in records if record.curve not in there]
+        self._untold |= bool(gone or fresh)
         curves = [record.curve for record in fresh]
         image = self.work.image
         # Worked out when they are added.
@@ -66,10 +68,10 @@ class CurveLines(Slot):
                 looks.outline(curve)
             yield
         known = [wanted[record.curve] for record in self._shown]
-        if gone or fresh or known != self._shown or layer.features.empty:
+        if self._untold or known != self._shown or layer.features.empty:
             beside = columns.beside_of(known, space.times_of(image))
             layer.features = columns.features(known, beside=beside)
-            self._shown = known
+            self._shown, self._untold = known, False
         colours = columns.colours_of(known, look)
         if not np.allclose(layer.edge_color, colours):
             layer.edge_color = colours
