@@ -11,7 +11,7 @@ from napari_splinesketch.plugin.layers.drawn import FADED
 from napari_splinesketch.plugin.words import to_do
 
 from .bench import SOON, bench
-from .fakes import FakeEngine
+from .fakes import FakeEngine, as_drawn
 from .hand import QTest, canvas, canvas_point, choose, click, draw, fit_view, refine, until
 
 LINES = [np.array([[20.0, 20], [20, 60]]), np.array([[50.0, 30], [60, 70], [80, 80]])]
@@ -128,6 +128,30 @@ def test_a_path_that_is_given_up_leaves_nothing_behind(
     assert dock.results.text() == "3 good"
     assert "could not be shown" not in dock.notice.text()
     until(lambda: np.allclose(layer.edge_color[:3, 3], FADED), 20)
+
+
+def test_what_is_decided_while_curves_are_refined_stays(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.image()
+        made.sketches([np.array([[y, 20.0], [y, 60]]) for y in (10.0, 30, 50, 70)])
+        made.refine()
+        fake.curve = lambda line, **how: as_drawn(line + 1, **how)
+        fake.go.clear()
+        c = made.controller
+        c.refine("all")
+        c.review("accepted", (0, 1))
+        c.review("rejected", (0, 2))
+        c.delete((0, 3))
+        decided = c.state
+        fake.go.set()
+        made.rest()
+        assert c.records()[:2] == decided.records[:2]
+        assert c.state.deleted == decided.deleted
+        assert [record.curve.points[0, 0] for record in c.records()] == [10, 30, 71]
+        assert c.notice.text.endswith(", without 3 curves that you decided on.")
+        assert c.steps.done == "Refine curve 4"
+        c.undo()
+        assert c.state is decided
 
 
 def test_a_line_that_is_being_drawn_waits_until_it_is_finished(qapp: Any, fake: FakeEngine) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from napari_splinesketch.plugin import engine, files, films, knots, words
 from napari_splinesketch.plugin.commands import RUNNING, Commands, pick, worst_first
 from napari_splinesketch.plugin.keeper import Keeper, Kind
 from napari_splinesketch.plugin.layers import drawn, pictures, results, space
-from napari_splinesketch.plugin.model import History, Record, Refined, key_of
+from napari_splinesketch.plugin.model import History, Key, Record, Refined, key_of
 from napari_splinesketch.plugin.plan import Plan, Scope, make_plan
 
 SAVING = "Saving"
@@ -108,7 +108,8 @@ class Controller(Keeper):
         def see(now: Progress) -> object:
             return now.centrelines and work.move(wanted.frame, now.centrelines)
 
-        self.start(run, partial(self._on_refined, work, wanted), "Refining", see, on=work)
+        done = partial(self._on_refined, work, wanted, work.state.by_key)
+        self.start(run, done, "Refining", see, on=work)
 
     def start(
         self,
@@ -289,21 +290,28 @@ class Controller(Keeper):
         _log.error("The results could not be shown", exc_info=error)
         self.finish(f"The results could not be shown. {error}", "failed")
 
-    def _on_refined(self, work: results.Work, plan: Plan, refined: Refined) -> None:
-        ids = [target.id for target in plan.targets]
+    def _on_refined(
+        self, work: results.Work, plan: Plan, known: Mapping[Key, Record], refined: Refined
+    ) -> None:
+        """Take over the curves that nobody has reviewed or deleted meanwhile: `known` before."""
+        ids, now = [target.id for target in plan.targets], work.state.by_key
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         pairs = zip(plan.targets, curves, strict=True)
         fresh = [
             Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn, corrected=t.corrected)
             for t, curve in pairs
+            if now.get((plan.frame, t.id)) is known.get((plan.frame, t.id))
         ]
-        what = f"Refine {words.curves([key_of(record) for record in fresh])}"
-        state = work.state.set_aside([(plan.frame, t.id) for t in plan.targets if t.again])
+        keys, left = list(map(key_of, fresh)), len(ids) - len(fresh)
+        without = f", without {counted(left, 'curve')} that you decided on" if left else ""
+        what = f"Refine {words.curves(keys)}" if keys else ""
+        again = {(plan.frame, target.id) for target in plan.targets if target.again}
+        state = work.state.set_aside(again.intersection(keys))
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
             waited = perf_counter() - self._began
-            self.finish(f"Refined {counted(len(fresh), 'curve')} in {waited:.1f} s.")
+            self.finish(f"Refined {counted(len(fresh), 'curve')} in {waited:.1f} s{without}.")
             self._refine_at_once()
 
         self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
