@@ -117,6 +117,17 @@ def test_where_it_begins() -> None:
     assert not target.new
 
 
+@pytest.mark.parametrize("scope", ["selected", "all"])
+def test_what_was_corrected_goes_on_from_there(scope: Scope) -> None:
+    moved = replace(OPEN, curve=as_drawn(A + 5), corrected=True)
+    (target,) = make_plan(State((moved,)), 0, Drawn((A,)), scope, selection=[(0, 1)]).targets
+    np.testing.assert_array_equal(target.start, moved.curve.points)
+    assert target.corrected, "and will once more"
+    gone = State((moved,)).without([(0, 1)])
+    (target,) = make_plan(gone, 0, Drawn((A,)), "selected", chosen=[0]).targets
+    np.testing.assert_array_equal(target.start, A, "its line was asked for")
+
+
 def test_curves_whose_line_is_gone_are_named() -> None:
     assert make_plan(State((OPEN, PIECE)), 0, Drawn(), "new").orphans == (1,)
     elsewhere = replace(OPEN, frame=4)

@@ -43,7 +43,8 @@ class Command:
 
 
 def _flipped(record: Record) -> Record:
-    return replace(record, curve=editing.flipped(record.curve), corrected=True)
+    shaped = record.corrected or not record.drawn
+    return replace(record, curve=editing.flipped(record.curve), corrected=shaped)
 
 
 def _split(c: Controller, record: Record) -> list[Record]:

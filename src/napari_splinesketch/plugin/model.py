@@ -67,7 +67,7 @@ class Record:
     locked: bool = False  # stays as it is
     drawn: bool = True  # the sketch is a line of the user's, not what another curve left
     edited: bool = False  # changed by the user since
-    corrected: bool = False  # the same, and refined from there or only turned round
+    corrected: bool = False  # the same, and refined from there; or turned round, where not drawn
 
     @property
     def by_hand(self) -> bool:

@@ -68,15 +68,17 @@ def make_plan(
     for i, number in (*found, *alone):
         known, kept = by_id.get(number), i < 0 or same[i]
         asked = i in chosen or (scope != "new" and (frame, number) in selection)
+        mine = known is not None and (known.edited or known.corrected)  # shaped by hand
         if not (asked or (not chosen and _wanted(scope, known, kept, number in deleted))):
             continue
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
         elif known is not None and i < 0:
-            start, mine = known.curve.points, known.edited or known.corrected
+            start = known.curve.points
             targets[number] = Target(number, known.sketch, start, False, known.drawn, False, mine)
-        elif known is not None and known.edited and kept:
-            targets[number] = Target(number, lines[i], known.curve.points, new=False)
+        elif known is not None and mine and kept and number not in deleted:
+            start = known.curve.points
+            targets[number] = Target(number, lines[i], start, new=False, corrected=True)
         else:
             start = lines[i]
             if known is not None and (kept or not known.drawn):
