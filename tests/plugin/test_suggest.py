@@ -2,6 +2,7 @@
 
 import threading
 from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -240,6 +241,27 @@ def test_the_slider_is_no_part_of_a_step_in_another_frame(
     until(lambda: not dock.controller.drawing.runs, 20)
     click(dock.undo)
     until(lambda: layer.nshapes == first, 20)
+
+
+def test_the_slider_is_followed_when_what_runs_has_ended(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = [np.array([[10.0 * i, 5], [10.0 * i, 60]]) for i in range(1, 5)]
+    found = SimpleNamespace(choose=lambda some: lines[: int(4 * some)])
+    monkeypatch.setattr(engine, "suggest", lambda *task: found)
+    with bench() as made:
+        made.image()
+        layer, c = made.sketches([]), made.controller
+        c.suggestions.suggest()
+        made.rest()
+        fake.go.clear()
+        c.refine()
+        c.suggestions.change_sensitivity(1.0)
+        QTest.qWait(100)
+        assert layer.nshapes == 2
+        fake.go.set()
+        until(lambda: layer.nshapes == 4, SOON)
+        assert len(c.records()) == 2
 
 
 def test_the_slider_changes_nothing_in_a_frame_that_is_not_in_view(

@@ -61,7 +61,7 @@ class Suggestions:
         c.start(look, partial(self._on_suggested, work, frame), "Suggesting", on=work)
 
     def change_sensitivity(self, value: float) -> None:
-        """Suggest other lines in the place of the last ones, soon."""
+        """Suggest other lines in the place of the last ones, soon, or when nothing runs."""
         self.sensitivity = value
         self._soon()
 
@@ -71,7 +71,9 @@ class Suggestions:
 
     def _choose(self) -> None:
         c = self._controller
-        if self._last and self._last[:2] == (c.work, c.frame) and not c.progress:
+        if c.progress:
+            self._soon()
+        elif self._last and self._last[:2] == (c.work, c.frame):
             self._put(c.tell)
 
     def _put(self, tell: Callable[[str], None], *, first: bool = False) -> None:
