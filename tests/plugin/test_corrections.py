@@ -347,6 +347,24 @@ def test_undo_says_what_it_took_back_though_it_puts_the_knots_away(
         assert made.controller.notice.text == "Undone: refine 2 curves."
 
 
+def test_knots_that_were_only_looked_at_leave_what_can_be_redone(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        controller.selected = 0, 1
+        controller.toggle_knots()
+        layer: Any = made.viewer.layers.selection.active
+        layer.data = layer.data + 3.0
+        controller.toggle_knots()
+        controller.undo()
+        controller.toggle_knots()
+        assert controller.knots
+        controller.knots.discard()
+        assert controller.steps.undone == "Move knots of curve 1"
+
+
 def test_knots_are_put_away_whatever_is_selected(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()

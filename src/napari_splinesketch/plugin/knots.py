@@ -35,7 +35,7 @@ class KnotEditing:
     def __init__(self, controller: Controller, work: Work, record: Record):
         viewer, layers = controller.viewer, controller.viewer.layers
         self.number, self._key, self._begun = record.id, key_of(record), record
-        self._step = f"Move knots of curve {record.id}"
+        self._step, self._moved = f"Move knots of curve {record.id}", False
         self._controller, self._work, self._before = controller, work, work.state
         self._active = layers.selection.active
         # Later: napari is still busy with the edit that it tells of.
@@ -92,7 +92,7 @@ class KnotEditing:
         self._soon.cancel()
         while history.done == self._step and history.value is not self._before:
             history.undo()
-        if history.undone == self._step:
+        if self._moved and history.undone == self._step:
             history.amend(history.value)  # lets nothing be done again
         self.close()
         self._controller.show(self._work)
@@ -137,7 +137,7 @@ class KnotEditing:
         knots = np.array(layer.data[:, -2:], dtype=float)
         before = len(record.curve.knots)
         if min(FEWEST, before) <= len(knots) <= before:
-            fresh = commands.edited(record, moved(record.curve, knots))
+            fresh, self._moved = commands.edited(record, moved(record.curve, knots)), True
             c.apply(self._step, self._work.state.with_records(fresh), work=self._work)
             c.tell(HELP, "none")
         else:
