@@ -243,6 +243,30 @@ def test_the_slider_is_no_part_of_a_step_in_another_frame(
     until(lambda: layer.nshapes == first, 20)
 
 
+def test_suggested_lines_are_not_refined_as_if_they_were_drawn(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = [np.array([[10.0 * i, 5], [10.0 * i, 60]]) for i in range(1, 5)]
+    found = SimpleNamespace(choose=lambda some: lines[: int(4 * some)])
+    monkeypatch.setattr(engine, "suggest", lambda *task: found)
+    with bench() as made:
+        made.image()
+        layer, c = made.sketches([]), made.controller
+        c.toggle_at_once()
+        c.suggestions.suggest()
+        made.rest()
+        c.suggestions.change_sensitivity(1.0)
+        until(lambda: layer.nshapes == 4, SOON)
+        c.undo()
+        until(lambda: not layer.nshapes, SOON)
+        c.redo()
+        until(lambda: layer.nshapes == 4, SOON)
+        QTest.qWait(50)
+        assert not fake.calls
+        layer.add_paths([np.array([[80.0, 5], [80, 60]])])
+        until(lambda: c.records(), SOON)
+
+
 def test_the_slider_is_followed_when_what_runs_has_ended(
     qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -318,13 +318,13 @@ class Controller(Keeper):
 
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""
-        image, layer = self.image, self.sketches
+        image, layer, work = self.image, self.sketches, self.work
         if layer:
             drawn.forget_given_up(layer)
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)
-        else:
+        elif work and work.sketches.nshapes - 1 not in work.positions(work.suggested):
             self._refine_at_once()
 
     def _refine_at_once(self) -> None:

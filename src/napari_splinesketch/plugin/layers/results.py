@@ -118,7 +118,7 @@ class Work:
         self.history: model.History[model.State] = model.History(model.State(), model.bytes_beside)
         self.look: columns.Look = ("status", space.Ruler())  # what the colours of curves say
         self.moving: list[tuple[int, model.Line]] = []
-        self._suggested: dict[model.Marked, np.ndarray] = {}
+        self.suggested: dict[model.Marked, np.ndarray] = {}  # as they were drawn
         self.slots = {role: Slot(role, maker, self) for role, maker in MAKERS.items()}
         self.slots["curves"] = self._lines = CurveLines("curves", MAKERS["curves"], self)
         self.behind = False  # not all is shown: napari cannot add flat shapes to a view in 3-D
@@ -262,34 +262,34 @@ class Work:
 
     def positions(self, marked: Collection[model.Marked]) -> list[int]:
         """Say where among the sketches lines are that were suggested, and not touched."""
-        prints = {self._suggested[one].tobytes() for one in marked if one in self._suggested}
+        prints = {self.suggested[one].tobytes() for one in marked if one in self.suggested}
         data = self.sketches.data if prints else ()
         return [i for i, shape in enumerate(data) if np.float32(shape).tobytes() in prints]
 
     def touched(self) -> set[model.Marked]:
         """Say which of the suggested lines were drawn, and are there no longer as they were."""
         data = {np.float32(shape).tobytes() for shape in self.sketches.data}
-        return {one for one, line in self._suggested.items() if line.tobytes() not in data}
+        return {one for one, line in self.suggested.items() if line.tobytes() not in data}
 
     def _suggest(self) -> Iterator[object]:
         layer, wanted = self.sketches, self.state.suggestions
-        if gone := self._suggested.keys() - wanted:
+        if gone := self.suggested.keys() - wanted:
             layer.remove([])  # ends what is being drawn, by its number that is soon another's
         old = self.positions(gone)
         for one in gone:
-            del self._suggested[one]
+            del self.suggested[one]
         if old:
             layer.selected_data = set()
             layer.remove(old)
             yield
-        if fresh := [one for one in wanted if one not in self._suggested]:
+        if fresh := [one for one in wanted if one not in self.suggested]:
             places = [space.in_stack(self.image, one[0], wanted[one]) for one in fresh]
             place = partial(space.to_pixels, self.viewer, self.image, layer)
             shapes = model.changed(places, lambda points: place(points).astype(np.float32))
             style = drawn.line_style(space.size_of(self.image))
             for done in drawn.add_shapes(layer, shapes, ["path"] * len(shapes), **style):
                 # Only these: other steps may take the place of those that are left.
-                self._suggested |= dict(zip(fresh[done], shapes[done], strict=True))
+                self.suggested |= dict(zip(fresh[done], shapes[done], strict=True))
                 yield
 
     def _fade(self) -> Iterator[None]:
