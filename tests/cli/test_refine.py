@@ -239,6 +239,28 @@ def test_an_interrupted_run_is_resumed(
     assert not Path("labels.csv.partial").exists()
 
 
+def test_a_frame_that_can_be_read_by_now_is_done_again(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("film").mkdir()
+    for number, frame in enumerate(film(4)):
+        tifffile.imwrite(f"film/{number}.tif", frame)
+    whole = Path("film/0.tif").read_bytes()
+    Path("film/0.tif").write_bytes(b"still being copied")
+    command = ["refine", "film", "sketches.csv", "-o", "labels.csv"]
+
+    def interrupted(*args: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(napari_splinesketch, "refine", interrupted)
+    assert main(command) == 130
+    assert Path("labels.csv.partial/000000/frame-000000000.json").exists()
+    Path("film/0.tif").write_bytes(whole)
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    assert main([*command, "--resume"]) == 0
+    assert all(label.status == "good" for label in read_labels("labels.csv").labels)
+
+
 def test_frames_that_a_power_cut_has_damaged_are_done_again(
     folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -141,12 +141,17 @@ class Run:
     def finished(self, frame: int) -> FrameReport | None:
         """Give the report of a frame that an earlier run has finished, of the same image; count it.
 
-        Pixels are compared for the first such frame, and where a file has been written since.
+        None where it could not be read, or killed its workers, and can be read by now. Pixels are
+        compared for the first such frame, and where a file has been written since.
         """
         done = self.partial.done(frame)
         if done is None:
             return None
-        if done.sha256 and (not self._same or self._is_newer(frame)):
+        if not done.sha256:
+            with suppress(ImageError):
+                self.images[frame]
+                return None
+        elif not self._same or self._is_newer(frame):
             if checksum(self.images[frame]) != done.sha256:
                 raise ValueError(
                     f"frame {frame} of {self.images.name} is not the one that the interrupted run"
