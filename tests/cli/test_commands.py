@@ -165,6 +165,15 @@ def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert '"pairs": 1' in capsys.readouterr().out
 
 
+def test_a_channel_is_drawn_over(capsys: pytest.CaptureFixture[str]) -> None:
+    write_labels("a.csv", Labels((vertical(10),)))
+    tifffile.imwrite("two.tif", film(2)[None], imagej=True, metadata={"axes": "TCYX"})
+    command = ["compare", "a.csv", "a.csv", "--picture", "p.png", "--image", "two.tif"]
+    assert main(command) == 2
+    assert "choose one with --channel" in capsys.readouterr().err
+    assert main([*command, "--channel", "1"]) == 0
+
+
 def test_an_image_that_nothing_is_drawn_over_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["compare", "a.csv", "a.csv", "--image", "film.tif"])

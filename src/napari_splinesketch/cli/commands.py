@@ -162,7 +162,7 @@ def _compare(job: jobs.CompareJob) -> int:
         labels, truth = read_labels(job.labels), read_labels(job.truth)
         result = comparing.compare(labels, truth, tolerance=job.tolerance)
         if job.picture:
-            comparing.draw(job.picture, labels, truth, job.image, job.overwrite)
+            comparing.draw(job, job.picture, labels, truth)
     terminal.say(*labels.notes, *truth.notes)
     return _show(job, asdict(result), comparing.as_text(result))
 

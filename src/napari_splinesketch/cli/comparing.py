@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from napari_splinesketch import metrics
+from napari_splinesketch.cli.jobs import CompareJob
 from napari_splinesketch.files import atomic, counted
 from napari_splinesketch.images.frames import open_frames
 from napari_splinesketch.images.pictures import write_overlay
@@ -40,17 +41,17 @@ def as_text(result: Comparison) -> list[str]:
     return lines
 
 
-def draw(path: Path, labels: Labels, truth: Labels, image: str | None, overwrite: bool) -> None:
+def draw(job: CompareJob, path: Path, labels: Labels, truth: Labels) -> None:
     """Draw curves and truth of the first frame that has either, on an image or a blank sheet."""
     ours, theirs = _by_frame(labels), _by_frame(truth)
     frame = min(ours.keys() | theirs.keys(), default=0)
-    if image:
-        with open_frames(image) as images:
+    if job.image:
+        with open_frames(job.image, channel=job.channel, z=job.z) as images:
             pixels = images[frame]
     else:
         pixels = np.zeros(np.maximum(drawn_shape(labels), drawn_shape(truth)))
     curves, truths = ours.get(frame, ()), theirs.get(frame, ())
-    with atomic(path, overwrite=overwrite) as temporary:
+    with atomic(path, overwrite=job.overwrite) as temporary:
         write_overlay(temporary, pixels, curves, truths)
 
 

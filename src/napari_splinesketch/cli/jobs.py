@@ -92,12 +92,18 @@ class ScaledJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageJob(Job):
+class PlaneJob(Job):
+    """A command that may read an image, or one plane of it."""
+
+    channel: int | None = opt("channel of a multi-channel image, from 0", "N")
+    z: int | None = opt("plane of an image that has planes and times, from 0", "N")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageJob(PlaneJob):
     """A command that reads an image."""
 
     image: str = opt(metavar="IMAGE")
-    channel: int | None = opt("channel of a multi-channel image, from 0", "N")
-    z: int | None = opt("plane of an image that has planes and times, from 0", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +257,7 @@ class ConvertJob(ScaledJob):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareJob(Job):
+class CompareJob(PlaneJob):
     r"""Measure labels against the truth.
 
     Match the curves of each frame one to one with the truth and measure every pair: average DTW
