@@ -12,7 +12,7 @@ import tifffile
 
 import napari_splinesketch
 from napari_splinesketch.batch.reports import CurveReport, FrameReport, Spool
-from napari_splinesketch.cli import main
+from napari_splinesketch.cli import main, tracking
 from napari_splinesketch.cli.report import as_text
 from napari_splinesketch.labels import Label, Labels, read_labels, write_labels
 
@@ -205,6 +205,29 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
     assert track("--resume") == 0
     assert len(engine) < calls
     assert Path("labels.csv").read_text(encoding="utf-8") == wanted
+
+
+def test_an_interrupted_run_knows_the_contrast_of_its_bodies(
+    folder: Path, engine: list, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole: Callable[..., Any] = napari_splinesketch.refine
+    known, go_on = [], tracking.follow
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        if len(engine) == 3:
+            raise KeyboardInterrupt
+        return whole(*arguments, **options)
+
+    def noted(*arguments: Any, **options: Any) -> Any:
+        known.append(options["contrast"])
+        return go_on(*arguments, **options)
+
+    monkeypatch.setattr(tracking, "follow", noted)
+    monkeypatch.setattr(napari_splinesketch, "refine", interrupted, raising=False)
+    assert track("--smooth", "off") == 130
+    monkeypatch.setattr(napari_splinesketch, "refine", whole, raising=False)
+    assert track("--smooth", "off", "--resume") == 0
+    assert known == [None, 30.0]
 
 
 @pytest.mark.parametrize(

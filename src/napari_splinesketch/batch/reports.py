@@ -70,6 +70,8 @@ class FrameReport:
     """What else there is to say, one sentence each: what came into view."""
     shape: tuple[int, ...] | None = None
     """(H, W) of the pixels, px, or None where they could not be refined."""
+    contrast: float | None = None
+    """That of the bodies that are tracked, or None: the next frame's are to have it, too."""
 
     @classmethod
     def from_json(cls, values: dict) -> "FrameReport":

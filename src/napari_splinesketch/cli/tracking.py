@@ -39,11 +39,12 @@ def run(job: TrackJob, report: Report) -> Outcome:
         frames = _frames(job, work.images, min(drawn))
         work.count = len(frames)
         bodies: dict[int, Body] = {}
-        left = list(frames)
+        left, contrast = list(frames), None
         while left and (done := work.finished(left[0])):  # in an earlier run
             bodies = _after(bodies, done, work.partial.labels(left[0]), drawn.get(left[0], ()))
+            contrast = done.contrast or contrast
             del left[0]
-        for result in _Film(job, work, drawn).follow(left, bodies):
+        for result in _Film(job, work, drawn).follow(left, bodies, contrast):
             work.keep(result)
         notes, last = [*sketches.head.notes], frames[-1]
         if beyond := sum(label.frame > last for label in sketches.labels):
@@ -84,7 +85,9 @@ class _Film:
     _here: dict[int, _Frame] = field(default_factory=dict, init=False)
     _finished: int = field(default=0, init=False)
 
-    def follow(self, frames: Sequence[int], bodies: Mapping[int, Body]) -> Iterator[FrameDone]:
+    def follow(
+        self, frames: Sequence[int], bodies: Mapping[int, Body], contrast: float | None
+    ) -> Iterator[FrameDone]:
         """Carry bodies through frames, and give each frame as it is done."""
         began = time.perf_counter()
         for tracked in follow(
@@ -97,6 +100,7 @@ class _Film:
             on_progress=lambda told: self.run.part(told.fraction * len(frames) - self._finished),
             smooth=self.job.smooth == "on",
             pictures=False,
+            contrast=contrast,
         ):
             yield self._done(tracked, time.perf_counter() - began)
             self._finished += 1
@@ -143,7 +147,9 @@ class _Film:
         undone = (CurveReport.drawn(label, "failed", error or "") for label in left_out)
         told = *_reports(curves, tracked), *undone
         notes = tuple(ENTERED.format(*line.mean(0)) for line in tracked.entered)
-        seen = here.sha256, notes, here.shape
+        found = tracked.refinement if tracked.by_id.keys() - tracked.drifting else None
+        contrast = abs(found.model.contrast) if found else None
+        seen = here.sha256, notes, here.shape, contrast
         report = FrameReport(tracked.frame, told, error, round(seconds, 3), *seen)
         labels = Labels.from_curves(tuple(curves.values()), frame=tracked.frame, ids=curves)
         return FrameDone(report, (*labels.labels, *left_out))

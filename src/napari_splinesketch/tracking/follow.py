@@ -35,6 +35,7 @@ def follow(
     on_progress: OnProgress | None = None,
     smooth: bool = True,
     pictures: bool = True,
+    contrast: float | None = None,
     early: Callable[[Tracked], object] | None = None,
 ) -> Iterator[Tracked]:
     """Track bodies through frames, giving each frame as it is done.
@@ -63,6 +64,8 @@ def follow(
     pictures
         Whether reconstruction and background of the frames are wanted; otherwise frames that are
         held back keep their pixels alone.
+    contrast
+        That of the bodies in the frames before, where it is known.
     early
         Called with each frame that is held back, as it is by then and without its pictures;
         curves that are not decided yet say so.
@@ -75,7 +78,7 @@ def follow(
     if refine is None:
         from napari_splinesketch.engine.refine import refine
     search = partial(Search, refine=refine, preset=preset, shown=ShownPlaces())
-    step = _Step(read, search, smooth, pictures)
+    step = _Step(read, search, smooth, pictures, contrast)
     window = Window(search, pictures)
     for done, frame in enumerate(frames):
         report = partial(_report, on_progress, frame, done, len(frames))
@@ -134,7 +137,7 @@ class _Step:
     search: Callable[..., Search]
     smooth: bool
     pictures: bool
-    contrast: float | None = None
+    contrast: float | None
     """Usual contrast of the frames before."""
     parts: Mapping[int, Parts] = field(default_factory=dict)
     """Those of the last frame."""
