@@ -4,6 +4,7 @@ import weakref
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from itertools import islice
 from threading import Semaphore
 from types import SimpleNamespace
 from typing import Any, cast
@@ -177,6 +178,26 @@ def test_cancelling_keeps_what_is_done(
     fake.go.set()
     QTest.qWait(300)
     assert keys(film)[-1] == (3, 2)
+
+
+def test_what_is_done_is_kept_and_said_where_tracking_fails(
+    film: SplinesketchDock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = Tracking.start
+
+    def start(self: Tracking, carry: Any, *bodies: Any) -> None:
+        def fail(*arguments: Any, **options: Any) -> Any:
+            yield from islice(carry(*arguments, **options), 2)
+            raise MemoryError("full")
+
+        begin(self, fail, *bodies)
+
+    monkeypatch.setattr(Tracking, "start", start)
+    click(film.track.buttons["track"])
+    over(film)
+    assert keys(film)[-1] == (3, 2)
+    said = film.notice.text()
+    assert "Tracking failed. Kept: 2 frames tracked by then. MemoryError: full" in said
 
 
 def test_frames_that_wait_for_others_are_seen_meanwhile_and_kept_by_cancel(

@@ -48,7 +48,7 @@ def test_an_error_of_the_engine_lets_go_of_the_widget(
     fake.error = error
     finish(dock, fake)
     assert type(error).__name__ in dock.notice.text()
-    assert "nothing was changed" in dock.notice.text()
+    assert "Refining failed. No curve was refined." in dock.notice.text()
     assert dock.refine.isEnabled()
     assert len(viewer.layers) == 2
     fake.error = None

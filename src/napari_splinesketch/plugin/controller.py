@@ -109,7 +109,8 @@ class Controller(Keeper):
             return now.centrelines and work.move(wanted.frame, now.centrelines)
 
         done = partial(self._on_refined, work, wanted, work.state.by_key)
-        self.start(run, done, "Refining", see, on=work)
+        # Not that nothing was changed: an end that was extended stays longer.
+        self.start(run, done, "Refining", see, lambda: "No curve was refined.", on=work)
 
     def start(
         self,
@@ -146,7 +147,7 @@ class Controller(Keeper):
                 self._on_not_shown(error)
 
         def failed(message: str) -> None:
-            said = f"{name} failed, nothing was changed. {message}"
+            said = f"{name} failed. {cancelled()} {message}"
             unsaved = f"Not saved: {message.partition(': ')[2]}"
             self.finish(unsaved if name == SAVING else said, "failed")
 
