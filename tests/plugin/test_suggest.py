@@ -1,6 +1,8 @@
 """Suggest in the window: ordinary lines, taken back by one step, never in the user's way."""
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +18,7 @@ from napari_splinesketch.engine.types import OnProgress, Progress
 from napari_splinesketch.plugin import engine, words
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
-from .bench import LINES, SOON, bench
+from .bench import LINES, SOON, Bench, bench
 from .fakes import FakeEngine
 from .hand import QTest, canvas, click, draw, drawn, fit_view, refine, until
 
@@ -243,14 +245,21 @@ def test_the_slider_is_no_part_of_a_step_in_another_frame(
     until(lambda: layer.nshapes == first, 20)
 
 
-def test_suggested_lines_are_not_refined_as_if_they_were_drawn(
-    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextmanager
+def suggesting(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    """A bench with an image in which up to four lines are found, as many as are asked for."""
     lines = [np.array([[10.0 * i, 5], [10.0 * i, 60]]) for i in range(1, 5)]
     found = SimpleNamespace(choose=lambda some: lines[: int(4 * some)])
     monkeypatch.setattr(engine, "suggest", lambda *task: found)
     with bench() as made:
         made.image()
+        yield made
+
+
+def test_suggested_lines_are_not_refined_as_if_they_were_drawn(
+    qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with suggesting(monkeypatch) as made:
         layer, c = made.sketches([]), made.controller
         c.toggle_at_once()
         c.suggestions.suggest()
@@ -270,11 +279,7 @@ def test_suggested_lines_are_not_refined_as_if_they_were_drawn(
 def test_the_slider_is_followed_when_what_runs_has_ended(
     qapp: Any, fake: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = [np.array([[10.0 * i, 5], [10.0 * i, 60]]) for i in range(1, 5)]
-    found = SimpleNamespace(choose=lambda some: lines[: int(4 * some)])
-    monkeypatch.setattr(engine, "suggest", lambda *task: found)
-    with bench() as made:
-        made.image()
+    with suggesting(monkeypatch) as made:
         layer, c = made.sketches([]), made.controller
         c.suggestions.suggest()
         made.rest()
