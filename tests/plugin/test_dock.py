@@ -9,9 +9,9 @@ from weakref import ref
 import numpy as np
 import pytest
 from napari.layers._source import Source
-from qtpy.QtCore import QPoint, Qt
-from qtpy.QtGui import QTextDocument
-from qtpy.QtWidgets import QAbstractButton, QComboBox, QFileDialog, QProgressBar
+from qtpy.QtCore import QPoint, QPointF, Qt
+from qtpy.QtGui import QTextDocument, QWheelEvent
+from qtpy.QtWidgets import QAbstractButton, QApplication, QComboBox, QFileDialog, QProgressBar
 
 from napari_splinesketch.labels import read_labels
 from napari_splinesketch.labels.formats import WRITERS
@@ -483,6 +483,19 @@ def test_a_choice_with_the_mouse_leaves_the_keys_to_the_canvas(
     assert len(boxes) == 7
     for box in boxes:
         assert box.focusPolicy() == Qt.FocusPolicy.TabFocus, "but the keyboard reaches them"
+
+
+def test_the_wheel_scrolls_and_chooses_nothing(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    before = dock.controller.settings, dock.sensitivity.value(), list(viewer.layers)
+    forms = [made.native for made in dock.settings_form.widgets.values()]
+    for box in (dock.image, dock.sketches, dock.sensitivity, *forms):
+        middle, turned = QPointF(box.rect().center()), (QPoint(0, 0), QPoint(0, -120))
+        no = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
+        event = QWheelEvent(middle, middle, *turned, *no, Qt.ScrollPhase.NoScrollPhase, False)
+        QApplication.sendEvent(box, event)
+        assert not event.isAccepted(), "what is around it scrolls"
+    assert (dock.controller.settings, dock.sensitivity.value(), list(viewer.layers)) == before
 
 
 @pytest.mark.slow

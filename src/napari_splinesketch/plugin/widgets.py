@@ -98,10 +98,26 @@ def form(*rows: Any) -> qt.QWidget:
 def leave_keys(parent: qt.QWidget) -> None:
     """Leave the keys to the canvas when something is chosen with the mouse: boxes would take them.
 
-    A letter then chose the entry that begins with it.
+    A letter then chose the entry that begins with it. The wheel is left to what scrolls: it would
+    choose something else wherever it passes.
     """
+    wheel = LeaveWheel(parent)
+    for kind in (qt.QComboBox, qt.QAbstractSpinBox, qt.QSlider):
+        for box in parent.findChildren(kind):
+            box.installEventFilter(wheel)
     for box in parent.findChildren(qt.QComboBox):
         box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+
+class LeaveWheel(QObject):
+    """Lets the wheel pass to what is around a widget."""
+
+    def eventFilter(self, a0: QObject | None, a1: QEvent | None) -> bool:
+        """Take the wheel away from the widget, and ignore it."""
+        if a1 is None or a1.type() != QEvent.Type.Wheel:
+            return False
+        a1.ignore()
+        return True
 
 
 def _tight(layout: Any, margin: int = 0) -> Any:
