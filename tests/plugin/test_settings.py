@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.layers import Image
 from napari.settings import get_plugin_settings
 from npe2 import PluginManifest
 from qtpy.QtCore import Qt
@@ -62,7 +63,8 @@ def test_the_manifest_has_every_key_and_default(
 def test_a_half_width_is_in_the_unit_that_was_shown(
     viewer: Any, fake: FakeEngine, npe2pm_installed: None
 ) -> None:
-    form = add_dock(viewer).settings_form
+    dock = add_dock(viewer)
+    form = dock.settings_form
     image = viewer.add_image(np.random.default_rng(0).random((64, 96)))
     image.scale, image.units = (0.5, 0.5), ("um", "um")
     assert form.half_width.suffix() == " px"
@@ -70,10 +72,29 @@ def test_a_half_width_is_in_the_unit_that_was_shown(
     assert form.half_width.text() == "1.500 µm"
 
 
+@pytest.mark.parametrize(
+    ("unit", "pixel", "shown"), [("nm", 500.0, "40000.000 nm"), ("mm", 6.5e-5, "0.0400000 mm")]
+)
+def test_a_half_width_is_shown_however_large_or_small_in_the_unit_of_the_image(
+    unit: str, pixel: float, shown: str, viewer: Any, fake: FakeEngine, npe2pm_installed: None
+) -> None:
+    dock = add_dock(viewer)
+    place: dict[str, Any] = {"scale": (1.0, 1.0), "units": ("um", "um")}
+    viewer.add_image(np.zeros((64, 96)), **place)
+    dock.settings_form.half_width.setValue(40.0)
+    viewer.add_image(np.zeros((64, 96)), scale=(pixel, pixel), units=(unit, unit))
+    box = dock.settings_form.half_width
+    assert box.text() == shown
+    box.setValue(0.6 * box.value())
+    asked = dock.controller.how(dock.controller.layers(Image)[0]).half_width
+    assert asked == pytest.approx(box.value() / pixel)
+
+
 def test_what_is_being_typed_stays_while_layers_come(
     viewer: Any, fake: FakeEngine, npe2pm_installed: None
 ) -> None:
-    form = add_dock(viewer).settings_form
+    dock = add_dock(viewer)
+    form = dock.settings_form
     viewer.add_image(np.random.default_rng(0).random((64, 96)), name="x")
     form.half_width.selectAll()
     QTest.keyClicks(form.half_width, "3")

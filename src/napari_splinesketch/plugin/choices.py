@@ -65,7 +65,7 @@ FORM: dict[str, dict[str, Any]] = {
     "colour_by": {"label": "Colour by", "choices": [(f"Colour by {column.colour}", name)
                                                    for name, column in COLOURED.items()],
                   "tooltip": "What colours show; the marks beside curves always show the status"},
-    "half_width": {"label": "Half-width", "min": 0.0, "max": 1e4, "step": 0.5,
+    "half_width": {"label": "Half-width", "min": 0.0, "max": 1e9, "step": 0.5,
                    "tooltip": "Rough distance from a body's centreline to its edge"},
     "save_work": {"label": "Save work as I go",
                   "tooltip": "Save lines and curves as they are made"},

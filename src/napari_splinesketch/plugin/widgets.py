@@ -1,5 +1,6 @@
 """The parts of the dock and of its panel."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it 
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
 APART = ("preset", "colour_by")
-DECIMALS = 3  # of half-widths
+DECIMALS = 3  # of half-widths, at least: more where a pixel is small in its unit
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -350,7 +351,11 @@ class SettingsForm(qt.QWidget):
         settings, ruler = self._controller.settings, ruler_of(self._controller.image)
         if self.half_width.suffix() != (unit := f" {ruler.unit}"):
             self.half_width.setSuffix(unit)
-        width = round((settings.half_width_in(ruler) or 0.0) * ruler.pixel, DECIMALS)
+        decimals = max(DECIMALS, 2 - math.floor(math.log10(ruler.pixel)))
+        if self.half_width.decimals() != decimals:
+            with self.widgets["half_width"].changed.blocked():
+                self.half_width.setDecimals(decimals)
+        width = round((settings.half_width_in(ruler) or 0.0) * ruler.pixel, decimals)
         for name, made in self.widgets.items():
             chosen = width if name == "half_width" else getattr(settings, name)
             with made.changed.blocked():
