@@ -391,3 +391,16 @@ def test_knots_are_not_pasted(qapp: Any, fake: FakeEngine) -> None:
         layer._copy_data()
         layer.keymap[coerce_keybinding("Control-V")](layer)
         assert len(layer.data) == len(made.controller.records()[0].curve.knots)
+
+
+def test_knots_follow_their_image(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        image: Any = made.controller.image
+        made.controller.selected = 0, 1
+        made.controller.toggle_knots()
+        knots, curves = made.viewer.layers.selection.active, made.viewer.layers["sketches curves"]
+        assert isinstance(knots, Points)
+        image.scale, image.translate, image.rotate = (0.5, 0.5), (10, 5), 30
+        until(lambda: np.allclose(curves.data_to_world((7, 8)), image.data_to_world((7, 8))), 5)
+        assert np.allclose(knots.data_to_world((7, 8)), image.data_to_world((7, 8)))

@@ -117,6 +117,7 @@ class KnotEditing:
         if self._slot.layer is not None:
             with self._slot.layer.events.data.blocker():
                 next(self._slot.update())
+                self._slot.place()  # the image may lie elsewhere by now
         if self._slot.layer is None or self._record is None:
             self.close()
         else:
