@@ -404,3 +404,19 @@ def test_knots_follow_their_image(qapp: Any, fake: FakeEngine) -> None:
         image.scale, image.translate, image.rotate = (0.5, 0.5), (10, 5), 30
         until(lambda: np.allclose(curves.data_to_world((7, 8)), image.data_to_world((7, 8))), 5)
         assert np.allclose(knots.data_to_world((7, 8)), image.data_to_world((7, 8)))
+
+
+def test_delete_takes_no_line_unseen_where_a_curve_was_selected_while_drawing(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        made.begin()
+        layer: Any = made.controller.sketches
+        layer.mode = "add_line"
+        layer.add_lines([[[10, 10], [10, 90]]])
+        layer.selected_data = {2}  # as napari leaves it
+        made.refine()
+        made.controller.actions.run("next")
+        assert made.controller.selected == (0, 1)
+        layer.remove_selected()
+        assert layer.nshapes == 3

@@ -15,7 +15,7 @@ from napari.layers.base import ActionType
 from napari_splinesketch.engine.settings import Asked
 from napari_splinesketch.engine.types import Progress
 from napari_splinesketch.plugin import choices, files, words
-from napari_splinesketch.plugin.layers.drawn import Drawn, drawn_in
+from napari_splinesketch.plugin.layers.drawn import Drawn, drawing, drawn_in
 from napari_splinesketch.plugin.layers.pictures import Drawing, is_result
 from napari_splinesketch.plugin.layers.results import ORIGIN, WORKS, Work, origin_of
 from napari_splinesketch.plugin.layers.space import current_frame, ruler_of
@@ -179,8 +179,11 @@ class Keeper:
 
     def select(self, keys: Iterable[Key]) -> None:
         """Select curves, here and in their layer."""
-        if self.work:
-            self.work.select(tuple(keys))
+        if work := self.work:
+            work.select(tuple(keys))
+            if self.selection and not self.unfinished and drawing(self.viewer, work.sketches):
+                # The line drawn last, unseen: Delete would take it where a curve is meant.
+                work.sketches.selected_data = set()
 
     def say(self, text: str) -> None:
         """Tell the user why something was not done."""
