@@ -120,6 +120,31 @@ def test_a_line_that_was_moved_is_saved_as_a_sketch(tmp_path: Path, labels: Labe
     np.testing.assert_allclose(found[1].points, labels.labels[1].points + 1, rtol=1e-6)
 
 
+@pytest.mark.parametrize("read_before", [0, 3])
+def test_lines_drawn_beside_those_of_a_file_are_saved(
+    tmp_path: Path, labels: Labels, read_before: int
+) -> None:
+    path = str(tmp_path / "a.csv")
+    write_labels(path, replace(labels, labels=labels.labels[:read_before]))
+    layer: Any = Layer.create(*read(path)[0])  # pyright: ignore[reportArgumentType]
+    for row in (5, 9):  # napari gives them the number of the last line, or none
+        layer.add_lines(np.array([[2.0, row, 4], [2, row, 40]])[:, -layer.ndim :])
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    found = read_labels(path).labels
+    assert [label.status for label in found[read_before:]] == ["sketch", "sketch"]
+    same(Labels(found[:read_before]), Labels(labels.labels[:read_before]))
+
+
+def test_features_of_the_user_s_own_are_no_numbers(tmp_path: Path) -> None:
+    path = str(tmp_path / "a.csv")
+    features = {"id": ["worm A", "worm B"]}
+    layer = Shapes([line[:, 1:] for line in LINES], shape_type="line", features=features)
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    assert [label.curve for label in read_labels(path).labels] == [1, 2]
+
+
 def test_any_lines_can_be_saved_as_sketches(tmp_path: Path) -> None:
     kinds: Any = ["line", "rectangle", "path"]
     layer = Shapes(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import npe2
 import numpy as np
+import pandas as pd
 import pint
 from jaxtyping import Float
 from napari.layers import Image, Shapes
@@ -142,28 +143,31 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     known = {(label.frame, label.curve): label for label in origin.labels}
     curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
     drawn = dict(zip(known, thinned([each.points for each in curves]), strict=True))
-    numbers = map(int, meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
+    told = pd.Series(meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
+    numbers = pd.to_numeric(told, errors="coerce").fillna(-1).astype(int).tolist()
     frames = [int(np.round(line[0, 0])) if line.shape[1] > 2 else 0 for line in shapes]
     if owner and shapes:
         frames = space.frame_numbers(owner.image, np.array([line[0] for line in shapes]))
     elif any(line.shape[1] > 3 for line in shapes):
         many = "These lines have a time and a plane; labels have one number for both"
         raise ValueError(f"{many}. Refine and Export them, or save them as napari's own CSV.")
-    labels = []
+    # What is drawn or pasted into the layer has the number of another line there, or none.
+    free, labels = count(max([0, *numbers]) + 1), dict[tuple[int, int], Label]()
     for line, kind, number, frame in zip(shapes, meta["shape_type"], numbers, frames, strict=True):
         if kind not in LINES:
             continue
+        number = next(free) if number < 0 or (frame, number) in labels else number
         points = np.asarray(line[:, -2:])
         key = frame, number
         # The curve's own points or those that are drawn, in the single precision of Shapes layers.
         lines = [known[key].points, drawn[key]] if key in known else []
         same = any(np.array_equal(line.astype(points.dtype), points) for line in lines)
         sketch = Label.from_sketch(points, frame=frame, identity=number)
-        labels.append(known[key] if same else sketch)
+        labels[key] = known[key] if same else sketch
     registry = pint.get_application_registry()
     units = [registry.Unit(str(unit)) for unit in meta["units"]]
     size = pixel_size(meta["scale"], units)
-    return Labels(tuple(labels), *size, origin.shape, origin.provenance)
+    return Labels(tuple(labels.values()), *size, origin.shape, origin.provenance)
 
 
 def layer_of_labels(labels: Labels, name: str) -> LayerData:
