@@ -252,8 +252,14 @@ def test_a_file_that_napari_could_not_ask_for_is_not_replaced(
     with pytest.raises(FileExistsError, match="choose another name"):
         write(str(tmp_path / "a"), data, dict(attributes))
     assert (tmp_path / "a.csv").read_text() == "mine"
-    with pytest.raises(ValueError, match=r"no format has this ending.*\.geojson"):
+    with pytest.raises(RuntimeError, match=r"no format has this ending.*\.geojson"):
         write(str(tmp_path / "a.txt"), data, dict(attributes))
+
+
+def test_what_cannot_be_saved_is_said_by_save(tmp_path: Path, npe2pm_installed: None) -> None:
+    layer = Shapes([np.zeros((2, 4))], shape_type="line")
+    with pytest.raises(RuntimeError, match="a time and a plane"):
+        layer.save(str(tmp_path / "a.csv"), plugin=PLUGIN)
 
 
 def write_array(path: Path, array: np.ndarray) -> None:

@@ -94,7 +94,10 @@ def write(path: str, data: Any, meta: dict[str, Any]) -> list[str]:
     """Write a layer of lines in the format of the path's ending; say what it cannot hold."""
     # napari has asked before it replaces a file, but not for a name whose ending was missing.
     named = path if Path(path).suffix else path + WRITERS[0].suffix
-    lost = write_labels(named, labels_of_layer(data, meta), overwrite=named == path)
+    try:
+        lost = write_labels(named, labels_of_layer(data, meta), overwrite=named == path)
+    except ValueError as error:  # of which napari says that we are "not a valid writer"
+        raise RuntimeError(str(error)) from error
     if lost:
         show_info(f"{Path(named).name}: {words.together(lost)}")
     return [named]
