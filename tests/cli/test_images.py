@@ -10,7 +10,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from napari_splinesketch.images.frames import LUMINANCE, ImageError, open_frames
+from napari_splinesketch.images.frames import LUMINANCE, ImageError, is_part_of, open_frames
 from napari_splinesketch.images.pictures import grey
 
 from .fakes import film
@@ -225,6 +225,17 @@ def test_a_glob_over_folders_goes_folder_by_folder(tmp_path: Path) -> None:
         imageio.v3.imwrite(folder / f"f{number % 2}.png", frame)
     with open_frames(f"{tmp_path}{os.sep}day-*{os.sep}*.png") as frames:
         assert all(np.array_equal(frames[i], FRAMES[(i + 2) % 4]) for i in range(4))
+
+
+def test_a_glob_in_a_folder_with_brackets_in_its_name(tmp_path: Path) -> None:
+    folder = tmp_path / "plate [A1]"
+    folder.mkdir()
+    imageio.v3.imwrite(folder / "f0.png", FRAMES[0])
+    pattern = f"{folder}{os.sep}f?.png"
+    with open_frames(pattern) as frames:
+        assert np.array_equal(frames[0], FRAMES[0])
+    assert is_part_of(folder / "f1.png", pattern)
+    assert not is_part_of(folder / "overlay.png", pattern)
 
 
 def test_hidden_files_and_a_bad_first_one_do_not_stop_a_folder(tmp_path: Path) -> None:

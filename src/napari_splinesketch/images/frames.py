@@ -1,11 +1,12 @@
 """Images for the command line: files, folders and films, read one frame at a time."""
 
 import hashlib
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from glob import glob
+from glob import escape, glob
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,7 @@ def is_part_of(path: Path, pattern: str) -> bool:
         found = [*image.iterdir(), image / path.name]
     else:
         beside = Path(pattern).parent / path.name
-        found = [*map(Path, glob(pattern)), *([beside] if beside.match(pattern) else [])]
+        found = [*_matching(pattern), *([beside] if beside.match(Path(pattern).name) else [])]
     return any(same_file(path, one) for one in found)
 
 
@@ -170,7 +171,7 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
 @contextmanager
 def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames]:
     folder = Path(pattern)
-    found = folder.iterdir() if folder.is_dir() else (Path(name) for name in glob(pattern))
+    found = folder.iterdir() if folder.is_dir() else _matching(pattern)
     # Hidden files are no frames: macOS puts one beside each file.
     shown = (path for path in found if not path.name.startswith("."))
     paths = sorted((path for path in shown if path.suffix.lower() in TIFFS + STILLS), key=_natural)
@@ -194,6 +195,13 @@ def _folder(pattern: str, channel: int | None, z: int | None) -> Iterator[Frames
             if path == paths[-1]:
                 raise
     yield Frames(folder.absolute().name, len(paths), read, scale, units, paths)
+
+
+def _matching(pattern: str) -> list[Path]:
+    """Give what fits a glob; the brackets of a folder that is there are its name."""
+    folder, name = os.path.split(pattern)
+    known = os.path.isdir(folder)
+    return [*map(Path, glob(os.path.join(escape(folder) if known else folder, name)))]
 
 
 def _natural(path: Path) -> tuple[list[list[tuple[int, str]]], Path]:
