@@ -136,6 +136,19 @@ def test_lines_drawn_beside_those_of_a_file_are_saved(
     same(Labels(found[:read_before]), Labels(labels.labels[:read_before]))
 
 
+def test_a_unit_that_napari_does_not_know_keeps_nothing_closed(
+    tmp_path: Path, labels: Labels
+) -> None:
+    path = str(tmp_path / "a.csv")
+    write_labels(path, replace(labels, units="reference frame"))
+    layer: Any = Layer.create(*read(path)[0])  # pyright: ignore[reportArgumentType]
+    np.testing.assert_array_equal(layer.scale, [1, 0.5, 2])
+    assert [str(unit) for unit in layer.units] == ["pixel"] * 3
+    out, attributes, _ = layer.as_layer_data_tuple()
+    write(path, out, dict(attributes))
+    same(read_labels(path), replace(labels, units="reference frame"))
+
+
 def test_features_of_the_user_s_own_are_no_numbers(tmp_path: Path) -> None:
     path = str(tmp_path / "a.csv")
     features = {"id": ["worm A", "worm B"]}

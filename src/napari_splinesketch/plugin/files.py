@@ -169,8 +169,9 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
         labels[key] = known[key] if same else sketch
     registry = pint.get_application_registry()
     units = [registry.Unit(str(unit)) for unit in meta["units"]]
-    size = pixel_size(meta["scale"], units)
-    return Labels(tuple(labels.values()), *size, origin.shape, origin.provenance)
+    scale, unit = pixel_size(meta["scale"], units)
+    unit = origin.units if unit is None and scale == origin.scale else unit
+    return Labels(tuple(labels.values()), scale, unit, origin.shape, origin.provenance)
 
 
 def layer_of_labels(labels: Labels, name: str) -> LayerData:
@@ -225,7 +226,10 @@ def lay(layer: Shapes, image: Image) -> None:
 def _placed(labels: Labels, ndim: int) -> dict[str, Any]:
     first, units = ndim - 2, labels.units
     placed = {"scale": (*[1.0] * first, *labels.scale)} if labels.scale else {}
-    return placed | ({"units": (*["pixel"] * first, units, units)} if units else {})
+    with suppress(Exception):  # of a unit that napari does not know, such as "voxel"
+        known = units and pint.get_application_registry().Unit(units)
+        placed |= {"units": (*["pixel"] * first, units, units)} if known else {}
+    return placed
 
 
 def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
