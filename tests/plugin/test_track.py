@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from itertools import islice
+from pathlib import Path
 from threading import Semaphore
 from types import SimpleNamespace
 from typing import Any, cast
@@ -458,7 +459,7 @@ def test_a_stack_at_a_single_time_is_tracked_along_its_planes(
     ("labels", "there"), [(("t", "z", "y", "x"), [1, 4, 7]), (("z", "t", "y", "x"), [0, 1, 2])]
 )
 def test_curves_are_carried_along_time_in_the_plane_in_view(
-    viewer: Any, film: SplinesketchDock, labels: tuple[str, ...], there: list[int]
+    viewer: Any, film: SplinesketchDock, labels: tuple[str, ...], there: list[int], tmp_path: Path
 ) -> None:
     viewer.layers.clear()
     viewer.add_image(np.zeros((3, 3, 96, 128), np.float32), name="film", axis_labels=labels)
@@ -488,6 +489,10 @@ def test_curves_are_carried_along_time_in_the_plane_in_view(
     data, meta, _ = viewer.layers["film sketches"].as_layer_data_tuple()
     with pytest.raises(ValueError, match="have a time and a plane"):
         labels_of_layer(data, meta)
+    film.controller.export(tmp_path / "a.csv")
+    over(film)
+    place = times_of(film.controller.image).place(there[2])
+    assert f"over all planes: frame {place} is {there[2]}." in film.notice.text()
     click(film.track.buttons["next_frame"])
     over(film)
     assert film.controller.actions.problem("next_frame") == "This is the last frame"

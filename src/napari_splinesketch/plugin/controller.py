@@ -228,10 +228,13 @@ class Controller(Keeper):
         if not written:
             self.say(f"Nothing was saved: {counted(left_out, 'curve')} here, all rejected.")
             return
+        times, frame = space.times_of(work.image), max(each.frame for each in labels.labels)
 
         def done(lost: Sequence[str]) -> None:
             without = f", without {counted(left_out, 'rejected curve')}" if left_out else ""
             text = f"Saved {counted(written, 'curve')} to {name}{without}. "
+            if times.others:
+                text += f"It counts frames over all planes: frame {times.place(frame)} is {frame}. "
             self.finish(f"{text}{words.together(lost)}".rstrip())
 
         order = partial(files.export, path, labels, overwrite)
