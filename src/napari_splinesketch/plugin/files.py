@@ -26,6 +26,7 @@ from napari_splinesketch.data import load_sample
 from napari_splinesketch.engine import spline
 from napari_splinesketch.engine.settings import Settings
 from napari_splinesketch.engine.types import POINTS, Curve, OnProgress, Progress, Status
+from napari_splinesketch.files import counted
 from napari_splinesketch.geometry import thinned
 from napari_splinesketch.labels import Label, Labels, LabelsError, shapes_csv, table
 from napari_splinesketch.labels.formats import WRITERS, claiming, read_labels, write_labels
@@ -232,8 +233,8 @@ def _placed(labels: Labels, ndim: int) -> dict[str, Any]:
     return placed
 
 
-def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
-    """Take labels that were read for curves; count those beyond the last of so many frames."""
+def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[str]]:
+    """Take labels that were read for curves, in so many frames; say what differs from the file."""
     curves = [label for label in labels.labels if label.status != "sketch"]
     here = [label for label in curves if label.frame < frames]
     first = int(any(label.curve == 0 for label in here))
@@ -249,7 +250,10 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], int]:
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
         number, line = label.curve + first, label.points
         made.append(Record(number, label.frame, line, curve, label.review, label.locked))
-    return tuple(made), len(curves) - len(here)
+    notes = ["curves count from 1 here, and from 0 in the file"] * first
+    if beyond := len(curves) - len(here):
+        notes += [f"left in the file: {counted(beyond, 'curve')} beyond the last frame"]
+    return tuple(made), notes
 
 
 def worms_dense() -> list[LayerData]:

@@ -20,7 +20,7 @@ from qtpy.compat import isalive
 from qtpy.QtCore import QObject
 from superqt.utils import qthrottled
 
-from napari_splinesketch.files import counted, owned
+from napari_splinesketch.files import owned
 from napari_splinesketch.labels import LabelsError
 from napari_splinesketch.plugin import engine, sessions, words
 from napari_splinesketch.plugin.choices import PLACED, listen
@@ -229,11 +229,10 @@ class Saver(QObject):
         controller, work = self._controller, self._controller.work
         if work and self.brought and not controller.progress:
             lay(work.sketches, work.image)
-            records, beyond = records_of(read_with(work.sketches), frame_count(work.image))
+            records, notes = records_of(read_with(work.sketches), frame_count(work.image))
             controller.apply("Continue with labels", State(records=records))
-            if beyond:
-                left = counted(beyond, "curve")
-                controller.say(f"Left in the file: {left} beyond the last frame.")
+            if notes:
+                controller.say(words.together(notes))
 
     def flush(self) -> None:
         """Write now what is still to be written, and wait until it is."""
