@@ -1,4 +1,6 @@
+import pickle
 from collections.abc import Callable
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -121,3 +123,11 @@ def test_a_mask_counts(tmp_path) -> None:
     ):
         with pytest.raises(ValueError, match="must be finite"):
             write_labels(tmp_path / "a.csv", [points])
+
+
+def test_labels_go_to_other_processes() -> None:
+    labels = Labels((Label.from_sketch(np.eye(2)),), (1, 2), "µm", (3, 4), {"a": 1}, ("left out",))
+    for again in (pickle.loads(pickle.dumps(labels)), deepcopy(labels)):
+        np.testing.assert_array_equal(again.labels[0].points, np.eye(2))
+        for name in ("scale", "units", "shape", "provenance", "notes"):
+            assert getattr(again, name) == getattr(labels, name)

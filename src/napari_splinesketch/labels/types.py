@@ -1,7 +1,7 @@
 """What the readers give and the writers take: immutable labels, all at once or frame by frame."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import chain, groupby
 from operator import index
@@ -141,6 +141,11 @@ class Labels:
                     "give every body of a frame its own identity"
                 )
             seen.add((label.frame, label.curve))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Tell pickle how to make them anew: it cannot copy a mapping that does not change."""
+        given = {one.name: getattr(self, one.name) for one in fields(self)}
+        return type(self), tuple((given | {"provenance": dict(self.provenance)}).values())
 
     @classmethod
     def from_curves(
