@@ -491,6 +491,19 @@ def test_labels_lie_in_their_frames_of_the_image(
         np.testing.assert_allclose(line, label.points, atol=1e-4)
 
 
+def test_curves_beyond_an_image_of_times_and_planes_are_left_in_the_file(
+    viewer: Any, dock: SplinesketchDock, tmp_path: Path, npe2pm_installed: None, labels: Labels
+) -> None:
+    far = replace(labels.labels[1], frame=99)
+    write_labels(tmp_path / "a.csv", Labels((*labels.labels, far)))
+    viewer.add_image(np.zeros((2, 2, 60, 60)), name="film")
+    viewer.open(tmp_path / "a.csv", plugin=PLUGIN)
+    click(dock.offer.labels)
+    until(dock.controller.records)
+    assert [record.frame for record in dock.controller.records()] == [0, 2, 2]
+    assert "Left in the file: 1 curve beyond the last frame." in dock.notice.text()
+
+
 def test_a_path_without_a_plugin_means_napari_s_own_reader(
     viewer: Any, npe2pm: Any, tmp_path: Path, labels: Labels
 ) -> None:

@@ -148,7 +148,8 @@ def labels_of_layer(shapes: Sequence[Float[np.ndarray, "N D"]], meta: Mapping[st
     curves = [spline.fine(record.curve) for record in owner.records] if owner else origin.labels
     drawn = dict(zip(known, thinned([each.points for each in curves]), strict=True))
     told = pd.Series(meta.get("features", {}).get("id", range(1, len(shapes) + 1)))
-    numbers = pd.to_numeric(told, errors="coerce").fillna(-1).astype(int).tolist()
+    ids = cast("pd.Series", pd.to_numeric(told, errors="coerce"))
+    numbers = ids.fillna(-1).astype(int).tolist()
     frames = [int(np.round(line[0, 0])) if line.shape[1] > 2 else 0 for line in shapes]
     if owner and shapes:
         frames = space.frame_numbers(owner.image, np.array([line[0] for line in shapes]))

@@ -27,6 +27,7 @@ Pair = Float[np.ndarray, "2"]  # (row, col)
 Corner = Int[np.ndarray, "2"]
 WHOLE_FRAME = 2**22  # frames in memory of up to this many pixels are given whole
 LARGEST_BLOCK = 2**24  # px: of a larger one a coarser level of a multiscale image is read
+BEYOND = 2**31  # more than the times of any image
 MARGIN = 64  # kept around the sketches beside the length of the longest, px
 
 
@@ -224,7 +225,8 @@ def frame_shape(image: Image) -> tuple[int, ...]:
 def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
     """Put (row, col) points into a frame, or each into its own: data coordinates of the image."""
     shape = frame_shape(image)
-    index = np.array(np.unravel_index(frame, shape)).T if shape else np.zeros(0)
+    # What is beyond the last frame stays beyond it.
+    index = np.array(np.unravel_index(frame, (BEYOND, *shape[1:]))).T if shape else np.zeros(0)
     return np.hstack([np.broadcast_to(index, (len(points), len(shape))), points])
 
 
