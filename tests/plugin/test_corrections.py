@@ -313,6 +313,21 @@ def test_the_key_that_selects_all_shapes_selects_all_curves_of_the_frame(
         assert len(controller.selection) == 2
 
 
+def test_a_locked_curve_is_not_deleted(qapp: Any, fake: FakeEngine) -> None:
+    with bench() as made:
+        made.begin()
+        controller = made.controller
+        controller.lock(True, (0, 2))
+        controller.select([(0, 1), (0, 2)])
+        controller.actions.run("delete")
+        assert controller.notice.text == "Curve 2 is locked."
+        controller.changes.erased.emit()  # Delete in the layer of curves
+        assert [record.id for record in controller.records()] == [1, 2]
+        controller.lock(False)
+        controller.actions.run("delete")
+        assert not controller.records()
+
+
 def test_buttons_cut_and_extend_where_the_curve_was_clicked(qapp: Any, fake: FakeEngine) -> None:
     with bench() as made:
         made.begin()

@@ -37,14 +37,14 @@ def test_steps_are_taken_back_by_keys_and_buttons(viewer: Any, dock: Splinesketc
     until(lambda: list(curves.features["review"]) == ["accepted", "open"])
     until(lambda: list(curves.features["locked"]) == [False, True])
     viewer.layers.selection.active = curves
-    controller.selected = (0, 2)
+    controller.selected = (0, 1)
     press(viewer, Qt.Key.Key_Delete)
     until(lambda: curves.nshapes == 1, 20)
-    until(lambda: [r.id for r in controller.records()] == [1], 20)
+    until(lambda: [r.id for r in controller.records()] == [2], 20)
     press(viewer, Qt.Key.Key_Z, CONTROL)
     until(lambda: curves.nshapes == 2, 20)
-    assert controller.records()[1].locked
-    assert "Undone: delete curve 2" in dock.notice.text()
+    assert controller.records()[0].review == "accepted"
+    assert "Undone: delete curve 1" in dock.notice.text()
     press(viewer, Qt.Key.Key_Z, CONTROL | SHIFT)
     until(lambda: curves.nshapes == 1, 20)
     click(dock.undo)

@@ -232,7 +232,13 @@ class Keeper:
         if self.work and chosen:
             self.apply(f"{verb} {words.curves(chosen)}", change(self.work.state, chosen))
 
-    delete = partialmethod(_change, "Delete", State.without)
+    def delete(self, *keys: Key) -> None:
+        """Delete curves, those selected if none are named; not if one of them is locked."""
+        chosen = keys or self.selection
+        if locked := [r for r in self.records() if r.locked and key_of(r) in chosen]:
+            self.say(words.locked(locked))
+        else:
+            self._change("Delete", State.without, *keys)
 
     def review(self, review: Review, *keys: Key) -> None:
         """Accept, reject or reopen curves, those selected if none are named."""
