@@ -407,7 +407,7 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
     dock.controller.selected = (0, 1)
     dock.resize(250, 700)
     QTest.qWait(50)
-    assert dock.minimumWidth() == 250  # napari gives a dock no more
+    assert dock.minimumSizeHint().width() == 250  # napari gives a dock no more
     assert dock.content.width() <= 250
     assert dock.curve.isVisible()
     buttons = dock.content.findChildren(QAbstractButton)
@@ -417,6 +417,16 @@ def test_every_control_has_a_tooltip_and_fits_250_pixels(
         right = control.mapTo(dock, control.rect().topRight()).x()
         assert right <= 250
         assert control.width() >= min(control.sizeHint().width(), 60), control.text()
+
+
+def test_a_large_font_makes_the_dock_wider(viewer: Any, dock: SplinesketchDock) -> None:
+    sketched(viewer)
+    refine(dock)
+    dock.setStyleSheet("font-size: 16pt")  # as napari's preferences
+    QTest.qWait(50)
+    dock.resize(dock.minimumSizeHint().width(), 700)
+    QTest.qWait(50)
+    assert dock.review.mapTo(dock, dock.review.rect().topRight()).x() <= dock.width()
 
 
 def test_results_are_no_sketches_and_no_images(viewer: Any, dock: SplinesketchDock) -> None:

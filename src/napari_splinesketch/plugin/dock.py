@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 TITLE = "Splinesketch"
 WARM_UP_AFTER_MS = 500  # the window is shown first
-WIDTH = 250  # least, px: napari gives a dock no more, and all has room in it
 LINES = 5  # of text that there is always room for above Export, so that nothing moves
 MORE_LOOK = "QPushButton { padding: 6px 2px; } QPushButton::menu-indicator { width: 0; }"
 KINDS = {f"{writer.name} (*{writer.suffix})": writer.suffix for writer in WRITERS}
@@ -132,7 +131,6 @@ class SplinesketchDock(qt.QWidget):
         ui.stack(below, self.offer, texts, self.progress, self.export, self.saved, margin=4)
         ui.stack(self, ui.Column(self.content), below).setStretch(0, 1)
         ui.leave_keys(self)
-        self.setMinimumWidth(WIDTH)
 
     def _connect(self) -> None:
         controller, c = self.controller, self.controller.changes

@@ -11,7 +11,7 @@ from napari._app_model import get_app_model
 from napari.layers import Layer, Shapes
 from napari.utils.history import get_save_history, update_save_history
 from qtpy import QtWidgets as qt
-from qtpy.QtCore import QEvent, QObject, Qt  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtCore import QEvent, QObject, QSize, Qt  # pyright: ignore[reportPrivateImportUsage]
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import choices, films, words
@@ -20,6 +20,7 @@ from napari_splinesketch.plugin.controller import Controller
 from napari_splinesketch.plugin.layers.pictures import ASKED, MAKERS
 from napari_splinesketch.plugin.layers.space import ruler_of
 
+WIDTH = 250  # least of the dock, px: with its own font, napari gives it no more
 NARROW = 60  # least width of a combo box, px: a dock of 250 px has room for it beside its label
 FOLDER_TIP = "Where lines and curves are saved as they are made; what is saved stays where it is"
 PREFERENCES = "napari.window.file.show_preferences_dialog"
@@ -213,6 +214,20 @@ class Column(qt.QScrollArea):
         self.setWidgetResizable(True)
         self.setFrameShape(qt.QFrame.Shape.NoFrame)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def minimumSizeHint(self) -> QSize:
+        """Leave room for the width of the content: napari's font may be large."""
+        least, widget, bar = super().minimumSizeHint(), self.widget(), self.verticalScrollBar()
+        if widget and bar:
+            room = widget.minimumSizeHint().width() + bar.sizeHint().width()
+            least.setWidth(max(WIDTH, room))
+        return least
+
+    def event(self, a0: QEvent | None) -> bool:
+        """Ask for another width when the content does."""
+        if a0 and a0.type() == QEvent.Type.LayoutRequest:
+            self.updateGeometry()
+        return super().event(a0)
 
     def focusNextPrevChild(self, next: bool) -> bool:  # noqa: A002
         """Move the focus; a button that is disabled gives it away, and nothing scrolls for that."""
