@@ -665,6 +665,22 @@ def test_an_image_from_another_file_has_lines_of_its_own(home: Path, tmp_path: P
         assert saved == {"0": 3, "1": 4}, "their own is gone: nothing is lost"
 
 
+def test_lines_whose_image_is_gone_go_to_no_other_by_themselves(home: Path, tmp_path: Path) -> None:
+    for number in range(2):
+        tifffile.imwrite(tmp_path / f"{number}.tif", np.full((96, 128), number, np.float32))
+    first, second = (from_file(tmp_path / f"{number}.tif") for number in range(2))
+    with bench() as made:
+        for image in (first, second):
+            made.viewer.add_layer(image)
+            lines = made.sketches()
+        made.saver.flush()
+        made.viewer.layers.remove(first)
+        made.viewer.layers.remove(lines)  # as closing the window does
+        assert made.controller.sketches is None
+        made.saver.flush()
+        assert sorted(head["image"]["name"] for head in heads(tmp_path)) == ["0", "1"]
+
+
 def test_lines_that_are_pasted_are_saved(home: Path) -> None:
     with bench() as made:
         made.image()

@@ -285,8 +285,13 @@ class Keeper:
             gc.unfreeze()  # its pixels may be garbage among what the dock leaves out of the search
         for kind in self._chosen:
             if event.value is self._chosen[kind]:
-                self.choose_layer(kind, next(iter(self.layers(kind)), None))
+                self.choose_layer(kind, next(filter(self._fits, self.layers(kind)), None))
         self.changes.layers.emit()
+
+    def _fits(self, layer: Layer) -> bool:
+        """Whether a layer was not drawn on an image from another file than the chosen one."""
+        origin = vars(layer).get(ORIGIN)
+        return not (origin and self.image) or origin == origin_of(self.image)
 
     def _on_seen(self, event: Any) -> None:
         action, added = getattr(event, "action", None), ActionType.ADDED  # of the chosen sketches
