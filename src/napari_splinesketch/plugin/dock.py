@@ -276,8 +276,9 @@ class SplinesketchDock(qt.QWidget):
             path = with_ending(chosen, KINDS.get(kind, DEFAULT))
             # The dialog has asked about the name as it was typed.
             if path != chosen and Path(path).exists():
-                said = f"{(name := Path(path).name)} exists already; choose another name"
-                self.controller.say(f"Not saved: {said}, or type {name} in full to replace it.")
+                name = Path(path).name
+                ways = f"choose another name, or type {name} in full to replace it"
+                self.controller.say(f"Not saved: {name} exists already; {ways}.")
                 return
             self.controller.export(path, overwrite=path == chosen)
 
