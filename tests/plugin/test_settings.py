@@ -72,6 +72,13 @@ def test_a_half_width_is_in_the_unit_that_was_shown(
     assert form.half_width.text() == "1.500 µm"
 
 
+def test_the_form_and_the_manifest_have_the_same_largest_half_width() -> None:
+    manifest = PluginManifest.from_distribution(PLUGIN)
+    pages: Any = manifest.model_dump()["contributions"]["configurations"]
+    most = pages["refining"]["properties"]["half_width"]["maximum"]
+    assert most == settings.FORM["half_width"]["max"]
+
+
 @pytest.mark.parametrize(
     ("unit", "pixel", "shown"), [("nm", 500.0, "40000.000 nm"), ("mm", 6.5e-5, "0.0400000 mm")]
 )
