@@ -31,23 +31,6 @@ MOVE_MS, STEP_MS, LOOK_MS = 120, 700, 1800
 """How long a picture is shown: while something moves, after a step, to look at it."""
 
 
-def stills(viewer: Viewer, dock: SplinesketchDock, folder: Path) -> None:
-    """Go through the demo and take a picture at every step."""
-    w.look(viewer, *NEAR)
-    w.shoot(viewer, folder / "sketches.png")
-    w.refine(dock)
-    w.shoot(viewer, folder / "window.png")
-    eyes = list(dock.eyes.buttons.values())[1:]
-    for eye in eyes:
-        w.click(eye)
-    w.shoot(viewer, folder / "model.png")
-    for eye in eyes:
-        w.click(eye)
-    viewer.reset_view()
-    w.wait(0.2)
-    w.shoot(viewer, folder / "whole.png")
-
-
 def reviewing(viewer: Viewer, dock: SplinesketchDock, folder: Path) -> None:
     """Open the panel, look at the worst curve, and at what the model leaves unexplained."""
     w.look(viewer, *NEAR)
@@ -118,7 +101,9 @@ def main() -> None:
     """Make all pictures."""
     folder = w.folder(__doc__)
     viewer, dock = w.open_window()
-    stills(viewer, dock, folder)
+    w.look(viewer, *NEAR)
+    w.refine(dock)
+    w.shoot(viewer, folder / "window.png")
     reviewing(viewer, dock, folder)
     movie(viewer, dock, folder / "labelling.gif")
     viewer.close()
