@@ -109,6 +109,15 @@ def test_pypi_shows_the_readme_without_paths_into_the_repository(repository: str
     assert (f"{repository}/blob/v{__version__}/docs/index.md" in targets) == bool(repository)
 
 
+def test_the_api_page_shows_what_it_names() -> None:
+    """A function of its module's name would be taken for the module, and not be shown."""
+    blocks = re.findall(r"^::: (\S+)\n.*?members: \[(.*?)\]", TEXTS["docs/api.md"], re.M | re.S)
+    assert len(blocks) > 3
+    for module, members in blocks:
+        folder = ROOT / "src" / module.replace(".", "/")
+        assert not any((folder / f"{name}.py").exists() for name in members.split(", ")), module
+
+
 def test_every_extra_is_explained() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     table = TEXTS["docs/index.md"].split("## What needs which extra")[1].split("\n## ")[0]

@@ -48,7 +48,7 @@ def follow(
         The bodies as they are known before; those without a curve that has a length, such as that
         of a sketch of one point, take no part.
     read
-        Reads a frame.
+        Gives a `View` of a frame, by its number, or of what is around some lines in it.
     refine
         Refines sketches; None takes the engine.
     preset

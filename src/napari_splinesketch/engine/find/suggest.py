@@ -82,8 +82,9 @@ def suggest(
 
     Returns
     -------
-    (N, 2) polylines, row and col in px, from top to bottom; none where nothing stands out, or
-    after a cancel.
+    tuple
+        (N, 2) polylines, row and col in px, from top to bottom; none where nothing stands out, or
+        after a cancel.
 
     Raises
     ------
