@@ -291,7 +291,7 @@ class TrainingJob(ImageJob):
     Write the frames of a film that have accepted curves as a training set: images, splines, masks,
     and a split into train, val and test. Curves that nobody accepted count neither as bodies nor as
     background: each frame has a mask of what to ignore. LABELS is a file that records what was
-    accepted: labels CSV, GeoJSON or WCON, exported from the window.
+    accepted, such as labels CSV or GeoJSON, exported from the window.
 
     For example:
       napari-splinesketch export-training film.tif labels.csv -o training --keep good
