@@ -311,7 +311,7 @@ class TrainingJob(ImageJob):
     split: tuple[float, float, float] = opt(
         "shares of the film", ("TRAIN", "VAL", "TEST"), default=Split.shares
     )
-    block: int | None = opt("frames that stay together (default: 1/20 of the film)", "N")
+    block: int | None = opt("frames that stay together (default: 1/20 of them, at most 100)", "N")
     gap: int | None = opt("frames left out between parts (default: 1/10 of a block)", "N")
     seed: int = opt("which blocks go where", "N", default=0)
 

@@ -69,7 +69,7 @@ class SplinesketchDock(qt.QWidget):
     def _build(self) -> None:
         controller, actions = self.controller, self.controller.actions
         self.image = ui.LayerChoice(controller, Image, "Image", "The image that the bodies are in")
-        tip = "The Shapes layer with your rough lines; it is never changed"
+        tip = "The Shapes layer with your rough lines; what you drew is never changed"
         self.sketches = ui.LayerChoice(controller, Shapes, "Sketches", tip)
         self.draw = ui.CommandButton(actions, "draw", controller.draw)
         self.suggest = ui.CommandButton(actions, "suggest")
