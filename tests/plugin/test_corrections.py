@@ -181,7 +181,7 @@ def test_splitting_joining_and_deleting(
     hand.press("Delete")
     settled(dock, 1)
     until(lambda: list(ends(dock)) == [2], 20)
-    assert "Left out: 1 line with a deleted curve" in dock.hint.text(), "it stays deleted"
+    assert "1 line with a deleted or replaced curve" in dock.hint.text(), "it stays deleted"
     click(dock.curve.buttons["restore"])
     settled(dock, 2)
     for _ in range(5):

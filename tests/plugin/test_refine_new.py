@@ -98,6 +98,7 @@ def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     assert [record.id for record in dock.controller.records()] == [1, 2]
     assert np.allclose(dock.controller.records()[0].sketch, [[21, 22], [20, 62]])
     assert not dock.refine.isEnabled(), "the old line is left alone"
+    assert "Left out: 1 line with a deleted or replaced curve" in dock.hint.text()
     dock.controller.refine("all")
     until(lambda: not dock.controller.progress, 20)
     assert len(dock.controller.records()) == 2

@@ -65,7 +65,7 @@ def nothing(plan: "Plan", refined: bool, layer: str) -> str:
             return "No line in this frame. To correct a curve, draw a line over it and refine."
         return f"Nothing to refine yet: draw a line over each body in {layer!r}."
     if plan.deleted:
-        left_out = f"Left out: {counted(plan.deleted, 'line')} with a deleted curve."
+        left_out = f"Left out: {counted(plan.deleted, 'line')} with a deleted or replaced curve."
         return f"{left_out} Select a line to refine it all the same."
     return "Every line here has its curve. Draw more, or refine again with ▾."
 
