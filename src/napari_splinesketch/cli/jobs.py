@@ -155,7 +155,7 @@ class RefineJob(SharedJob, SketchedJob):
     Refine the sketches on every frame that has any. Curves keep the order and the numbers of their
     sketches; a sketch that cannot be refined comes back as drawn, marked "failed".
 
-    IMAGE is a TIFF (including ImageJ hyperstacks and OME-TIFF), PNG, OME-Zarr, AVI or MP4, a
+    IMAGE is a TIFF (including ImageJ hyperstacks and OME-TIFF), PNG, JPEG, OME-Zarr, AVI or MP4, a
     folder with one image per frame, a glob in quotes ("day1/*.png"), or the URL of an OME-Zarr
     (https://..., s3://...). SKETCHES is any file of lines that can be read: a Shapes layer saved
     by napari, ImageJ ROIs, the labels of an earlier run, ...
