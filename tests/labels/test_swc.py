@@ -28,7 +28,8 @@ def test_pandas_reads_the_table(tmp_path: Path) -> None:
     square = Labels((label, bent(curve=3, points=4, shift=20.0)), (0.5, 0.5), "µm")
     write_labels(tmp_path / "a.swc", square)
     columns = ["id", "type", "x", "y", "z", "radius", "parent"]
-    table = pd.read_csv(tmp_path / "a.swc", sep=" ", comment="#", names=columns)
+    path = tmp_path / "a.swc"
+    table = pd.read_csv(path, sep=" ", comment="#", names=columns, float_precision="round_trip")
     assert list(table.id) == list(range(1, 12))
     assert list(table.parent) == [-1, 1, 2, 3, 4, 5, 6, -1, 8, 9, 10]
     assert np.array_equal(table.x[:7], label.points[:, 1] * 0.5)

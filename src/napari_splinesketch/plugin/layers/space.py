@@ -20,6 +20,7 @@ from napari_splinesketch.engine.types import Curve
 from napari_splinesketch.geometry import width_growth
 from napari_splinesketch.grids import Grid, slices
 from napari_splinesketch.images.frames import LUMINANCE
+from napari_splinesketch.labels.types import unit_of
 from napari_splinesketch.plugin.model import Line, lengths_of
 
 Points = Float[np.ndarray, "N D"]
@@ -284,7 +285,7 @@ def pixel_size(
     if str(unit_y) == "pixel":
         return (None if size_y == size_x == 1 else (size_y, size_x)), None
     convert = pint.get_application_registry().convert
-    return (size_y, convert(size_x, unit_x, unit_y)), f"{unit_y:~P}"
+    return (size_y, convert(size_x, unit_x, unit_y)), unit_of(f"{unit_y:~P}")
 
 
 @dataclass(frozen=True, eq=False)
