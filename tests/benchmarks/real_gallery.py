@@ -18,7 +18,7 @@ FOLDER = ROOT / "docs" / "real"
 CACHE = ROOT / ".cache" / "real"
 METHODS = ("balanced", "minimal_path", "active_contour", "paper")
 PAPERS = ("neurites", "tripod", "wormpose_00000", "worms_worme")
-"""The paper's method takes a minute or more for each body: only these images show it."""
+"""Images that show the paper's method, too."""
 WIDTH, HEIGHT = 330, 400
 """Of one panel, px, at most."""
 CAPTION = 16

@@ -146,8 +146,8 @@ def _frames(source: ByFrame, keep: Keep, whole_frames: bool) -> Int[Array, " F"]
         return np.array(frames)
     if keep == "accepted" and not accepted:
         raise ValueError(
-            "no curve is accepted; accept some in the window and export them as labels CSV, "
-            "GeoJSON or WCON, or take all that are good (--keep good)"
+            "no curve is accepted; accept some in the window and export them, as labels CSV "
+            "for instance, or take all that are good (--keep good)"
         )
     raise ValueError("no frame has curves to learn from; accept or refine more of them")
 
