@@ -51,9 +51,9 @@ def test_a_film_round_trips_bit_for_bit_with_all_that_a_table_holds(tmp_path: Pa
 def test_one_image_has_two_axes_and_pandas_reads_them(tmp_path: Path) -> None:
     labels = Labels((bent(points=3),))
     write_labels(tmp_path / "a.shapes.csv", labels)
-    frame = pd.read_csv(tmp_path / "a.shapes.csv", float_precision="round_trip")
+    frame = pd.read_csv(tmp_path / "a.shapes.csv")
     assert ",".join(frame.columns[:5]) == HEADER
-    assert np.array_equal(frame[["axis-0", "axis-1"]], labels.labels[0].points)
+    assert np.allclose(frame[["axis-0", "axis-1"]], labels.labels[0].points, rtol=1e-15)
     assert same_points(labels, read_labels(tmp_path / "a.shapes.csv"))
 
 

@@ -48,14 +48,14 @@ class Button(qt.QPushButton):
 class MenuButton(Button):
     """A button that opens a menu: its `entries` by what they are called, and what each does."""
 
-    def __init__(self, text: str, tip: str, runs: Mapping[str, Callable[..., object]]):
+    def __init__(self, text: str, tip: str, runs: Mapping[str, Callable[[], object]]):
         super().__init__(text, tip)
         menu: Any = qt.QMenu(self)
         menu.setToolTipsVisible(True)
         self.setMenu(menu)
         self.entries: list[Any] = [menu.addAction(name) for name in runs]
         for entry, run in zip(self.entries, runs.values(), strict=True):
-            entry.triggered.connect(run)
+            entry.triggered.connect(lambda *_, run=run: run())
 
 
 def stack(
@@ -286,12 +286,13 @@ class EyeBox(qt.QWidget):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller = controller
-        self.buttons = {role: Button(name, tip) for role, (name, tip) in words.EYES.items()}
+        self.buttons = {
+            role: Button(name, tip, partial(self._ask, role))
+            for role, (name, tip) in words.EYES.items()
+        }
         asked = {MAKERS[role].title: partial(self._ask, role) for role in ASKED}
         more = MenuButton("More", "Show more: residual, background, uncertainty, masks", asked)
         self.entries = dict(zip(ASKED, more.entries, strict=True))
-        for role, button in self.buttons.items():
-            button.clicked.connect(partial(self._ask, role))
         self._eyes: dict[str, Any] = {**self.buttons, **self.entries}
         for role, eye in self._eyes.items():
             eye.setCheckable(True)
@@ -307,9 +308,9 @@ class EyeBox(qt.QWidget):
             eye.setEnabled(layer is not None or role in ASKED)
             eye.setChecked(layer is not None and layer.visible)
 
-    def _ask(self, role: str, on: bool) -> None:
+    def _ask(self, role: str) -> None:
         work = self._controller.work
-        if work is not None and not work.ask(role, on):
+        if work is not None and not work.ask(role, self._eyes[role].isChecked()):
             self.show_state()
             self._controller.say(MAKERS[role].nothing)
 
