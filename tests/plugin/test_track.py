@@ -144,6 +144,22 @@ def test_curves_that_were_deleted_are_not_counted(film: SplinesketchDock, fake: 
     assert "1 curve there. 3 curves to check for drift." in film.notice.text()
 
 
+def test_all_curves_of_the_last_frame_are_counted(viewer: Any, film: SplinesketchDock) -> None:
+    click(film.track.buttons["track"])
+    over(film)
+    film.controller.delete((3, 2))
+    viewer.dims.set_point(0, 3)
+    click(film.track.buttons["next_frame"])
+    over(film)
+    assert keys(film)[-4:-2] == [(4, 1), (4, 2)]
+    assert film.notice.text() == "✓ Tracked to frame 4: 2 curves there."
+    film.controller.review("rejected", (4, 2))
+    viewer.dims.set_point(0, 3)
+    click(film.track.buttons["next_frame"])
+    over(film)
+    assert film.notice.text() == "✓ Tracked to frame 4: 1 curve there."
+
+
 def test_what_is_said_of_curves_is_theirs_though_their_drawing_was_overtaken(
     film: SplinesketchDock,
 ) -> None:

@@ -126,10 +126,10 @@ def test_long_words_can_be_broken_and_others_are_left_alone() -> None:
 
 def test_a_body_that_is_out_of_sight_in_the_last_frame_is_named() -> None:
     seen = Tracked(7, {2: as_drawn(LINE)})
-    assert words.tracked([seen], None) == "Tracked to frame 7: 1 curve there."
+    assert words.tracked([seen], None, 1) == "Tracked to frame 7: 1 curve there."
     hidden = replace(seen, missing={3: "nothing", 4: LEFT}, lost=frozenset({4}))
     said = "Tracked to frame 7: 1 curve there. Not found there: 3. Left the image: 4 (frame 7)."
-    assert words.tracked([hidden], None) == said
+    assert words.tracked([hidden], None, 1) == said
 
 
 def test_refitting_that_changes_nothing_says_so() -> None:

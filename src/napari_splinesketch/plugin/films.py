@@ -232,7 +232,9 @@ class Tracking:
             space.go_to_frame(controller.viewer, work.image, frame)
             there = [key for key in work.state.by_key if key[0] == frame]
             controller.select(key for key in there if key[1] in numbers)
-        said = words.tracked([*self._taken.values()], self.corrected)
+        last = [self.times[frame] for frame in self._taken][-1:]
+        there = sum(r.frame in last and r.review != "rejected" for r in work.state.records)
+        said = words.tracked([*self._taken.values()], self.corrected, there)
         controller.show(work, partial(controller.finish, said))
 
     def cancelled(self) -> str:

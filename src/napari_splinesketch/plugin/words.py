@@ -135,8 +135,8 @@ def suggested(number: int, sensitivity: float) -> str:
     return f"Suggested {counted(number, 'line')}. Correct or delete what is wrong, then refine."
 
 
-def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
-    """Say what came of tracking, or of fitting again around a corrected frame."""
+def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int = 0) -> str:
+    """Say what came of tracking, with so many curves `there` in the end, or of fitting again."""
     if corrected is not None:
         frames = sorted(one.frame for one in taken)
         if not frames:
@@ -151,8 +151,7 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None) -> str:
             why = one.missing.get(number, "")
             kind = next((said for begin, said in ENDS.items() if why.startswith(begin)), "Lost")
             ended.setdefault(kind, []).append(f"{number} (frame {one.frame})")
-    arrived = counted(len(last.ids) + len(last.given), "curve")
-    text = [f"Tracked to frame {last.frame}: {arrived} there."]
+    text = [f"Tracked to frame {last.frame}: {counted(there, 'curve')} there."]
     if missing := [str(number) for number in last.missing if number not in last.lost]:
         text.append(f"Not found there: {_some(missing)}.")
     text += [f"{kind}: {_some(named)}." for kind, named in ended.items()]
