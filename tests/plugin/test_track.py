@@ -160,6 +160,15 @@ def test_all_curves_of_the_last_frame_are_counted(viewer: Any, film: Splinesketc
     assert film.notice.text() == "✓ Tracked to frame 4: 1 curve there."
 
 
+def test_that_curves_of_a_file_stay_is_said(film: SplinesketchDock) -> None:
+    click(film.track.buttons["track"])
+    over(film)
+    c = film.controller
+    taken_up = [replace(r, drawn=True, sketch=r.curve.points) for r in c.records()]
+    c.apply("Continue with labels", c.state.with_records(*taken_up))
+    assert "come from a file stay as they are" in c.actions.problem("around")
+
+
 def test_what_is_said_of_curves_is_theirs_though_their_drawing_was_overtaken(
     film: SplinesketchDock,
 ) -> None:

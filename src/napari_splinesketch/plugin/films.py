@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 NOT_REFINED = "There are no curves in this frame: refine it first"
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
-NOT_TRACKED = "The frames beside have no tracked curve of what you drew or corrected here"
+NOT_TRACKED = (
+    "The frames beside have no tracked curve of what you drew or corrected here: curves that are\n"
+    "yours or come from a file stay as they are. Draw lines over those there, and refine them"
+)
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
 
 
