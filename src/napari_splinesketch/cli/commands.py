@@ -70,6 +70,9 @@ def run(arguments: Sequence[str] | None) -> int:
     except (Exception, KeyboardInterrupt) as error:
         if isinstance(error, KeyboardInterrupt) or terminal.was_interrupted():
             raise KeyboardInterrupt(f"interrupted; {KEPT}" if kept else "interrupted") from None
+        if isinstance(error, BrokenPipeError) and not name:  # --help, as Python 3.11.2 prints it
+            terminal.tell(())
+            return report.DONE
         if isinstance(error, ConnectionError) and kept:
             terminal.say(f"{error}; {KEPT}")
             return report.INTERRUPTED
