@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from napari_splinesketch.labels import LabelsError, read_labels
@@ -155,3 +156,11 @@ def test_a_zip_of_something_else_is_refused_in_words(tmp_path: Path) -> None:
         archive.writestr("a.roi", b"Iout")
     with pytest.raises(LabelsError, match=r"a\.npz: array of shape \(\)"):
         read_labels(tmp_path / "a.npz")
+
+
+def test_a_damaged_archive_is_closed(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04" + bytes(50))
+    with pytest.raises(LabelsError) as held:
+        read_labels(tmp_path / "a.npz")
+    still_open = [file.path for file in psutil.Process().open_files()]
+    assert str(tmp_path / "a.npz") not in still_open, held

@@ -31,8 +31,8 @@ def test_pandas_reads_the_table(tmp_path: Path) -> None:
     table = pd.read_csv(tmp_path / "a.swc", sep=" ", comment="#", names=columns)
     assert list(table.id) == list(range(1, 12))
     assert list(table.parent) == [-1, 1, 2, 3, 4, 5, 6, -1, 8, 9, 10]
-    assert np.allclose(table.x[:7], label.points[:, 1] * 0.5, rtol=1e-15)
-    assert np.allclose(table.y[:7], label.points[:, 0] * 0.5, rtol=1e-15)
+    assert np.allclose(table.x[:7], label.points[:, 1] * 0.5, rtol=1e-15, atol=0)
+    assert np.allclose(table.y[:7], label.points[:, 0] * 0.5, rtol=1e-15, atol=0)
     assert np.allclose(table.radius[:7], label.half_width * 0.5)
     assert set(table.z) == {0}
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 from napari.components import ViewerModel
 from napari.layers import Image, Shapes
@@ -156,6 +157,13 @@ def test_pixel_size(name: str) -> None:
     size, unit = pixel_size(layer.scale.tolist(), layer.units)
     assert unit == expected[1]
     assert size == (pytest.approx(expected[0][0:2]) if expected[0] else None)
+
+
+def test_micrometres_have_the_micro_sign_also_where_pint_writes_a_greek_letter() -> None:
+    newest = pint.UnitRegistry()
+    newest.define("micro- = 1e-6 = \u03bc- = u-")
+    assert f"{newest.Unit('um'):~P}" == "\u03bcm"
+    assert pixel_size([0.5, 2.0], [newest.Unit("um")] * 2) == ((0.5, 2.0), "\u00b5m")
 
 
 @pytest.mark.slow

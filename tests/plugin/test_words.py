@@ -133,7 +133,7 @@ def test_a_body_that_is_out_of_sight_in_the_last_frame_is_named() -> None:
 
 
 def test_refitting_that_changes_nothing_says_so() -> None:
-    assert words.tracked([], 4) == "Nothing had to change around frame 4."
+    assert words.tracked([], 4, 0) == "Nothing had to change around frame 4."
 
 
 def test_a_frame_of_a_film_with_planes_is_named_by_time_and_plane() -> None:

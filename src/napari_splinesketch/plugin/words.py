@@ -135,7 +135,7 @@ def suggested(number: int, sensitivity: float) -> str:
     return f"Suggested {counted(number, 'line')}. Correct or delete what is wrong, then refine."
 
 
-def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int = 0) -> str:
+def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> str:
     """Say what came of tracking, with so many curves `there` in the end, or of fitting again."""
     if corrected is not None:
         frames = sorted(one.frame for one in taken)
