@@ -35,7 +35,7 @@ SIZE = (30, 40)
 def record(number: int = 1, frame: int = 3, **changes: Any) -> Record:
     line = RNG.normal(50, 20, (5, 2))
     curve = as_drawn(line, **({"sd": RNG.random(100)} | changes))
-    marks: dict[str, Any] = {"drawn": False, "edited": True, "corrected": True}
+    marks: dict[str, Any] = {"drawn": False, "edited": True, "corrected": True, "from_file": True}
     return Record(number, frame, line, curve, "accepted", locked=True, **marks)
 
 

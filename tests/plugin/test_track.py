@@ -51,6 +51,11 @@ def keys(dock: SplinesketchDock) -> list[tuple[int, int]]:
     return [(record.frame, record.id) for record in dock.controller.records()]
 
 
+def away(record: Record, rows: float = 9) -> Record:
+    points = record.curve.points + np.array([rows, 0])
+    return replace(record, curve=replace(record.curve, points=points))
+
+
 def over(dock: SplinesketchDock) -> None:
     until(lambda: dock.controller.progress is None, 60)
 
@@ -160,13 +165,44 @@ def test_all_curves_of_the_last_frame_are_counted(viewer: Any, film: Splinesketc
     assert film.notice.text() == "✓ Tracked to frame 4: 1 curve there."
 
 
-def test_that_curves_of_a_file_stay_is_said(film: SplinesketchDock) -> None:
-    click(film.track.buttons["track"])
+def test_curves_of_a_file_are_fitted_again_only_around_a_correction(
+    viewer: Any, film: SplinesketchDock, tmp_path: Path, npe2pm_installed: None
+) -> None:
+    c, buttons = film.controller, film.track.buttons
+    click(buttons["track"])
     over(film)
-    c = film.controller
-    taken_up = [replace(r, drawn=True, sketch=r.curve.points) for r in c.records()]
-    c.apply("Continue with labels", c.state.with_records(*taken_up))
-    assert "come from a file stay as they are" in c.actions.problem("around")
+    wrong = [(2, 1), (3, 1), (4, 1)]
+    c.apply("Go wrong", c.state.with_records(*(away(c.state.by_key[key]) for key in wrong)))
+    c.export(tmp_path / "film.csv")
+    over(film)
+    viewer.open(tmp_path / "film.csv", plugin="napari-splinesketch")
+    click(film.offer.labels)
+    until(c.records)
+    viewer.dims.set_point(0, 2)
+    assert "Correct a curve of this frame first" in c.actions.problem("around")
+    before = dict(c.state.by_key)
+    viewer.dims.set_point(0, 1)
+    click(buttons["track"])
+    over(film)
+    assert c.state.by_key == before, "they stay"
+    viewer.dims.set_point(0, 2)
+    c.refine("all")
+    over(film)
+    assert "Correct a curve of this frame first" in c.actions.problem("around"), "still a file's"
+    right = away(c.state.by_key[2, 1], -9)
+    c.apply("Edit", c.state.with_records(commands.edited(right, right.curve)))
+    c.review("accepted", (4, 2))
+    before = dict(c.state.by_key)
+    click(buttons["around"])
+    over(film)
+    assert "Refitted 2 frames around frame 2, from 3 to 4." in film.notice.text()
+    after = c.state.by_key
+    assert {key for key in after if after[key] is not before[key]} == {(3, 1), (4, 1)}
+    np.testing.assert_allclose(after[4, 1].curve.points[0], [20, 20], atol=0.5)
+    assert not any(r.by_hand for key, r in after.items() if key != (2, 1))
+    for frame in (3, 4):
+        viewer.dims.set_point(0, frame)
+        assert not c.request().targets, "each line has its curve"
 
 
 def test_what_is_said_of_curves_is_theirs_though_their_drawing_was_overtaken(

@@ -302,7 +302,15 @@ class Controller(Keeper):
         curves = [replace(c, reasons=words.renumbered(c.reasons, ids)) for c in refined.curves]
         pairs = zip(plan.targets, curves, strict=True)
         fresh = [
-            Record(t.id, plan.frame, t.sketch, curve, drawn=t.drawn, corrected=t.corrected)
+            Record(
+                t.id,
+                plan.frame,
+                t.sketch,
+                curve,
+                drawn=t.drawn,
+                corrected=t.corrected,
+                from_file=t.from_file,
+            )
             for t, curve in pairs
             if now.get((plan.frame, t.id)) is known.get((plan.frame, t.id))
         ]

@@ -250,7 +250,10 @@ def records_of(labels: Labels, frames: int) -> tuple[tuple[Record, ...], list[st
         # How well it explained the image is in no file.
         curve = Curve(knots, even.points, even.half_width, even.sd, status, reasons, np.inf)
         number, line = label.curve + first, label.points
-        made.append(Record(number, label.frame, line, curve, label.review, label.locked))
+        record = Record(
+            number, label.frame, line, curve, label.review, label.locked, from_file=True
+        )
+        made.append(record)
     notes = ["curves count from 1 here, and from 0 in the file"] * first
     if beyond := len(curves) - len(here):
         notes += [f"left in the file: {counted(beyond, 'curve')} beyond the last frame"]

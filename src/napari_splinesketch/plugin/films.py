@@ -28,7 +28,7 @@ NOT_REFINED = "There are no curves in this frame: refine it first"
 NOT_CORRECTED = "Correct a curve of this frame first: draw a line over it and refine, or edit it"
 NOT_TRACKED = (
     "The frames beside have no tracked curve of what you drew or corrected here: curves that are\n"
-    "yours or come from a file stay as they are. Draw lines over those there, and refine them"
+    "yours stay as they are. Draw lines over those there, and refine them"
 )
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
 
@@ -193,7 +193,11 @@ class Tracking:
 
         def given(frame: int) -> Given:
             here = known.get(frame)
-            mine = {r.id: r.curve for r in here or () if _decided(r) and r.usable}
+            # What a file brings is carried on from, and fitted again only around a correction.
+            stays = [
+                r for r in here or () if _decided(r) or (r.from_file and self.corrected is None)
+            ]
+            mine = {r.id: r.curve for r in stays if r.usable}
             return Given(mine, whole=all(r.decided for r in here)) if here else NOTHING_GIVEN
 
         run = partial(carry, self.frames, bodies, given=given)
@@ -280,7 +284,11 @@ def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> St
     left = {r.id for r in here if _decided(r) or (r.id in before and r.review != "open")}
     left |= {r.id for r in state.deleted if r.frame == frame}
     new = {n: curve for n, curve in tracked.by_id.items() if n not in left}
-    fresh = [Record(n, frame, tracked.sketches[n], c, drawn=False) for n, c in new.items()]
+    read = {r.id: replace(r, review="open") for r in here if r.from_file}
+    fresh = [
+        replace(read.get(n) or Record(n, frame, tracked.sketches[n], c, drawn=False), curve=c)
+        for n, c in new.items()
+    ]
     gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
     there = tuple([record for record in state.records if key_of(record) not in gone])
     state = replace(state, records=there)

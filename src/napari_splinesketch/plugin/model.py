@@ -68,11 +68,12 @@ class Record:
     drawn: bool = True  # the sketch is a line of the user's, not what another curve left
     edited: bool = False  # changed by the user since
     corrected: bool = False  # the same, and refined from there; or turned round, where not drawn
+    from_file: bool = False  # its line came with it, from a file
 
     @property
     def by_hand(self) -> bool:
         """Whether the user drew or changed it: tracking goes on from there."""
-        return self.drawn or self.edited or self.corrected
+        return (self.drawn and not self.from_file) or self.edited or self.corrected
 
     @property
     def decided(self) -> bool:

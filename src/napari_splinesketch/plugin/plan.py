@@ -24,6 +24,7 @@ class Target:
     drawn: bool = True  # the sketch is a line in the user's layer
     again: bool = False  # over a body that has a curve, which it replaces
     corrected: bool = False  # it starts from what the user has made of it
+    from_file: bool = False  # its line came with it, from a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +74,9 @@ def make_plan(
             continue
         if known is not None and number not in deleted and known.decided:
             decided += asked or i >= 0
-        elif known is not None and i < 0:
-            start = known.curve.points
-            targets[number] = Target(number, known.sketch, start, False, known.drawn, False, mine)
-        elif known is not None and mine and kept and number not in deleted:
-            start = known.curve.points
-            targets[number] = Target(number, lines[i], start, new=False, corrected=True)
+        elif known and kept and (i < 0 or ((mine or known.from_file) and number not in deleted)):
+            marks = known.drawn, False, mine, known.from_file
+            targets[number] = Target(number, known.sketch, known.curve.points, False, *marks)
         else:
             start = lines[i]
             if known is not None and (kept or not known.drawn):

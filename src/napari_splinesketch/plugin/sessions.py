@@ -124,6 +124,7 @@ class _Record(_File):
     drawn: bool
     edited: bool
     corrected: bool = False
+    from_file: bool = False
 
 
 def _flat(record: Record) -> _Record:
