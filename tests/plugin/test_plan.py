@@ -31,6 +31,10 @@ PIECE = record(9, D, drawn=False)
 CARRIED = State((PIECE, replace(PIECE, frame=1)))
 DOUBTED = CARRIED.with_records(replace(PIECE, curve=replace(PIECE.curve, status="check")))
 DELETED = State(deleted=(OPEN,))
+READ, READ_DOUBTED = (
+    State(tuple([replace(r, drawn=True, from_file=True) for r in state.records]))
+    for state in (CARRIED, DOUBTED)
+)
 
 Case = tuple[State, list[np.ndarray], Scope, dict[str, Any], list[int], int, int]
 CASES: dict[str, Case] = {
@@ -64,6 +68,17 @@ CASES: dict[str, Case] = {
     ),
     "off one that was carried here and deleted": (
         CARRIED.without([(0, 9)]), [D + 9], "new", {}, [9], 0, 0,
+    ),
+    "over one of a file": (READ, [D, D + 2], "new", {}, [9], 0, 0),
+    "over a body that touches one of a file": (READ, [D, D + 4], "new", {}, [10], 1, 0),
+    "off one of a file that is to be checked": (READ_DOUBTED, [D, D + 9], "new", {}, [9], 0, 0),
+    "off one of a file that was deleted": (
+        READ.without([(0, 9)]), [D, D + 9], "new", {}, [9], 0, 0,
+    ),
+    "the line of a file, moved": (READ, [D + 9], "new", {}, [9], 0, 0),
+    "all of a file": (READ, [D], "all", {}, [9], 0, 0),
+    "beside one of a file in a single frame": (
+        State((READ_DOUBTED.records[0],)), [D, D + 9], "new", {}, [10], 1, 0,
     ),
     "a straight line over one that bends": (
         State((record(1, BENT),)), [BENT, BENT[[-1, 0]] + 1], "new", {}, [1], 0, 0,
@@ -126,6 +141,26 @@ def test_what_was_corrected_goes_on_from_there(scope: Scope) -> None:
     gone = State((moved,)).without([(0, 1)])
     (target,) = make_plan(gone, 0, Drawn((A,)), "selected", chosen=[0]).targets
     np.testing.assert_array_equal(target.start, A, "its line was asked for")
+
+
+@pytest.mark.parametrize("line", [D + 2, D + 9])
+def test_the_line_of_a_file_is_not_taken_up_where_another_puts_its_curve_right(
+    line: np.ndarray,
+) -> None:
+    for state in (READ_DOUBTED, READ_DOUBTED.without([(0, 9)])):
+        (target,) = make_plan(state, 0, Drawn((D, line)), "new").targets
+        assert target.again
+        right = record(9, target.sketch)
+        after = state.set_aside([(0, 9)]).with_records(right)
+        after = replace(after, deleted=tuple([r for r in after.deleted if r.id != 9]))
+        assert not make_plan(after, 0, Drawn((D, line)), "new").targets
+        assert right.by_hand
+
+
+def test_a_curve_of_a_file_is_nobodys_until_it_is_changed() -> None:
+    (target,) = make_plan(READ, 0, Drawn((D,)), "all").targets
+    assert (target.drawn, target.corrected, target.from_file) == (True, False, True)
+    assert not any(r.by_hand for r in READ.records)
 
 
 def test_curves_whose_line_is_gone_are_named() -> None:

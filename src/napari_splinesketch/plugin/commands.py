@@ -43,7 +43,7 @@ class Command:
 
 
 def _flipped(record: Record) -> Record:
-    shaped = record.corrected or record.from_file or not record.drawn
+    shaped = record.corrected or record.carried
     return replace(record, curve=editing.flipped(record.curve), corrected=shaped)
 
 

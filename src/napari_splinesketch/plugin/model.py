@@ -71,9 +71,14 @@ class Record:
     from_file: bool = False  # its line came with it, from a file
 
     @property
+    def carried(self) -> bool:
+        """Whether tracking or a file put it there, and no line of the user's."""
+        return self.from_file or not self.drawn
+
+    @property
     def by_hand(self) -> bool:
         """Whether the user drew or changed it: tracking goes on from there."""
-        return (self.drawn and not self.from_file) or self.edited or self.corrected
+        return not self.carried or self.edited or self.corrected
 
     @property
     def decided(self) -> bool:
@@ -257,7 +262,8 @@ class State:
 
     def set_aside(self, keys: Collection[Key]) -> "State":
         """Delete curves that are drawn again: under other numbers, as theirs go on."""
-        aside = [replace(r, id=self.last + i) for i, r in enumerate(self._among(keys), 1)]
+        there = [r for r in (*self.deleted, *self.records) if key_of(r) in keys]
+        aside = [replace(r, id=self.last + i) for i, r in enumerate(there, 1)]
         return replace(self, deleted=(*self.deleted, *aside))
 
     def _among(self, keys: Collection[Key]) -> list[Record]:

@@ -79,10 +79,11 @@ def make_plan(
             targets[number] = Target(number, known.sketch, known.curve.points, False, *marks)
         else:
             start = lines[i]
-            if known is not None and (kept or not known.drawn):
+            if known is not None and (kept or known.carried):
                 # As its curve runs, which the user may have turned, or its body in other frames.
                 start = turned(start, known.curve.points)
-            targets[number] = Target(number, lines[i], start, known is None, again=i in again)
+            over = i in again or (known is not None and known.from_file and not kept)
+            targets[number] = Target(number, lines[i], start, known is None, again=over)
     orphans = tuple([r.id for r in here if r.drawn and r.id not in lined])
     fixed = tuple([r.curve for r in here if r.usable and r.id not in targets])
     left_out = len((lined & deleted).difference(targets))
@@ -115,9 +116,12 @@ def _matched(
     # it was deleted; but beside a good one there may be another body.
     elsewhere = {r.id for r in state.records if r.frame != (here[0].frame if here else -1)}
     known = (*gone, *(r for r in here if not r.decided))
-    carried = [r for r in known if r.id in elsewhere and not r.drawn]
-    left = [record for record in (*drawn, *carried) if record.id not in taken]
-    sure = {r.id for r in here if not r.drawn and r.curve.status == "good"}
+    carried = {r: None for r in known if r.id in elsewhere and r.carried}
+    # The line that a file brought for a curve is there, too, where another one puts it right.
+    left = [r for r in drawn if r.id not in taken or (r.from_file and r in carried)]
+    left += [r for r in carried if not r.drawn and r.id not in taken]
+    unmoved = [r for r in here if not r.drawn or (r.from_file and r.id in taken)]
+    sure = {r.id for r in unmoved if r.curve.status == "good"}
     numbers = iter(model.identify(rest, left, (*state.records, *state.deleted), sure))
     return [number or next(numbers) for number in found], [bool(number) for number in found]
 
