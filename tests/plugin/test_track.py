@@ -329,6 +329,27 @@ def test_a_curve_that_other_frames_do_not_confirm_goes_again_unless_it_was_judge
     assert reviews == {2: "accepted", 3: "open", 4: "rejected"}
 
 
+def test_open_curves_of_an_earlier_tracking_go_where_their_body_is_not_found(
+    viewer: Any, film: SplinesketchDock
+) -> None:
+    c, track = film.controller, film.track.buttons["track"]
+    click(track)
+    over(film)
+    c.review("rejected", (4, 2))
+    c.review("accepted", (5, 2))
+    viewer.dims.set_point(0, 0)
+    first = replace(c.state.by_key[1, 2], frame=0)
+    c.apply("Let it leave the image", c.state.with_records(away(first, -45)))
+    viewer.dims.set_point(0, 1)
+    before = keys(film)
+    click(track)
+    over(film)
+    assert "Left the image: 2 (frame 3)." in film.notice.text()
+    assert set(before) - set(keys(film)) == {(3, 2)}, "what was said of it stays"
+    click(film.undo)
+    assert keys(film) == before
+
+
 def test_what_is_decided_while_tracking_is_a_step_of_its_own(film: SplinesketchDock) -> None:
     controller, whole, turns = film.controller, engine.refine, Semaphore(1)
 

@@ -185,10 +185,12 @@ class Tracking:
     corrected: int | None = None
     results: list[Tracked] = field(default_factory=list)  # still to be taken over
     _taken: dict[int, Tracked] = field(default_factory=dict)  # the last of each frame
+    _numbers: set[int] = field(default_factory=set)  # of the bodies that were carried so far
 
     def start(self, carry: Callable[..., Any], bodies: tuple[Body, ...]) -> None:
         """Begin, by one of the ways of `tracking`."""
         c, image = self.controller, self.work.image
+        self._numbers.update(body.id for body in bodies)
         known = by_frame(at_times(self.work.state, self.times).records)
 
         def given(frame: int) -> Given:
@@ -221,7 +223,9 @@ class Tracking:
             for one in done:
                 before = self._taken.get(one.frame)
                 there = replace(one, frame=self.times[one.frame])
-                state = taken_in(state, there, before.ids if before else ())
+                self._numbers.update(one.ids, one.given)
+                lost = self._numbers if self.corrected is None and not one.error else ()
+                state = taken_in(state, there, before.ids if before else (), lost)
                 # Not what was deleted there; and the pictures of a long film would fill the memory.
                 curves = {n: c for n, c in one.by_id.items() if (there.frame, n) in state.by_key}
                 drifting = one.drifting & curves.keys()
@@ -273,11 +277,14 @@ def corrected_at(state: State, frame: int, selected: Collection[Key]) -> tuple[B
     return tuple(Body(r.id, ((frame, r.curve),)) for r in chosen)
 
 
-def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> State:
+def taken_in(
+    state: State, tracked: Tracked, before: Collection[int] = (), carried: Collection[int] = ()
+) -> State:
     """Put a tracked frame into what is known; what was decided meanwhile stays.
 
     Of the curves that this tracking had put there `before`, those that are in it no more go, and
-    those that were rejected since stay, too.
+    those that were rejected since stay, too. So do the open ones of an earlier tracking go where a
+    body that was `carried` is not found.
     """
     view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
     here = [record for record in state.records if record.frame == frame]
@@ -289,9 +296,10 @@ def taken_in(state: State, tracked: Tracked, before: Collection[int] = ()) -> St
         replace(read.get(n) or Record(n, frame, tracked.sketches[n], c, drawn=False), curve=c)
         for n, c in new.items()
     ]
-    gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
-    there = tuple([record for record in state.records if key_of(record) not in gone])
-    state = replace(state, records=there)
+    stale = {r.id for r in here if r.review == "open"}.intersection(carried)
+    gone = stale.union(before).difference(tracked.ids, tracked.given, left)
+    there = [record for record in state.records if record.frame != frame or record.id not in gone]
+    state = replace(state, records=tuple(there))
     if view is None or refinement is None:
         return state.with_records(*fresh)
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
