@@ -1,5 +1,7 @@
 import os
 from collections.abc import Callable
+from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -327,6 +329,35 @@ def test_films_are_read_frame_by_frame(tmp_path: Path, name: str) -> None:
         for i in (3, 0, 4):
             assert abs(frames[i].mean() - data[i].mean()) < 2
             assert frames[i].shape == (48, 64)
+
+
+def test_a_film_of_uneven_times_is_read_in_any_order(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    with av.open(str(tmp_path / "a.mp4"), "w") as file:
+        stream = file.add_stream("libx264", rate=10, width=64, height=48)
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for i in range(20):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 10 * i, np.uint8))
+            frame.pts, frame.time_base = 2000 + 90 * i + i**2, stream.codec_context.time_base
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    with open_frames(str(tmp_path / "a.mp4")) as frames:
+        assert frames.count == 20
+        assert [round(frames[i].mean() / 10) for i in (7, 3, 19, 18, 0, 5)] == [7, 3, 19, 18, 0, 5]
+
+
+def test_a_damaged_frame_of_a_film_costs_no_later_one(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    path, data = tmp_path / "a.avi", np.random.default_rng(0).integers(0, 99, (20, 48, 64, 3))
+    imageio.v3.imwrite(path, data.astype(np.uint8), plugin="pyav", codec="ffv1", fps=10)
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 100] = b"x" * 100
+    path.write_bytes(content)
+    with open_frames(str(path)) as frames:
+        with suppress(ImageError):  # libraries of 2024 read the damaged one
+            list(map(frames.__getitem__, range(20)))
+        assert frames[19].shape == (48, 64)
 
 
 def broken_tiff(path: Path) -> str:

@@ -164,8 +164,25 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
         colours = (3,) if first is None else first.shape[2:]
         if channel is not None or z is not None:
             choose_planes(path.name, "S" * len(colours), colours, channel, z)
-        read = file.read if first is None else lambda index: first
-        yield Frames(path.name, count, lambda i: read(index=i), channel=channel)
+        read = _numbered(file) if first is None else lambda index: first
+        yield Frames(path.name, count, read, channel=channel)
+
+
+def _numbered(film: Any) -> Callable[[int], np.ndarray]:
+    """Read frames by number: times are not even in every film. Past a damaged one, by time."""
+    even = False
+
+    def read(index: int) -> np.ndarray:
+        nonlocal even
+        try:
+            return film.read(index=index, constant_framerate=even)
+        except StopIteration:
+            raise EOFError("the film ends before it") from None
+        except Exception:
+            even = True
+            raise
+
+    return read
 
 
 @contextmanager
