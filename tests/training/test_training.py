@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -155,10 +156,26 @@ def test_a_curve_outside_its_frame_is_refused(tmp_path: Path, folder: Path) -> N
     assert os.listdir(tmp_path) == []
 
 
-def test_nothing_is_left_where_the_images_end_too_soon(tmp_path: Path, folder: Path) -> None:
+@pytest.mark.parametrize("kind", [np.asarray, list, lambda images: dict(enumerate(images))])
+def test_nothing_is_left_where_the_images_end_too_soon(
+    tmp_path: Path, folder: Path, kind: Callable[[np.ndarray], Any]
+) -> None:
     with pytest.raises(ValueError, match="the labels have a frame 3, and the images none"):
-        export_training(folder, IMAGES[:3], REVIEWED)
+        export_training(folder, kind(IMAGES[:3]), REVIEWED)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("images", ["film.tif", Path("film.tif"), iter(IMAGES), None])
+def test_what_is_no_images_is_said(folder: Path, images: Any) -> None:
+    with pytest.raises(ValueError, match=r"images is .*; give an array \(frames, H, W\)"):
+        export_training(folder, images, REVIEWED)
+
+
+def test_labels_are_taken_as_they_are_written(tmp_path: Path, folder: Path) -> None:
+    manifest = export_training(folder, IMAGES, list(REVIEWED.labels))
+    assert manifest["counts"] == export_training(tmp_path / "b", IMAGES, REVIEWED)["counts"]
+    with pytest.raises(ValueError, match=r"labels is 7 .*; give Labels, a refinement"):
+        export_training(tmp_path / "c", IMAGES, 7)  # pyright: ignore[reportArgumentType]
 
 
 def test_which_curves_are_kept_is_one_of_two(tmp_path: Path, folder: Path) -> None:

@@ -124,17 +124,17 @@ def write_labels(
     tuple of str
         What the format has no place for and the file therefore lacks, one sentence each.
     """
-    if isinstance(labels, Refinement):
-        labels = Labels.from_curves(labels.curves, shape=labels.shape)
-    elif not isinstance(labels, AnyLabels):
-        labels = _of_one_frame(labels)
-    writer = writer_of(path)
+    labels, writer = labelled(labels), writer_of(path)
     with atomic(path, overwrite=overwrite) as temporary:
         return writer.write_whole(temporary, labels)
 
 
-def _of_one_frame(lines: Any) -> Labels:
-    """Label curves and sketches; labels stay as they are."""
+def labelled(lines: Any) -> AnyLabels:
+    """Label a refinement, curves or sketches, as frame 0; labels stay as they are."""
+    if isinstance(lines, AnyLabels):
+        return lines
+    if isinstance(lines, Refinement):
+        return Labels.from_curves(lines.curves, shape=lines.shape)
     found = list[Label]()
     try:
         for i, line in enumerate(lines):

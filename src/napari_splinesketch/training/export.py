@@ -4,9 +4,10 @@ import csv
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -14,11 +15,11 @@ import tifffile
 from jaxtyping import Bool, Int, Real, UInt16
 
 from napari_splinesketch import __version__
-from napari_splinesketch.engine.types import POINTS, Array
+from napari_splinesketch.engine.types import POINTS, Array, Curve, Refinement
 from napari_splinesketch.files import atomic_folder, checksum_of_file, owned
 from napari_splinesketch.images.frames import checksum
-from napari_splinesketch.labels.formats import open_labels
-from napari_splinesketch.labels.types import ByFrame, Label, Labels, in_frames
+from napari_splinesketch.labels.formats import labelled, open_labels
+from napari_splinesketch.labels.types import AnyLabels, ByFrame, Label, in_frames
 from napari_splinesketch.raster import label_image, rasterise
 from napari_splinesketch.training.split import LEFT_OUT, PARTS, Split
 
@@ -48,7 +49,7 @@ class Images(Protocol):
 def export_training(
     folder: str | os.PathLike[str],
     images: Images,
-    labels: Labels | str | os.PathLike[str],
+    labels: AnyLabels | Refinement | Iterable[Label | Curve] | str | os.PathLike[str],
     *,
     keep: Keep = "accepted",
     split: Split | None = None,
@@ -65,7 +66,8 @@ def export_training(
     images
         The frames.
     labels
-        The curves, or a file of them, of which labels CSV and NumPy arrays are read frame by frame.
+        The curves, as `write_labels` takes them, or a file of them, of which labels CSV and NumPy
+        arrays are read frame by frame.
     keep
         Which curves to train on: those "accepted" in a review, or all that are "good" and not
         rejected. The others are neither bodies nor background: the frame's ignore mask covers
@@ -90,7 +92,10 @@ def export_training(
     """
     if keep not in get_args(Keep):
         raise ValueError(f"keep is {keep!r}; choose one of {', '.join(get_args(Keep))}")
-    source = in_frames(labels if isinstance(labels, Labels) else open_labels(labels))
+    if isinstance(images, str) or not hasattr(images, "__getitem__"):
+        raise ValueError(f"images is {short(images)}; give an array (frames, H, W) or a list")
+    path = Path(labels) if isinstance(labels, str | os.PathLike) else None
+    source = in_frames(open_labels(path) if path else labelled(labels))
     frames = _frames(source, keep, whole_frames)
     split = split or Split()
     parts = split.parts(frames)
@@ -98,7 +103,7 @@ def export_training(
     with owned(target), atomic_folder(target, replaces=_is_set) as temporary:
         wanted = dict(zip(frames.tolist(), parts.tolist(), strict=True))
         image, counts = _write_frames(temporary, source, wanted, images, keep)
-        head, path = source.head, None if isinstance(labels, Labels) else Path(labels)
+        head = source.head
         manifest = {
             "format": FORMAT,
             "version": VERSION,
@@ -174,7 +179,7 @@ def _write_frames(
             others = [label for label in curves if not _is_kept(label, keep)]
             try:
                 pixels = np.asarray(images[frame])
-            except IndexError:
+            except LookupError:
                 raise ValueError(f"the labels have a frame {frame}, and the images none") from None
             signs += _write(folder, frame, pixels, kept, others)
             image = image or {"shape": list(pixels.shape), "dtype": str(pixels.dtype)}
