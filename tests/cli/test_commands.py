@@ -72,6 +72,13 @@ def test_names_may_follow_a_pixel_size(sizes: list[str]) -> None:
     assert (labels.scale, labels.units) == ((float(sizes[0]), float(sizes[-1])), "nm")
 
 
+def test_more_names_than_one_image_has_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):  # the shell makes many names of one with a *
+        main(["refine", "a1.png", "a2.png", "a.csv", "-o", "b.csv"])
+    reason = "unrecognized arguments: a.csv; of many images, give their folder, or a name with * in"
+    assert reason in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("sizes", [["a.csv"], [""], []])
 def test_a_pixel_size_that_is_no_number_is_refused(
     sizes: list[str], capsys: pytest.CaptureFixture[str]

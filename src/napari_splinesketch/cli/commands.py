@@ -56,7 +56,10 @@ def run(arguments: Sequence[str] | None) -> int:
     try:
         parser = make_parser()
         arguments = sys.argv[1:] if arguments is None else arguments
-        options = parser.parse_args(numbers_joined(arguments, "--pixel-size"))
+        options, more = parser.parse_known_args(numbers_joined(arguments, "--pixel-size"))
+        if more:
+            told = f"unrecognized arguments: {' '.join(more)}"
+            parser.error(f"{told}; of many images, give their folder, or a name with * in quotes")
         name, (kind, do) = options.command, COMMANDS[options.command]
         kept = issubclass(kind, jobs.FrameJob)
         try:
