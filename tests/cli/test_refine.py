@@ -1,6 +1,5 @@
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -396,10 +395,23 @@ def test_frames_of_two_sizes_have_no_masks_and_no_reconstruction(
         tifffile.imwrite(f"frames/{i}.tif", film(1, shape)[0], photometric="minisblack")
     command = ["refine", "frames", "sketches.csv", "-o", "labels.csv"]
     assert main([*command, output, "a.tif"]) == 2
-    assert "frame 1 has 50 x 60 px, and others have 40 x 60" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "frame 1 has 50 x 60 px, and others have 40 x 60" in told
+    assert "add --resume and leave them out" in told
     assert not Path("labels.csv").exists()
-    shutil.rmtree("labels.csv.partial")
-    assert main(command) == 0
+    count = len(engine.calls)
+    assert main([*command, "--resume"]) == 0
+    assert len(engine.calls) == count + 2  # not the first of the three again
+
+
+def test_a_reconstruction_may_be_wanted_later(
+    folder: Path, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_after_two(engine, monkeypatch)
+    assert refine() == 130
+    monkeypatch.setattr(napari_splinesketch, "refine", engine)
+    assert refine("--reconstruction", "r.tif", "--resume") == 0
+    assert np.allclose(tifffile.imread("r.tif"), film(4)[[0, 1, 3]] + 0.25)
 
 
 def test_lines_that_were_reviewed_are_said_to_be_open_again(

@@ -56,14 +56,16 @@ class Partial:
                 "repeat its command, or delete the folder and start again"
             )
 
-    def done(self, frame: int) -> FrameReport | None:
-        """Give the report of a finished frame, or None where there is none."""
+    def done(self, frame: int, *, pictured: bool = False) -> FrameReport | None:
+        """Give the report of a finished frame; None where it, or a picture wanted of it, is not."""
         try:
             kept = json.loads(self._path(frame, ".json").read_text(encoding="utf-8"))
             whole = self.table(frame).stat().st_size == kept["bytes"]
         except (FileNotFoundError, ValueError):  # the latter after a power cut
             return None
-        return FrameReport.from_json(kept["report"]) if whole else None
+        report = FrameReport.from_json(kept["report"]) if whole else None
+        lacks = pictured and report and not report.error and not self._path(frame, ".tif").exists()
+        return None if lacks else report
 
     def finished(self, frame: int) -> FrameReport:
         """Give the report of a frame that was finished; ValueError where it is not there."""

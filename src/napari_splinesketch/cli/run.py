@@ -102,7 +102,7 @@ class Run:
                 raise ValueError(
                     f"frame {done.report.frame} has {height} x {width} px, and others have"
                     f" {self._shape[0]} x {self._shape[1]}; masks and reconstructions are of one"
-                    " size: leave them out, or refine frames of each size on their own"
+                    " size: add --resume and leave them out, or refine each size on its own"
                 )
         labels = replace(self.head, labels=done.labels)
         self.partial.save(done.report, labels, done.reconstruction)
@@ -144,7 +144,8 @@ class Run:
         None where it could not be read, or killed its workers, and can be read by now. Pixels are
         compared for the first such frame, and where a file has been written since.
         """
-        done = self.partial.done(frame)
+        pictured = bool(getattr(self.job, "reconstruction", None))
+        done = self.partial.done(frame, pictured=pictured)
         if done is None:
             return None
         if not done.sha256:
@@ -263,7 +264,6 @@ def open_run(job: FrameJob, report: Report, drawn: AnyLabels | None = None) -> I
             "image": [images.name, images.count],
             "pixel size": [head.scale, head.units],
             "sketches": [checksum_of_file(path) for path in job.files("read")],
-            "reconstruction": bool(getattr(job, "reconstruction", None)),
             **settings,
         }
         kept = Partial(job.output, depends, resume=job.resume)
