@@ -172,6 +172,13 @@ def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert '"pairs": 1' in capsys.readouterr().out
 
 
+def test_a_distance_that_nothing_tells_is_a_dash(capsys: pytest.CaptureFixture[str]) -> None:
+    for name, col in (("a.csv", 0), ("t.csv", 5)):
+        write_labels(name, Labels((Label.from_sketch(np.array([[0.0, col], [0.0, col + 3]])),)))
+    assert main(["compare", "a.csv", "t.csv", "--tolerance", "9"]) == 0
+    assert "normal distance – px, end error 5.0 px" in capsys.readouterr().out
+
+
 def test_a_channel_is_drawn_over(capsys: pytest.CaptureFixture[str]) -> None:
     write_labels("a.csv", Labels((vertical(10),)))
     tifffile.imwrite("two.tif", film(2)[None], imagej=True, metadata={"axes": "TCYX"})

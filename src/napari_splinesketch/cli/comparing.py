@@ -33,10 +33,11 @@ def as_text(result: Comparison) -> list[str]:
         f"precision {result.precision:.3f}, recall {result.recall:.3f}",
     ]
     if result.pairs:
+        normal = "–" if result.normal_distance is None else result.normal_distance
         lines += [
             f"average DTW: median {result.dtw_median} px, mean {result.dtw_mean} px, "
             f"95 % below {result.dtw_p95} px",
-            f"normal distance {result.normal_distance} px, end error {result.end_error} px (means)",
+            f"normal distance {normal} px, end error {result.end_error} px (means)",
         ]
     return lines
 
