@@ -346,6 +346,20 @@ def test_a_film_of_uneven_times_is_read_in_any_order(tmp_path: Path) -> None:
         assert [round(frames[i].mean() / 10) for i in (7, 3, 19, 18, 0, 5)] == [7, 3, 19, 18, 0, 5]
 
 
+def test_a_grey_film_of_16_bits_keeps_them(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    data = np.random.default_rng(0).integers(0, 4096, (3, 48, 64)).astype(np.uint16)
+    with av.open(str(tmp_path / "a.mkv"), "w") as file:
+        stream = file.add_stream("ffv1", rate=10, width=64, height=48, pix_fmt="gray16le")
+        for pixels in data:
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "gray16le")))
+        file.mux(stream.encode())
+    with open_frames(str(tmp_path / "a.mkv")) as frames:
+        assert all(np.array_equal(frames[i], data[i]) for i in (2, 0, 1))
+    with pytest.raises(ImageError, match="no axis for --channel"):
+        open_frames(str(tmp_path / "a.mkv"), channel=0).__enter__()
+
+
 def test_a_damaged_frame_of_a_film_costs_no_later_one(tmp_path: Path) -> None:
     pytest.importorskip("av")
     path, data = tmp_path / "a.avi", np.random.default_rng(0).integers(0, 99, (20, 48, 64, 3))

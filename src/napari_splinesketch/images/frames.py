@@ -161,21 +161,23 @@ def _still_or_film(path: Path, moves: bool, channel: int | None, z: int | None) 
             why = f"{path}: cannot be read as {kind} ({error}); save it again"
             raise ImageError(why) from error
         count = count or sum(1 for _ in imageio.v3.imiter(path, plugin=plugin))
-        colours = (3,) if first is None else first.shape[2:]
+        deep = moves and str(file.metadata()["video_format"]).startswith("gray1")
+        colours = first.shape[2:] if first is not None else () if deep else (3,)
         if channel is not None or z is not None:
             choose_planes(path.name, "S" * len(colours), colours, channel, z)
-        read = _numbered(file) if first is None else lambda index: first
+        form = "gray16le" if deep else "rgb24"
+        read = _numbered(file, form) if first is None else lambda index: first
         yield Frames(path.name, count, read, channel=channel)
 
 
-def _numbered(film: Any) -> Callable[[int], np.ndarray]:
+def _numbered(film: Any, form: str) -> Callable[[int], np.ndarray]:
     """Read frames by number: times are not even in every film. Past a damaged one, by time."""
     even = False
 
     def read(index: int) -> np.ndarray:
         nonlocal even
         try:
-            return film.read(index=index, constant_framerate=even)
+            return film.read(index=index, constant_framerate=even, format=form)
         except StopIteration:
             raise EOFError("the film ends before it") from None
         except Exception:
