@@ -33,6 +33,7 @@ from napari_splinesketch.plugin.files import (
     write,
 )
 from napari_splinesketch.plugin.layers.drawn import shapes_in
+from napari_splinesketch.plugin.layers.space import go_to_frame
 
 from .bench import bench
 from .fakes import FakeEngine
@@ -489,6 +490,23 @@ def test_labels_lie_in_their_frames_of_the_image(
     assert dock.controller.frame == 0
     for (_, line), label in zip(shapes, labels.labels, strict=True):
         np.testing.assert_allclose(line, label.points, atol=1e-4)
+
+
+@pytest.mark.parametrize("axes", [(3,), (2, 3)])
+def test_curves_of_the_first_frame_are_in_no_other(
+    qapp: Any, fake: FakeEngine, labels: Labels, axes: tuple[int, ...]
+) -> None:
+    (known, *_) = labels.labels
+    data, meta, _ = layer_of_labels(Labels((known,)), "labels")
+    with bench() as made:
+        image = made.image((*axes, 96, 128))
+        made.viewer.add_layer(Shapes(data, **meta))
+        made.saver.take_up()
+        (line,) = made.controller.drawn.lines
+        np.testing.assert_allclose(line, known.points, atol=1e-4)
+        assert not made.controller.request().targets, "the curve has its line"
+        go_to_frame(made.viewer, image, math.prod(axes) - 1)
+        assert not made.controller.drawn.lines
 
 
 def test_curves_beyond_an_image_of_times_and_planes_are_left_in_the_file(

@@ -217,10 +217,15 @@ def read_with(layer: Shapes) -> Labels:
 
 def lay(layer: Shapes, image: Image) -> None:
     """Lay lines that were read from a file on an image: labels are in its pixels."""
-    if read_with(layer).labels:
-        if 2 < layer.ndim < image.ndim:
-            lines = layer.data
-            layer.data = [in_stack(image, round(line[0, 0]), line[:, 1:]) for line in lines]
+    if labels := read_with(layer).labels:
+        # Sketches without frames belong to all of them, but curves to the first.
+        framed = layer.ndim > 2 or any(label.status != "sketch" for label in labels)
+        if framed and layer.ndim < image.ndim:
+            frames = (round(line[0, :-2].sum()) for line in layer.data)
+            pairs = zip(frames, layer.data, strict=True)
+            lines = [in_stack(image, frame, line[:, -2:]) for frame, line in pairs]
+            for axes in range(layer.ndim + 1, image.ndim + 1):  # napari takes one at a time
+                layer.data = [line[:, -axes:] for line in lines]
         for name, value in placement(image, layer.ndim).items():
             setattr(layer, name, value)
 
