@@ -509,6 +509,21 @@ def test_curves_of_the_first_frame_are_in_no_other(
         assert not made.controller.drawn.lines
 
 
+def test_suggested_lines_stay_where_curves_of_a_file_are_gone_on_with(
+    qapp: Any, fake: FakeEngine, labels: Labels
+) -> None:
+    data, meta, _ = layer_of_labels(labels, "labels")
+    with bench() as made:
+        made.image((3, 96, 128))
+        made.viewer.add_layer(layer := Shapes(data, **meta))
+        c = made.controller
+        c.apply("Suggest lines", c.state.suggested(1, [np.array([[50.0, 60], [80, 90]])]))
+        until(lambda: layer.nshapes == 4)
+        made.saver.take_up()
+        until(lambda: c.records() and not c.drawing.runs)
+        assert layer.nshapes == 4
+
+
 def test_curves_beyond_an_image_of_times_and_planes_are_left_in_the_file(
     viewer: Any, dock: SplinesketchDock, tmp_path: Path, npe2pm_installed: None, labels: Labels
 ) -> None:

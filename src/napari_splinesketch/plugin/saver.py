@@ -230,7 +230,8 @@ class Saver(QObject):
         if work and self.brought and not controller.progress:
             lay(work.sketches, work.image)
             records, notes = records_of(read_with(work.sketches), frame_count(work.image))
-            controller.apply("Continue with labels", State(records=records))
+            state = State(records, work.state.suggestions)
+            controller.apply("Continue with labels", state)
             if notes:
                 controller.say(words.together(notes))
 
