@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from napari.layers._source import Source
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
 
@@ -134,6 +135,25 @@ def test_work_is_found_whatever_its_folder_was_called(
         again.controller.delete((0, 1))
     assert json.loads((old / "1" / "session.json").read_text())["curves"] == 1
     assert list(home.iterdir()) == [old]
+
+
+@pytest.mark.parametrize("folder_first", [True, False])
+def test_work_on_a_film_of_pictures_is_found_however_they_are_opened(
+    qapp: Any, fake: FakeEngine, tmp_path: Path, folder_first: bool
+) -> None:
+    folder = tmp_path / "film"
+    folder.mkdir()
+    (picture := folder / "0.png").touch()
+    for known, path in enumerate((folder, picture)[:: 1 if folder_first else -1]):
+        with bench() as made:
+            made.image((2, 96, 128))._set_source(Source(path=str(path)))
+            if known:
+                made.resume()
+            else:
+                made.sketches()
+                made.refine()
+            assert len(made.controller.records()) == 2
+    assert len(sessions(tmp_path)) == 1
 
 
 def test_a_film_opens_where_work_begins(viewer: Any, dock: SplinesketchDock) -> None:

@@ -67,8 +67,10 @@ class Home:
             parents.insert(0 if writable else 1, path.parent)
         if chosen:
             parents.insert(0, Path(chosen).expanduser())
+        # A film of pictures may have been opened as their folder, or by its first picture.
+        places = [*parents, *([path, path.parent.parent] if path else [])]
         found = dict[Path, Head]()
-        for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in parents):
+        for folder in chain.from_iterable(sorted(each.glob(f"*{ending}/*")) for each in places):
             try:
                 head = None if folder.suffix == OLD else sessions.summary(folder)
             except (OSError, LabelsError) as error:
