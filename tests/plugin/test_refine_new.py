@@ -7,7 +7,8 @@ import pytest
 from qtpy.QtCore import Qt
 
 from napari_splinesketch.plugin.dock import SplinesketchDock
-from napari_splinesketch.plugin.layers.drawn import FADED
+from napari_splinesketch.plugin.layers.drawn import FADED, new_sketch_layer
+from napari_splinesketch.plugin.layers.space import go_to_frame
 from napari_splinesketch.plugin.words import to_do
 
 from .bench import SOON, bench
@@ -153,6 +154,24 @@ def test_what_is_decided_while_curves_are_refined_stays(qapp: Any, fake: FakeEng
         assert c.steps.done == "Refine curve 4"
         c.undo()
         assert c.state is decided
+
+
+def test_a_line_over_which_the_frame_was_changed_is_in_the_last_one(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        image = made.image((3, 96, 128))
+        layer: Any = new_sketch_layer(made.viewer, image)
+        layer.add_lines(np.array([[0.0, 20, 20], [0, 20, 60]]))
+        made.click(layer, (0, 50, 20), (0, 50, 40))
+        go_to_frame(made.viewer, image, 1)
+        made.click(layer, (1, 50, 60), (1, 50, 80))
+        layer.remove([])  # ends it, as Enter does
+        until(lambda: made.controller.request().targets)
+        assert layer.shape_type == ["line", "path"]
+        assert [set(line[:, 0]) for line in layer.data] == [{0.0}, {1.0}]
+        made.refine()
+        assert [record.frame for record in made.controller.records()] == [1]
 
 
 def test_a_line_that_is_being_drawn_waits_until_it_is_finished(qapp: Any, fake: FakeEngine) -> None:

@@ -333,6 +333,7 @@ class Controller(Keeper):
         image, layer, work = self.image, self.sketches, self.work
         if layer:
             drawn.forget_given_up(layer)
+            drawn.put_into_frame(layer)
         if image and layer and drawn.clicked(self.viewer, layer):
             layer.remove([layer.nshapes - 1])
             pick(self)

@@ -117,6 +117,15 @@ def forget_given_up(layer: Shapes) -> None:
         view._edge_color, view._face_color = view._edge_color[:count], view._face_color[:count]
 
 
+def put_into_frame(layer: Shapes) -> None:
+    """Put the line drawn last into the frame where it ends: napari shows none that is in two."""
+    for line in layer.data[-1:]:
+        there = line.copy()
+        there[:, :-2] = line[-1, :-2]
+        if (there != line).any():
+            layer.data = [*layer.data[:-1], there]
+
+
 def line_style(size: tuple[int, int]) -> dict[str, Any]:
     """Look of sketches on an image of (H, W) px."""
     width = max(1.0, max(size) / 512)
