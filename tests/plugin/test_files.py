@@ -535,6 +535,8 @@ def test_curves_beyond_an_image_of_times_and_planes_are_left_in_the_file(
     until(dock.controller.records)
     assert [record.frame for record in dock.controller.records()] == [0, 2, 2]
     assert "Left in the file: 1 curve beyond the last frame." in dock.notice.text()
+    viewer.dims.set_point((0, 1), (1, 1))
+    assert not dock.controller.drawn.lines, "its line is in none of the frames"
 
 
 def test_a_path_without_a_plugin_means_napari_s_own_reader(

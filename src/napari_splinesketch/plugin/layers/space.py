@@ -111,8 +111,9 @@ def plane_problem(viewer: ViewerModel, image: Image | None) -> str:
 
 def current_frame(viewer: ViewerModel, image: Image) -> int:
     """Index of the frame in view, counted over all axes before (row, col); 0 without any."""
-    point = np.array(viewer.dims.point)[None, -image.ndim :]
-    return frame_numbers(image, from_world(viewer, image, point))[0]
+    point = from_world(viewer, image, np.array(viewer.dims.point)[None, -image.ndim :])
+    point[:, :-2] = np.minimum(point[:, :-2], np.subtract(frame_shape(image), 1))
+    return frame_numbers(image, point)[0]
 
 
 def go_to_frame(viewer: ViewerModel, image: Image, frame: int) -> None:
@@ -210,12 +211,13 @@ def screen_pixel(viewer: ViewerModel, layer: Layer) -> Pair:
 
 
 def frame_numbers(image: Image, pixels: Points) -> list[int]:
-    """Frame of each (N, image.ndim) point; one beyond the ends belongs to the end."""
+    """Frame of each (N, image.ndim) point; what is beyond the last frame stays beyond it."""
     leading = frame_shape(image)
     if not leading:
         return [0] * len(pixels)
     index = np.round(pixels[:, :-2]).astype(int).T
-    return np.asarray(np.ravel_multi_index(tuple(index), leading, mode="clip")).tolist()
+    shape = (BEYOND, *leading[1:])
+    return np.asarray(np.ravel_multi_index(tuple(index), shape, mode="clip")).tolist()
 
 
 def frame_shape(image: Image) -> tuple[int, ...]:
@@ -226,7 +228,6 @@ def frame_shape(image: Image) -> tuple[int, ...]:
 def in_stack(image: Image, frame: int | Sequence[int], points: Line) -> Points:
     """Put (row, col) points into a frame, or each into its own: data coordinates of the image."""
     shape = frame_shape(image)
-    # What is beyond the last frame stays beyond it.
     index = np.array(np.unravel_index(frame, (BEYOND, *shape[1:]))).T if shape else np.zeros(0)
     return np.hstack([np.broadcast_to(index, (len(points), len(shape))), points])
 
