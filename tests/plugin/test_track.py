@@ -146,7 +146,9 @@ def test_curves_that_were_deleted_are_not_counted(film: SplinesketchDock, fake: 
     film.controller.delete((4, 1), (5, 1))
     click(film.track.buttons["track"])
     over(film)
-    assert "1 curve there. 3 curves to check for drift." in film.notice.text()
+    said = film.notice.text()
+    assert "1 curve there. 3 curves to check for drift." in said
+    assert "Left out: 2 curves that you deleted" in said
 
 
 def test_all_curves_of_the_last_frame_are_counted(viewer: Any, film: SplinesketchDock) -> None:

@@ -160,6 +160,9 @@ def tracked(taken: Sequence["Tracked"], corrected: int | None, there: int) -> st
         text.append(f"{bodies} came into view, without a curve: frame {frames}.")
     if drifting := sum(len(one.drifting) for one in taken):
         text.append(f"{counted(drifting, 'curve')} to check for drift.")
+    if deleted := sum(len(one.sketches.keys() - one.by_id.keys()) for one in taken):
+        left_out = counted(deleted, "curve")
+        text.append(f"Left out: {left_out} that you deleted; draw a line where you want one.")
     bad = [f"Frame {one.frame} could not be refined: {one.error}" for one in taken if one.error]
     return " ".join([*text, *bad[:1]])
 
