@@ -217,10 +217,8 @@ def read_with(layer: Shapes) -> Labels:
 
 def lay(layer: Shapes, image: Image) -> None:
     """Lay lines that were read from a file on an image: labels are in its pixels."""
-    if labels := read_with(layer).labels:
-        # Sketches without frames belong to all of them, but curves to the first.
-        framed = layer.ndim > 2 or any(label.status != "sketch" for label in labels)
-        if framed and layer.ndim < image.ndim:
+    if read_with(layer).labels:
+        if layer.ndim < image.ndim:
             frames = (round(line[0, :-2].sum()) for line in layer.data)
             pairs = zip(frames, layer.data, strict=True)
             lines = [in_stack(image, frame, line[:, -2:]) for frame, line in pairs]
