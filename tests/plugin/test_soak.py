@@ -342,9 +342,10 @@ class Day:
         self.bench.controller.choose(colour_by=self.chance.choice(["status", "length", "sd"]))
 
     def delete(self) -> None:
-        keys = self.chosen()
+        keys, before = self.chosen(), self.records()
         if keys:
             self.bench.controller.delete(*keys)
+        if keys and not any(before[key].locked for key in keys):
             self.shadow.step({k: c for k, c in self.shadow.curves.items() if k not in keys})
 
     def undo(self) -> None:
