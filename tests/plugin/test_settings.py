@@ -9,11 +9,12 @@ import pytest
 from napari.layers import Image
 from napari.settings import get_plugin_settings
 from npe2 import PluginManifest
-from qtpy.QtCore import Qt
+from qtpy.QtCore import QLocale, Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtWidgets import QLabel
 
 from napari_splinesketch.plugin import choices as settings
 from napari_splinesketch.plugin.choices import PLUGIN, Settings
+from napari_splinesketch.plugin.dock import SplinesketchDock
 from napari_splinesketch.plugin.layers.space import Ruler
 
 from .fakes import FakeEngine
@@ -111,6 +112,20 @@ def test_what_is_being_typed_stays_while_layers_come(
     QTest.keyClick(form.half_width, Qt.Key.Key_Return)
     assert form.half_width.value() == 3.5
     assert settings.load().half_width == 3.5
+
+
+@pytest.mark.parametrize("country", ["en_US", "de_DE", "fr_FR", "fa_IR"])
+def test_a_comma_is_a_decimal_point_in_every_country(
+    dock: SplinesketchDock, country: str, npe2pm_installed: None
+) -> None:
+    box = dock.settings_form.half_width
+    box.setLocale(QLocale(country))
+    for typed in ("2.75", "2,75"):
+        box.setValue(0)
+        box.selectAll()
+        QTest.keyClicks(box, typed)
+        QTest.keyClick(box, Qt.Key.Key_Return)
+        assert settings.load().half_width == 2.75
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from napari.layers import Layer, Shapes
 from napari.utils.history import get_save_history, update_save_history
 from qtpy import QtWidgets as qt
 from qtpy.QtCore import QEvent, QObject, QSize, Qt  # pyright: ignore[reportPrivateImportUsage]
+from qtpy.QtGui import QKeyEvent
 from superqt import QElidingLabel
 
 from napari_splinesketch.plugin import choices, films, words
@@ -349,7 +350,8 @@ class SettingsForm(qt.QWidget):
         self.half_width.setDecimals(DECIMALS)
         self.half_width.setKeyboardTracking(False)
         self.half_width.setSpecialValueText("auto")
-        self.half_width.lineEdit().installEventFilter(self)
+        for each in (self.half_width, self.half_width.lineEdit()):
+            each.installEventFilter(self)
         chosen = form(*(made for name, made in self.widgets.items() if name not in APART))
         run = partial(get_app_model().commands.execute_command, PREFERENCES)
         tip = "Opens napari's preferences: the keys are on the page of Splinesketch"
@@ -379,8 +381,15 @@ class SettingsForm(qt.QWidget):
                     made.value = chosen
 
     def eventFilter(self, a0: QObject | None, a1: QEvent | None) -> bool:
-        """Let a number that is typed after a click replace "auto": Qt would refuse to add it."""
+        """Let what is typed after a click replace "auto", and take both . and , for decimals.
+
+        Qt would refuse to add the one, and where commas are usual take 2.75 for 275.
+        """
         box = self.half_width
+        pressed = a1 if isinstance(a1, QKeyEvent) and a1.type() == QEvent.Type.KeyPress else None
+        if pressed and pressed.text() in (".", ","):
+            box.lineEdit().insert(box.locale().decimalPoint())
+            return True
         released = a1 is not None and a1.type() == QEvent.Type.MouseButtonRelease
         if released and box.text() == box.specialValueText():
             box.selectAll()
