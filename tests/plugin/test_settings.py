@@ -1,5 +1,7 @@
 """What the user chooses is kept, and acts."""
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 from napari.layers import Image
 from napari.settings import get_plugin_settings
+from napari.settings._base import EventedConfigFileSettings
 from npe2 import PluginManifest
 from qtpy.QtCore import QLocale, Qt  # pyright: ignore[reportPrivateImportUsage]
 from qtpy.QtWidgets import QLabel
@@ -112,6 +115,19 @@ def test_what_is_being_typed_stays_while_layers_come(
     QTest.keyClick(form.half_width, Qt.Key.Key_Return)
     assert form.half_width.value() == 3.5
     assert settings.load().half_width == 3.5
+
+
+def test_settings_that_cannot_be_written_hold_for_now(
+    viewer: Any, fake: FakeEngine, npe2pm_installed: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*args: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(EventedConfigFileSettings, "_maybe_save", full)
+    dock = add_dock(viewer)
+    dock.preset.native.setCurrentIndex(1)
+    assert dock.controller.settings.preset == "paper"
+    assert "(No space left on device)" in dock.notice.text()
 
 
 @pytest.mark.parametrize("country", ["en_US", "de_DE", "fr_FR", "fa_IR"])

@@ -72,7 +72,8 @@ def open_tables() -> None:
     plugins = get_settings().plugins
     others = set(get_readers("any.csv")) - {"napari", choices.PLUGIN}
     if not others and get_preferred_reader("any.csv") is None:
-        plugins.extension2reader = {**plugins.extension2reader, "*.csv": choices.PLUGIN}
+        with suppress(OSError):  # napari cannot write it down: it holds for now
+            plugins.extension2reader = {**plugins.extension2reader, "*.csv": choices.PLUGIN}
         show_info(
             "Splinesketch now opens tables (*.csv), and leaves those of others to napari. "
             "To change it: Preferences > Plugins > File extension readers."

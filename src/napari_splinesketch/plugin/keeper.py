@@ -262,7 +262,11 @@ class Keeper:
     def choose(self, **chosen: object) -> None:
         """Take settings that the user chose, and keep them for other sessions."""
         self._take(replace(self.settings, **chosen))
-        choices.save(self.settings)
+        try:
+            choices.save(self.settings)
+        except OSError as error:
+            why = f"napari could not write its settings ({error.strerror})"
+            self.say(f"Chosen, but not for next time: {why}. Make room there, and choose again.")
 
     def close(self) -> None:
         """Hear of nothing any more; what is known stays with its layers."""
