@@ -30,6 +30,7 @@ NOT_TRACKED = (
     "The frames beside have no tracked curve of what you drew or corrected here: curves that are\n"
     "yours stay as they are. Draw lines over those there, and refine them"
 )
+NOT_FOUND = "a later tracking did not find it here"
 PREVIEW_AFTER_MS = 60  # suggestions follow the slider when it has stood still for so long
 
 
@@ -283,8 +284,8 @@ def taken_in(
     """Put a tracked frame into what is known; what was decided meanwhile stays.
 
     Of the curves that this tracking had put there `before`, those that are in it no more go, and
-    those that were rejected since stay, too. So do the open ones of an earlier tracking go where a
-    body that was `carried` is not found.
+    those that were rejected since stay, too. Of an earlier tracking they are in doubt where a body
+    that was `carried` is not found.
     """
     view, refinement, frame = tracked.view, tracked.refinement, tracked.frame
     here = [record for record in state.records if record.frame == frame]
@@ -296,13 +297,19 @@ def taken_in(
         replace(read.get(n) or Record(n, frame, tracked.sketches[n], c, drawn=False), curve=c)
         for n, c in new.items()
     ]
-    stale = {r.id for r in here if r.review == "open"}.intersection(carried)
-    gone = stale.union(before).difference(tracked.ids, tracked.given, left)
-    there = [record for record in state.records if record.frame != frame or record.id not in gone]
-    state = replace(state, records=tuple(there))
+    gone = {(frame, number) for number in set(before).difference(tracked.ids, left)}
+    there = tuple([record for record in state.records if key_of(record) not in gone])
+    stale = set(carried).difference(tracked.ids, tracked.given, left, before)
+    doubted = [_doubted(r) for r in here if r.id in stale and r.usable]
+    state = replace(state, records=there).with_records(*doubted)
     if view is None or refinement is None:
         return state.with_records(*fresh)
     return state.refined(frame, fresh, engine.taken(refinement, view.place, tracked.curves))
+
+
+def _doubted(record: Record) -> Record:
+    reasons = dict.fromkeys((NOT_FOUND, *record.curve.reasons))
+    return replace(record, curve=replace(record.curve, status="check", reasons=tuple(reasons)))
 
 
 def _decided(record: Record) -> bool:
