@@ -105,7 +105,8 @@ CASES: dict[str, Case] = {
     "a curve for each of two lines that are the same": (
         State((OPEN, replace(OPEN, id=2))), [A, A], "all", {}, [1, 2], 0, 0,
     ),
-    "a piece beside a new line": (State((PIECE,)), [D + 2], "new", {}, [10], 1, 0),
+    "a piece beside a new line": (State((PIECE,)), [D + 3], "new", {}, [10], 1, 0),
+    "over a piece along a row": (State((PIECE,)), [D + 2], "new", {}, [9], 0, 0),
 }  # fmt: skip
 
 
@@ -151,8 +152,8 @@ def test_the_line_of_a_file_is_not_taken_up_where_another_puts_its_curve_right(
         (target,) = make_plan(state, 0, Drawn((D, line)), "new").targets
         assert target.again
         right = record(9, target.sketch)
-        after = state.set_aside([(0, 9)]).with_records(right)
-        after = replace(after, deleted=tuple([r for r in after.deleted if r.id != 9]))
+        before = [r for r in (*state.deleted, *state.records) if r.id == 9]
+        after = replace(state, deleted=()).with_records(right).set_aside(before)
         assert not make_plan(after, 0, Drawn((D, line)), "new").targets
         assert right.by_hand
 

@@ -87,6 +87,20 @@ def test_lines_are_refined_as_they_are_drawn(
     assert layer.mode == "add_line"
 
 
+def test_a_line_drawn_again_beside_a_new_one_leaves_nothing_to_refine(
+    qapp: Any, fake: FakeEngine
+) -> None:
+    with bench() as made:
+        made.begin()
+        layer = made.controller.sketches
+        assert layer is not None
+        layer.add_paths([np.array(THIRD) + 10.0, LINES[0] + 1])
+        made.refine()
+        assert [record.id for record in made.controller.records()] == [1, 2, 3]
+        assert [record.id for record in made.controller.state.deleted] == [4]
+        assert not made.controller.request().targets, "each line has its curve, or had one"
+
+
 def test_a_line_drawn_again_replaces_the_curve_in_one_step(
     viewer: Any, dock: SplinesketchDock, fake: FakeEngine
 ) -> None:

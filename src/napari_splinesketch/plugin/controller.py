@@ -318,7 +318,9 @@ class Controller(Keeper):
         without = f", without {counted(left, 'curve')} that you decided on" if left else ""
         what = f"Refine {words.curves(keys)}" if keys else ""
         again = {(plan.frame, target.id) for target in plan.targets if target.again}
-        state = work.state.set_aside(again.intersection(keys))
+        there = (*work.state.deleted, *work.state.records)
+        aside = [record for record in there if key_of(record) in again.intersection(keys)]
+        state = work.state.refined(plan.frame, fresh, refined).set_aside(aside)
         self._on_progress(Progress("drawing the curves", 1.0))
 
         def over() -> None:
@@ -326,7 +328,7 @@ class Controller(Keeper):
             self.finish(f"Refined {counted(len(fresh), 'curve')} in {waited:.1f} s{without}.")
             self._refine_at_once()
 
-        self.apply(what, state.refined(plan.frame, fresh, refined), over, work)
+        self.apply(what, state, over, work)
 
     def _on_drawn(self) -> None:
         """Refine what was drawn, if the user wants that; a mere click selects a curve."""

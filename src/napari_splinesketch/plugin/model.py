@@ -198,7 +198,9 @@ def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, 
     if not here:
         return [{} for _ in lines]
     points = np.stack([record.curve.points for record in here])
-    low, high = points.min(axis=1), points.max(axis=1)
+    widths = np.fmax([record.curve.typical_half_width for record in here], LEAST)
+    near = WITHIN * widths[:, None]
+    low, high = points.min(axis=1) - near, points.max(axis=1) + near
     found = []
     for line, length in zip(lines, lengths_of(lines), strict=True):
         beside = (line.min(axis=0) <= high) & (line.max(axis=0) >= low)
@@ -211,7 +213,7 @@ def lying_over(lines: Sequence[Line], here: Sequence[Record]) -> list[dict[int, 
             if len(line) == 2:
                 ends = np.stack([line, line[::-1]]) - curve.points[[0, -1]]
                 far = min(far, np.linalg.norm(ends, axis=2).mean(axis=1).min())
-            far = float(far / np.fmax(curve.typical_half_width, LEAST))
+            far = float(far / widths[k])
             if curve.status != "failed" and far < WITHIN:
                 over[here[k].id] = far
         found.append(over)
@@ -260,10 +262,9 @@ class State:
         left = tuple([r for r in self.deleted if key_of(r) not in back])
         return replace(self.with_records(*back.values()), deleted=left)
 
-    def set_aside(self, keys: Collection[Key]) -> "State":
-        """Delete curves that are drawn again: under other numbers, as theirs go on."""
-        there = [r for r in (*self.deleted, *self.records) if key_of(r) in keys]
-        aside = [replace(r, id=self.last + i) for i, r in enumerate(there, 1)]
+    def set_aside(self, records: Sequence[Record]) -> "State":
+        """Keep curves that were drawn again, as deleted: under other numbers, as theirs go on."""
+        aside = [replace(r, id=self.last + i) for i, r in enumerate(records, 1)]
         return replace(self, deleted=(*self.deleted, *aside))
 
     def _among(self, keys: Collection[Key]) -> list[Record]:
